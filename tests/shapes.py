@@ -12,7 +12,6 @@ from functools import update_wrapper, wraps
 from types import FunctionType
 from typing import Any, ForwardRef, get_args, get_origin
 
-import jax  # noqa: F401 (before the package: `jax_later` then knows what an array of it is)
 import jaxtyping
 from beartype import BeartypeConf, FrozenDict, beartype
 from jaxtyping import install_import_hook, jaxtyped

@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STUDIO = ROOT / "studio" / "neuroanimator_studio"
 STAGES = [
-    "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "cores",
-    "zoo", "storage", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
+    "lazy", "errors", "text", "parsing", "terminal", "machine", "cores",
+    "zoo", "storage", "jax_settings", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
     "definitions", "emulator", "systems", "hybrid", "data", "training", "evaluation", "animation", "control",
     "tasks",
     "export", "gym", "scaffold", "fleets", "demo", "cli",
@@ -58,10 +58,8 @@ BEYOND_PUBLIC_NAMES = {
     "export.programs.c_header",
     "export.programs.definition",
     "export.programs.wasm_file",
-    "jax_later",
     "parsing.json_text",
     "parsing.names",
-    "pytrees",
     "state.pose_entries",
     "state.segments",
     "state.structure",

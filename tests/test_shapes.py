@@ -13,7 +13,7 @@ import pytest
 from jaxtyping import Float, TypeCheckError
 from shapes import has_axes
 
-import neuroanimator.cli.verbs  # noqa: F401  it imports what the verbs need
+import neuroanimator.cli.train  # noqa: F401  with most of the package
 from neuroanimator import load_system
 from neuroanimator.control.objective.goals import goal_state
 from neuroanimator.state.layout import Bounds

@@ -111,6 +111,11 @@ def hide_progress() -> None:
     _screen.is_hidden = True
 
 
+def seconds_in_all() -> float:
+    """Return the time since the first phase of this process began [s]."""
+    return time.perf_counter() - _clock.began
+
+
 def phase_seconds() -> dict[str, float]:
     """Return how long each phase took in this process [s], in the order they began."""
     return dict(_clock.seconds)
@@ -139,12 +144,15 @@ class _Clock:
 
     def __init__(self):
         self.seconds: dict[str, float] = {}
+        self.began = time.perf_counter()
         self._within: list[float] = []
         """Time that the inner phases of every open phase took [s]."""
 
     @contextmanager
     def running(self, name: str) -> Iterator[None]:
         """Count the time of the block for `name`."""
+        if not self.seconds:
+            self.began = time.perf_counter()
         self.seconds.setdefault(name, 0.0)
         self._within.append(0.0)
         began = time.perf_counter()

@@ -13,8 +13,9 @@ from functools import cached_property
 from importlib import resources
 from typing import Any
 
+import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 import neuroanimator
 from neuroanimator import Emulator, NeuroAnimatorError, Objective
@@ -43,8 +44,6 @@ from neuroanimator.emulator.c_emulator import encode
 from neuroanimator.emulator.emulator import latent_size
 from neuroanimator.export.programs.c_header import SharedConstants
 from neuroanimator.export.programs.wasm_file import Module, import_wasmtime
-from neuroanimator.jax_later import Array
-from neuroanimator.pytrees import map_leaves
 
 FUNCTIONS = (
     "room", "begin_at", "costs", "quadratic_model", "motion", "defects_of", "numbers", "defects",
@@ -134,7 +133,7 @@ def entries_of(
         counted += size
         return entries
 
-    return numbers_of(map_leaves(number, objective))
+    return numbers_of(jax.tree.map(number, objective))
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ class PageDescent:
             used += np.size(leaf)
             return some.reshape(np.shape(leaf))
 
-        objective = map_leaves(leaf_of, self.problem.objective)
+        objective = jax.tree.map(leaf_of, self.problem.objective)
         return replace(self.problem, objective=objective)
 
     def moved_numbers(self, values: dict[str, Any]) -> Float[np.ndarray, " P"]:

@@ -20,7 +20,7 @@ from neuroanimator.emulator.probes import probes_of
 ROUNDING = 1e-5
 """Of the largest number of a state."""
 
-PRECISION = "import neuroanimator.jax_later, jax; print(jax.config.jax_default_matmul_precision)"
+PRECISION = "import neuroanimator.emulator, jax; print(jax.config.jax_default_matmul_precision)"
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,15 +7,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE
+from neuroanimator.animation.clip import Clip, make_clip
+from neuroanimator.animation.motion import (
+    controlled_drive,
+    default_drive,
+    named_start,
+    random_drive,
+)
+from neuroanimator.control.policies.school import school_clips
+from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
+from neuroanimator.errors import ArgumentError
+from neuroanimator.export.csv_file import read_table
+from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE, read_film
+from neuroanimator.export.formats import emulator_for, export_clip, export_school
+from neuroanimator.state.start import read_starts
+from neuroanimator.terminal import phase, print_rows
 
 if TYPE_CHECKING:
-    from neuroanimator.animation.clip import Clip
-    from neuroanimator.animation.motion import Drive
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.emulator.trust_summary import TrustSummary
     from neuroanimator.evaluation.hybrid_shares import HybridGain
-    from neuroanimator.hybrid import HybridMotion
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -82,31 +91,13 @@ def run(
     system: Annotated[Path | None, typer.Option(help=SYSTEM_HELP)] = None,
 ) -> None:
     """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
-
-    from neuroanimator.export.film.options import read_film
-    from neuroanimator.terminal import phase, print_rows
-
     film = read_film(size, camera)
     _refuse_without_hybrid(hybrid, threshold, system)
     with phase("loading"):
-        from neuroanimator.animation.clip import make_clip
-        from neuroanimator.animation.motion import (
-            controlled_drive,
-            default_drive,
-            named_start,
-            random_drive,
-        )
-        from neuroanimator.emulator.trust_summary import summary_of
-        from neuroanimator.export.csv_file import read_table
-        from neuroanimator.export.formats import emulator_for, export_clip, export_school
-        from neuroanimator.state.start import read_starts
-
         model = emulator_for(out, emulator)
     if school is not None:
         _refuse_in_a_school(controls, start, interpolation, trust, hybrid)
         with phase("emulating"):
-            from neuroanimator.control.policies.school import school_clips
-
             clips = school_clips(model, school, seconds=seconds, seed=seed or 0, rate=rate)
         with phase("drawing"):
             export_school(clips, out, film)
@@ -124,7 +115,9 @@ def run(
             drive = random_drive(model, seconds, seed or 0, start_state)
         gain = None
         if hybrid:
-            motion, gain = _in_turns(model, drive, threshold, system)
+            from neuroanimator.cli.in_turns import motion_in_turns  # with it comes MuJoCo
+
+            motion, gain = motion_in_turns(model, drive, threshold, system)
             states = motion.states
             scores = motion.scores
         else:
@@ -140,24 +133,6 @@ def run(
     with phase("drawing"):
         export_clip(clip, model, out, film)
     return print_rows(_rows(clip, out, summary_of(model, scores), gain))
-
-
-def _in_turns(
-    model: Emulator, drive: Drive, threshold: float | None, system: Path | None
-) -> tuple[HybridMotion, HybridGain]:
-    """Return the motion that emulator and physics make in turns, and what that was worth."""
-    from neuroanimator.emulator.trust import EDGE
-    from neuroanimator.evaluation.held_out import system_of
-    from neuroanimator.evaluation.hybrid_shares import hybrid_gain
-    from neuroanimator.hybrid import hybrid_rollout
-    from neuroanimator.systems.loading import trust_files
-
-    if system:
-        trust_files(system)
-    physics = system_of(model)
-    edge = EDGE if threshold is None else threshold
-    motion = hybrid_rollout(model, physics, drive.start, drive.controls, threshold=edge)
-    return motion, hybrid_gain(model, physics, motion, drive.controls)
 
 
 def _rows(
@@ -180,8 +155,6 @@ def _rows(
 
 def _refuse_without_hybrid(hybrid: bool, threshold: float | None, system: Path | None) -> None:
     """Refuse the options that nothing but turns with the physics has a use for."""
-    from neuroanimator.errors import ArgumentError
-
     for name, value in {"threshold": threshold, "system": system}.items():
         if value is not None and not hybrid:
             raise ArgumentError(
@@ -193,8 +166,6 @@ def _refuse_in_a_school(
     controls: Path | None, start: list[str] | None, interpolation: str, trust: bool, hybrid: bool
 ) -> None:
     """Refuse the options that a school has no use for."""
-    from neuroanimator.errors import ArgumentError
-
     given = {
         "controls": controls,
         "start": start,

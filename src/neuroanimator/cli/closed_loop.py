@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.animation.clip import make_clip
+from neuroanimator.animation.gauges import drawable
 from neuroanimator.cli.control_words import start_in_words, time_rows
-
-if TYPE_CHECKING:
-    import numpy as np
-    from jaxtyping import Float
-
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.systems.system import System
+from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.export.csv_file import write_table
+from neuroanimator.export.gltf.scene import write_glb
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase, print_rows, progress_bar
 
 
 def run_closed_loop(
@@ -26,18 +29,8 @@ def run_closed_loop(
     effort_weight: float,
     out: Path,
     glb: Path | None,
-    began: float,
 ) -> None:
     """Go for `goal` from `start` (S,), write the controls and the motion, and print what was achieved."""
-    import numpy as np
-
-    from neuroanimator.animation.clip import make_clip
-    from neuroanimator.animation.gauges import drawable
-    from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
-    from neuroanimator.export.csv_file import write_table
-    from neuroanimator.export.gltf.scene import write_glb
-    from neuroanimator.terminal import phase, print_rows, progress_bar
-
     with progress_bar("planning", pursuit_steps(emulator, system, goal, seconds)) as bar:
         pursuit = pursue_goal(
             emulator,
@@ -60,4 +53,4 @@ def run_closed_loop(
             write_glb(drawable(clip, emulator), glb)
     files = [("file", path) for path in (out, glb) if path]
     words = start_in_words(system, start)
-    print_rows([("start", words), *pursuit_rows(pursuit), *time_rows(began), *files])
+    print_rows([("start", words), *pursuit_rows(pursuit), *time_rows(), *files])

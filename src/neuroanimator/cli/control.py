@@ -2,24 +2,41 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple
 
+import numpy as np
 import typer
 
+from neuroanimator.cli.closed_loop import run_closed_loop
 from neuroanimator.cli.control_words import start_in_words, time_rows
+from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.objective.goals import find_goal, goal_start, is_reached, usual_goal
+from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
+from neuroanimator.control.synthesis.progress import watching
+from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
+from neuroanimator.control.synthesis.synthesise import (
+    REFINING_MINUTES,
+    Synthesis,
+    check_same_system,
+    synthesise_goal,
+)
+from neuroanimator.data.store import read_transitions
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-
-if TYPE_CHECKING:
-    from neuroanimator.control.synthesis.synthesise import Synthesis
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.systems.system import System
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.export.comparison import write_comparison
+from neuroanimator.export.csv_file import write_table
+from neuroanimator.export.formats import emulator_for
+from neuroanimator.state.start import read_starts
+from neuroanimator.systems import load_system
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase, print_rows
+from neuroanimator.text import print_line
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
-# Written out, as is the default of iterations: looking them up would load JAX before it is needed; a test compares.
 START_HELP = (
     "Part of the state a goal is reached from, such as root.position=3,-2,8; may be given several times. "
     "The goal's own start if not given."
@@ -100,20 +117,7 @@ def run(
     ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
-
-    from neuroanimator.terminal import phase, print_rows
-    from neuroanimator.text import print_line
-
-    began = time.perf_counter()
     with phase("loading"):
-        from neuroanimator.control.descent.options import DescentOptions
-        from neuroanimator.control.synthesis.progress import watching
-        from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
-        from neuroanimator.control.synthesis.synthesise import REFINING_MINUTES
-        from neuroanimator.data.store import read_transitions
-        from neuroanimator.export.formats import emulator_for
-        from neuroanimator.systems import load_system
-
         own = load_system(str(system)) if system else None
         model = emulator_for([glb] if glb else [], emulator)
         if closed_loop:
@@ -138,7 +142,7 @@ def run(
                 )
             search = _search_objective(model, own, objective)
     if search.closed_loop is not None and closed_loop:
-        return search.closed_loop(seconds=seconds, horizon=horizon, out=out, glb=glb, began=began)
+        return search.closed_loop(seconds=seconds, horizon=horizon, out=out, glb=glb)
     if search.nothing_to_find:
         return print_line(search.nothing_to_find)
     if minutes is None:
@@ -161,16 +165,15 @@ def run(
         print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(synthesis, out, glb)
     if report:
-        from neuroanimator.export.control_report import write_control_report
+        from neuroanimator.export.control_report import write_control_report  # with matplotlib
 
         write_control_report(synthesis, report, asked=[("start", search.start)])
     files = [("file", path) for path in (out, glb, log, report) if path]
-    rows = [("start", search.start), *outcome_rows(synthesis), *time_rows(began), *files]
+    rows = [("start", search.start), *outcome_rows(synthesis), *time_rows(), *files]
     return print_rows(rows)
 
 
 def _say_gap(minutes: float, gap: float) -> None:
-    from neuroanimator.text import print_line
 
     print_line(
         f"gap {gap:.2f}: learning the physics around the motion, for at most {60 * minutes:g} s in all "
@@ -195,8 +198,6 @@ class _Search(NamedTuple):
 
 def _search_objective(emulator: Emulator, own: System | None, path: Path) -> _Search:
     """Return what finds the controller for an objective file; `own` is the emulator's system, if it was given."""
-    from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
-
     system = _checked_system(emulator, own)
     file = read_objective(path, system)
     find = partial(synthesise_file, emulator, file)
@@ -213,16 +214,6 @@ def _search_goal(
     starts: list[str],
 ) -> _Search:
     """Return what finds the controller for a goal; the goals of `own` may have been written after training."""
-    from neuroanimator.cli.closed_loop import run_closed_loop
-    from neuroanimator.control.objective.goals import (
-        find_goal,
-        goal_start,
-        is_reached,
-        usual_goal,
-    )
-    from neuroanimator.control.synthesis.synthesise import synthesise_goal
-    from neuroanimator.state.start import read_starts
-
     system = _checked_system(emulator, own)
     name = name or usual_goal(system)
     goal = find_goal(system, name)
@@ -268,20 +259,12 @@ def _refuse_in_closed_loop(**given: object) -> None:
 
 def _checked_system(emulator: Emulator, own: System | None) -> System:
     """Return `own`, or the system the emulator names; ArgumentError where it has another state or control."""
-    from neuroanimator.control.synthesis.synthesise import check_same_system
-    from neuroanimator.evaluation.held_out import system_of
-
     system = own or system_of(emulator)
     check_same_system(emulator, system)
     return system
 
 
 def _write(synthesis: Synthesis, out: Path, glb: Path | None) -> None:
-    import numpy as np
-
-    from neuroanimator.export.comparison import write_comparison
-    from neuroanimator.export.csv_file import write_table
-    from neuroanimator.terminal import phase
 
     controls = synthesis.controls
     emulator = synthesis.emulator

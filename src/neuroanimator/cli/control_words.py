@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import time
-from typing import TYPE_CHECKING
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from neuroanimator.systems.system import System
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase_seconds, seconds_in_all
 
 MAX_PARTS_TOLD = 6
 """Of a start, by name: more than these are a swimmer's mass points."""
@@ -30,13 +27,11 @@ def start_in_words(system: System, start: np.ndarray) -> str:
     return "; ".join(told) or "at rest"
 
 
-def time_rows(began: float) -> list[tuple[str, object]]:
-    """Return how long everything since `began` took, and the longest of its phases."""
-    from neuroanimator.terminal import phase_seconds
-
+def time_rows() -> list[tuple[str, object]]:
+    """Return how long everything took, and the longest of its phases."""
     phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
     told = ", ".join(
         f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= MIN_PHASE_TOLD
     )
-    total = f"{time.perf_counter() - began:.1f} s"
+    total = f"{seconds_in_all():.1f} s"
     return [("time in all", f"{total}: {told}" if told else total)]

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.demo import run_demo
+
 EXAMPLE = "neuroanimator demo --out out"
 
 
@@ -14,6 +16,4 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("out"),
 ) -> None:
     """Learn a three-link pendulum, measure it, swing it up, prove it on MuJoCo, draw it. About three minutes."""
-    from neuroanimator.demo import run_demo
-
     run_demo(out)

@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
+import platform
+import re
+import shutil
+from importlib.metadata import PackageNotFoundError, distribution, requires, version
+
+import jax
+
+from neuroanimator.backend import backend_in_words
+from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
+from neuroanimator.terminal import print_rows
+
 EXAMPLE = "neuroanimator doctor"
 
 NEEDED_DISK = 1.0
@@ -25,16 +36,6 @@ PACKAGES = ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
 
 def run() -> None:
     """Check this machine and say what is missing and how to get it."""
-    import platform
-    import shutil
-    from importlib.metadata import version
-
-    import jax
-
-    from neuroanimator.backend import backend_in_words
-    from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
-    from neuroanimator.terminal import print_rows
-
     rows: list[tuple[str, object]] = [("Python", platform.python_version())]
     rows += [(name, version(name)) for name in PACKAGES]
     rows += [
@@ -55,9 +56,6 @@ def run() -> None:
 
 def _is_there(extra: str) -> bool:
     """Return whether all packages of the `extra` are installed."""
-    import re
-    from importlib.metadata import PackageNotFoundError, distribution, requires
-
     for requirement in requires("neuroanimator") or []:
         if re.search(rf"extra == ['\"]{extra}['\"]", requirement):
             name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]

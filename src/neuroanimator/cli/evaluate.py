@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
+from neuroanimator.cli.inspection_output import print_weak_spots
+from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.cli.spread import Where, Workers, chosen_executor
-
-if TYPE_CHECKING:
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.evaluation.evaluate import Evaluation
-    from neuroanimator.executor.executor import Executor
+from neuroanimator.data.stored import open_to_measure
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.evaluate import Evaluation, evaluate
+from neuroanimator.evaluation.model_card import write_card
+from neuroanimator.evaluation.report import write_report
+from neuroanimator.evaluation.sweep import largest_within, sweep
+from neuroanimator.evaluation.training_curve import training_html
+from neuroanimator.executor.executor import Executor
+from neuroanimator.export.film.inline import film_html, motion_html
+from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, check_worst_path, write_worst
+from neuroanimator.systems.loading import trust_files
+from neuroanimator.terminal import phase, print_table, progress_bar
+from neuroanimator.text import print_line
+from neuroanimator.training.trust_fitting import fit_trust
+from neuroanimator.zoo import find_emulator
 
 EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report report.html"
 
@@ -85,20 +100,8 @@ def run(
 def _evaluate(
     emulators: list[str], data: str | None, system: Path | None, files: Files, json: bool
 ) -> None:
-    from json import dumps
-
-    from neuroanimator.terminal import phase, progress_bar
 
     with phase("loading"):
-        from neuroanimator.data.stored import open_to_measure
-        from neuroanimator.emulator.emulator import Emulator
-        from neuroanimator.errors import ArgumentError
-        from neuroanimator.evaluation.evaluate import evaluate
-        from neuroanimator.export.worst_cases import check_worst_path
-        from neuroanimator.systems.loading import trust_files
-        from neuroanimator.training.trust_fitting import fit_trust
-        from neuroanimator.zoo import find_emulator
-
         if system:
             trust_files(system)
         paths = [find_emulator(name) for name in emulators]
@@ -121,8 +124,6 @@ def _evaluate(
             bar.advance_to(len(evaluations))
     _write(loaded, paths, evaluations, files)
     if files.card:
-        from neuroanimator.evaluation.model_card import write_card
-
         write_card(loaded[0], paths[0], evaluations[0], files.card)
     if json:
         print(dumps([_everything(evaluation) for evaluation in evaluations], indent=2))
@@ -134,12 +135,6 @@ def _write(
     emulators: list[Emulator], paths: list[Path], evaluations: list[Evaluation], files: Files
 ) -> None:
     """Write the files that are asked for; in the report lie films, too, of each system's motion and of the worst cases."""
-    from neuroanimator.evaluation.report import write_report
-    from neuroanimator.evaluation.training_curve import training_html
-    from neuroanimator.export.film.inline import film_html, motion_html
-    from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, write_worst
-    from neuroanimator.terminal import progress_bar
-
     extra: list[tuple[str, str]] = []
     if files.worst:
         inspections = [found.inspection for found in evaluations if found.inspection]
@@ -161,10 +156,6 @@ def _write(
 
 def _print(evaluations: list[Evaluation]) -> None:
     """Print a row for each emulator, then what is to be said of each."""
-    from neuroanimator.cli.inspection_output import print_weak_spots
-    from neuroanimator.terminal import print_table
-    from neuroanimator.text import print_line
-
     print_table([dict(evaluation.row()) for evaluation in evaluations])
     for evaluation in evaluations:
         print_line(f"{evaluation.system}, n = {evaluation.substeps}: {evaluation.verdict}.")
@@ -192,14 +183,6 @@ def _sweep(
     json: bool,
     executor: Executor,
 ) -> None:
-    from dataclasses import asdict
-    from json import dumps
-
-    from neuroanimator.cli.numbers import whole_numbers
-    from neuroanimator.errors import ArgumentError
-    from neuroanimator.evaluation.sweep import largest_within, sweep
-    from neuroanimator.systems.loading import trust_files
-    from neuroanimator.terminal import print_table, progress_bar
 
     if len(systems) != 1:
         raise ArgumentError(

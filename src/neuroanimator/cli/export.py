@@ -8,6 +8,13 @@ from typing import Annotated
 import typer
 
 from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
+from neuroanimator.errors import ArgumentError
+from neuroanimator.export.csv_file import read_clip
+from neuroanimator.export.film.options import read_film
+from neuroanimator.export.formats import emulator_for, export_clip, is_clip
+from neuroanimator.export.programs.formats import export_programs
+from neuroanimator.terminal import phase, print_rows
+from neuroanimator.text import print_line
 
 EXAMPLE = "neuroanimator export fish-50 --out fish.onnx"
 
@@ -36,8 +43,6 @@ def run(
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
 ) -> None:
     """Export an emulator or a policy as a program that needs no Python, checked against JAX; a clip as GLB or MP4."""
-    from neuroanimator.export.formats import is_clip
-
     if is_clip(source):
         _export_clip(Path(source), emulator, out, size, camera)
     else:
@@ -45,29 +50,19 @@ def run(
 
 
 def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
-    from neuroanimator.terminal import phase
-    from neuroanimator.text import print_line
 
     with phase("exporting"):
-        from neuroanimator.export.programs.formats import export_programs
-
         every = export_programs(reference, out, is_policy=is_policy)
     for written in every:
         print_line(written.summary())
 
 
 def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, camera: str) -> None:
-    from neuroanimator.errors import ArgumentError
-    from neuroanimator.export.film.options import read_film
-    from neuroanimator.terminal import phase, print_rows
 
     if emulator is None:
         raise ArgumentError(f"{clip}: a clip needs --emulator, the one that it belongs to.")
     film = read_film(size, camera)
     with phase("loading"):
-        from neuroanimator.export.csv_file import read_clip
-        from neuroanimator.export.formats import emulator_for, export_clip
-
         model = emulator_for(out, emulator)
         motion = read_clip(clip, model)
     with phase("drawing"):

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from neuroanimator.cli.spread import Where, Workers, chosen_executor
-
-if TYPE_CHECKING:
-    from neuroanimator.data.config import DatasetConfig
-    from neuroanimator.executor.executor import Executor
-    from neuroanimator.storage.places import Place
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.diverged_runs import PATTERN
+from neuroanimator.data.generate import generate
+from neuroanimator.data.recorded_segments import limited_to_recordings
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.executor.executor import Executor
+from neuroanimator.storage.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
+from neuroanimator.systems import SYSTEMS
+from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.terminal import phase, print_rows, progress_bar
 
 EXAMPLE = (
     "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
@@ -47,16 +52,7 @@ def run(
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
-    from neuroanimator.terminal import phase, print_rows
-
     with phase("loading"):
-        from neuroanimator.data.config import DatasetConfig
-        from neuroanimator.data.diverged_runs import PATTERN
-        from neuroanimator.data.recorded_segments import limited_to_recordings
-        from neuroanimator.errors import ArgumentError
-        from neuroanimator.storage.places import FLEETING_SCHEME, UrlPath, place_of
-        from neuroanimator.systems.loading import resolve, trust_files
-
         if system.endswith(".toml"):
             trust_files(system)
         name, definition, usual_substeps = resolve(system)
@@ -97,9 +93,6 @@ def generate_with_bar(
     longest: float | None = None,
 ) -> int:
     """Fill `out` with the dataset under a progress bar; return how many runs diverged and were dropped."""
-    from neuroanimator.data.generate import generate
-    from neuroanimator.terminal import progress_bar
-
     done = 0
     with progress_bar("shards", config.shards) as bar:
 
@@ -113,13 +106,6 @@ def generate_with_bar(
 
 def ensure_data(reference: str, emulator: Path, executor: Executor | None = None) -> Place:
     """Return the dataset folder or URL `reference` is, or one made beside `emulator` for the system or TOML file it names."""
-    from neuroanimator.data.config import DatasetConfig
-    from neuroanimator.data.recorded_segments import limited_to_recordings
-    from neuroanimator.errors import BadFileError
-    from neuroanimator.storage.places import is_url, place_of
-    from neuroanimator.systems import SYSTEMS
-    from neuroanimator.systems.loading import resolve, trust_files
-
     if is_url(reference):
         return place_of(reference)
     if Path(reference).is_dir():

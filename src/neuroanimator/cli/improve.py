@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from neuroanimator.animation.motion import named_start
 from neuroanimator.cli.animate import START_HELP
-
-if TYPE_CHECKING:
-    from neuroanimator.data.store import Transitions
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.evaluation.weakness.config import ImprovementConfig
-    from neuroanimator.evaluation.weakness.improve import ErrorChange
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.emulator import Emulator, load_emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.weakness.config import ImprovementConfig
+from neuroanimator.evaluation.weakness.fine_tune import fine_tune
+from neuroanimator.evaluation.weakness.improve import (
+    ErrorChange,
+    RoundReport,
+    improve,
+    read_old_data,
+)
+from neuroanimator.export.csv_file import read_table
+from neuroanimator.state.start import read_starts
+from neuroanimator.systems.loading import trust_files
+from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
+from neuroanimator.text import print_line
+from neuroanimator.training.train import Report
 
 EXAMPLE = (
     "neuroanimator improve pendulum-50 --controls swing-up.csv --out better.emulator.safetensors"
@@ -75,15 +87,7 @@ def run(
     What it knew is kept: errors on usual motions are printed before and after. Killed and started again it goes on
     and ends with the same bytes.
     """
-    from neuroanimator.terminal import phase
-
     with phase("loading"):
-        from neuroanimator.emulator.emulator import load_emulator
-        from neuroanimator.errors import ArgumentError
-        from neuroanimator.evaluation.weakness.config import ImprovementConfig
-        from neuroanimator.evaluation.weakness.improve import read_old_data
-        from neuroanimator.systems.loading import trust_files
-
         options: dict[str, Any] = {"rounds": rounds, "samples": samples}
         options |= {"updates": updates, "seed": seed}
         given = {name: value for name, value in options.items() if value is not None}
@@ -120,15 +124,6 @@ def _improve(
     recordings: list[Path],
 ) -> None:
     """Improve an emulator where it is weak, under progress bars."""
-    from neuroanimator.animation.motion import named_start
-    from neuroanimator.errors import ArgumentError
-    from neuroanimator.evaluation.weakness.improve import RoundReport, improve
-    from neuroanimator.export.csv_file import read_table
-    from neuroanimator.state.start import read_starts
-    from neuroanimator.terminal import progress_bar
-    from neuroanimator.text import print_line
-    from neuroanimator.training.train import Report
-
     if start and not controls:
         raise ArgumentError("improve: --start is where --controls begin. Give these, too.")
     controllers = {str(path): read_table(path, model.control)[1] for path in controls}
@@ -169,11 +164,6 @@ def _learn_from(
     old: Transitions | None,
 ) -> None:
     """Learn from a recording, under a progress bar."""
-    from neuroanimator.evaluation.weakness.fine_tune import fine_tune
-    from neuroanimator.terminal import progress_bar
-    from neuroanimator.text import print_line
-    from neuroanimator.training.train import Report
-
     with progress_bar("updates", config.updates) as bar:
 
         def on_report(report: Report) -> None:
@@ -190,8 +180,6 @@ def _learn_from(
 
 def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path) -> None:
     """Print the errors before and after, what they took, and the new file."""
-    from neuroanimator.terminal import print_rows, print_table
-
     rows: list[dict[str, object]] = []
     for error in errors:
         name = error.distribution

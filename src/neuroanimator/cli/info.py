@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.state.layout import Layout
+from neuroanimator.backend import backend_in_words
+from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
+from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.data.stored import open_to_measure
+from neuroanimator.emulator.artifact import load
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.error_bounds import bounds_in_words
+from neuroanimator.emulator.trust_summary import UNJUDGED
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.weakness.inspection import inspect
+from neuroanimator.state.layout import Layout
+from neuroanimator.storage.files import read_tensors
+from neuroanimator.storage.places import is_url, place_of
+from neuroanimator.systems.loading import trust_files
+from neuroanimator.terminal import phase, print_rows
+from neuroanimator.zoo import find_emulator, find_policy, is_shipped
 
 EXAMPLE = "neuroanimator info pendulum-50"
 
@@ -41,12 +55,6 @@ def run(
     ] = None,
 ) -> None:
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
-    from json import dumps
-
-    from neuroanimator.cli.inspection_output import show_dataset
-    from neuroanimator.storage.places import is_url, place_of
-    from neuroanimator.terminal import print_rows
-
     if errors:
         _show_errors(file, data, system, json=json)
         return
@@ -62,23 +70,11 @@ def run(
 
 def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool) -> None:
     """Print where an emulator is good and where it is weak."""
-    from json import dumps
-
-    from neuroanimator.cli.inspection_output import print_components, print_weak_spots
-    from neuroanimator.errors import ArgumentError
-    from neuroanimator.terminal import phase
-
     if Path(file).is_dir():
         raise ArgumentError(
             f"errors: wanted an emulator, came the folder {file}. Leave --errors out, and it says what the data cover."
         )
     with phase("loading"):
-        from neuroanimator.data.stored import open_to_measure
-        from neuroanimator.emulator.emulator import Emulator
-        from neuroanimator.evaluation.weakness.inspection import inspect
-        from neuroanimator.systems.loading import trust_files
-        from neuroanimator.zoo import find_emulator
-
         if system:
             trust_files(system)
         emulator = Emulator.load(find_emulator(file))
@@ -100,11 +96,6 @@ def _read(file: str) -> tuple[dict[str, Any], Rows]:
 
 
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
-    from neuroanimator.backend import backend_in_words
-    from neuroanimator.emulator.artifact import load
-    from neuroanimator.emulator.trust_summary import UNJUDGED
-    from neuroanimator.storage.files import read_tensors
-    from neuroanimator.zoo import find_emulator
 
     path = find_emulator(file)
     emulator = load(path)
@@ -132,8 +123,6 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
 
 def _error_bounds(emulator: Emulator) -> str:
     """Return the bounds of the errors of usual motions after a while, if there are any."""
-    from neuroanimator.emulator.error_bounds import bounds_in_words
-
     if emulator.calibration is None:
         return "nobody measured how far: na.fit_error_bounds(emulator) does"
     return bounds_in_words(emulator.calibration, emulator.dt)
@@ -144,9 +133,6 @@ def _strides(count: int) -> str:
 
 
 def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
-    from neuroanimator.state.layout import Layout
-    from neuroanimator.storage.files import read_tensors
-    from neuroanimator.zoo import find_policy, is_shipped
 
     path = find_policy(str(path))
     if not is_shipped(path):
@@ -168,9 +154,6 @@ def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
 
 def _check_policy(path: Path) -> None:
     """Raise BadFileError for what is no policy. To find that out it is loaded, which takes longer."""
-
-    from neuroanimator.control.policies.policy_file import load_policy
-
     load_policy(path)
 
 

@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from json import dumps
+from typing import Any
 
-if TYPE_CHECKING:
-    from neuroanimator.evaluation.weakness.inspection import Inspection
-    from neuroanimator.evaluation.weakness.tables import Table
-    from neuroanimator.storage.places import Place
+from neuroanimator.data.store import read_config
+from neuroanimator.evaluation.weakness.coverage import coverage
+from neuroanimator.evaluation.weakness.inspection import Inspection
+from neuroanimator.evaluation.weakness.tables import (
+    COMPONENTS_CAPTION,
+    COVERAGE_CAPTION,
+    Table,
+    component_table,
+    coverage_facts,
+    spread_tables,
+)
+from neuroanimator.storage.places import Place
+from neuroanimator.terminal import phase, print_rows, print_table, sparkline
+from neuroanimator.text import print_line, short_number
 
 
 def show_dataset(folder: Place, *, json: bool) -> None:
     """Print what the dataset in `folder` is and what it covers: as tables, or all of it as JSON."""
-    from json import dumps
-
-    from neuroanimator.data.store import read_config
-    from neuroanimator.terminal import phase, print_rows, sparkline
-    from neuroanimator.text import print_line
-
     config = read_config(folder)
     present = sum(config.shard_path(folder, shard).is_file() for shard in range(config.shards))
     found = None
     if present:
         with phase("reading"):
-            from neuroanimator.evaluation.weakness.coverage import coverage
-
             found = coverage(folder)
     if json:
         everything: dict[str, Any] = config.model_dump()
         everything["coverage"] = found.to_json() if found else None
         print(dumps(everything, indent=2, sort_keys=True))
         return
-    from neuroanimator.evaluation.weakness.tables import (
-        COVERAGE_CAPTION,
-        coverage_facts,
-        spread_tables,
-    )
 
     rows: list[tuple[str, object]] = [
         ("dataset", folder),
@@ -60,9 +58,6 @@ def show_dataset(folder: Place, *, json: bool) -> None:
 
 def print_weak_spots(found: Inspection) -> None:
     """Print how the one-step errors are spread, and a line for each condition under which they are large."""
-    from neuroanimator.terminal import sparkline
-    from neuroanimator.text import print_line, short_number
-
     errors = found.errors
     print_line(f"{found.system}: {errors}.")
     print_line(
@@ -77,18 +72,12 @@ def print_weak_spots(found: Inspection) -> None:
 
 def print_components(found: Inspection) -> None:
     """Print the one-step error of each number of the state, the worst first."""
-    from neuroanimator.evaluation.weakness.tables import COMPONENTS_CAPTION, component_table
-    from neuroanimator.text import print_line
-
     _print(component_table(found))
     print_line(COMPONENTS_CAPTION)
 
 
 def _print(table: Table) -> None:
     """Print a table and its remarks."""
-    from neuroanimator.terminal import print_table
-    from neuroanimator.text import print_line
-
     print_table(table.rows)
     for remark in table.remarks:
         print_line(remark)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from neuroanimator.systems import SYSTEMS, goal_names
+from neuroanimator.terminal import print_rows
+from neuroanimator.zoo import (
+    LARGE,
+    POLICIES,
+    SHIPPED,
+    WITHOUT_EMULATOR,
+    shipped_path,
+    shipped_policy,
+)
+
 EXAMPLE = "neuroanimator list"
 
 
 def run() -> None:
     """List the systems and the ready-made emulators and policies."""
-    from neuroanimator.systems import SYSTEMS, goal_names
-    from neuroanimator.terminal import print_rows
-    from neuroanimator.zoo import (
-        LARGE,
-        POLICIES,
-        SHIPPED,
-        WITHOUT_EMULATOR,
-        shipped_path,
-        shipped_policy,
-    )
-
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
     print("\nGoals for 'control'")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 
-from neuroanimator.cli.quick_start import collect_garbage_seldom, import_jax_quickly
 from neuroanimator.cli.stop import STOP
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.text import open_streams, print_line
@@ -18,8 +17,6 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 def main() -> None:
     """Run the command line; end with the exit code the error asks for and never with a traceback."""
     STOP.listen()
-    collect_garbage_seldom()
-    import_jax_quickly()
     try:
         _run()
     finally:

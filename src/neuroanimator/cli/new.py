@@ -8,6 +8,10 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.scaffold.write_toml import checked_base, write_definition
+from neuroanimator.terminal import phase, print_rows
+from neuroanimator.text import print_line
+
 EXAMPLE = "neuroanimator new my_robot.xml"
 
 
@@ -48,11 +52,6 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write how an emulator should see it: a TOML file to read, edit and generate from."""
-    from neuroanimator.terminal import phase, print_rows
-    from neuroanimator.text import print_line
-
-    with phase("loading"):
-        from neuroanimator.scaffold.write_toml import checked_base, write_definition
     with phase("checking the model"):
         path, proposal = write_definition(
             model,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from neuroanimator.executor.executor import Executor
+from neuroanimator.cores import core_count
+from neuroanimator.executor.choose import open_executor
+from neuroanimator.executor.executor import Executor
 
 Where = Annotated[
     str,
@@ -26,7 +27,4 @@ Workers = Annotated[
 
 def chosen_executor(where: str, workers: int | None, threads: int | None = None) -> Executor:
     """Return the executor these options choose."""
-    from neuroanimator.cores import core_count
-    from neuroanimator.executor.choose import open_executor
-
     return open_executor(where, workers, threads, core_count())

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from neuroanimator.errors import ResourceError
+from neuroanimator.terminal import phase
 
 EXAMPLE = "neuroanimator studio"
 
@@ -33,8 +37,6 @@ def run(
     ] = None,
 ) -> None:
     """Serve a page, for this machine alone, that shows every system and any emulator dropped on it; Ctrl-C ends it."""
-    from neuroanimator.terminal import phase
-
     with phase("loading"):
         run_studio = installed_studio()
     run_studio(emulators or [], host=host, port=port, opens_browser=not no_open, export=export)
@@ -42,10 +44,6 @@ def run(
 
 def installed_studio() -> Callable[..., None]:
     """Return what runs the studio; ResourceError where its package is not installed."""
-    from importlib.metadata import entry_points
-
-    from neuroanimator.errors import ResourceError
-
     found = list(entry_points(group=GROUP, name=ENTRY_POINT))
     if not found:
         raise ResourceError(

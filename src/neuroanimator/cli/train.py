@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from neuroanimator.cli.generate import ensure_data
+from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.cli.spread import Where, Workers, chosen_executor
-
-if TYPE_CHECKING:
-    from neuroanimator.data.store import Dataset
-    from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.data.store import Dataset
+from neuroanimator.data.stored import open_transitions
+from neuroanimator.emulator.artifact import read_metadata, save
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.error_bounds import bounds_in_words
+from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE
+from neuroanimator.errors import ArgumentError
+from neuroanimator.fleets.fleet_file import is_fleet, read_fleet
+from neuroanimator.fleets.train_fleet import TABLE, train_fleet
+from neuroanimator.tables import read_toml
+from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
+from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.training.error_fitting import fit_error_bounds
+from neuroanimator.training.train import Report, run_folder, train
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
@@ -69,19 +82,6 @@ def run(
 
     Killed and started again it goes on and ends with the same bytes.
     """
-    from neuroanimator.terminal import phase, print_rows, progress_bar
-
-    with phase("loading"):
-        from neuroanimator.cli.generate import ensure_data
-        from neuroanimator.cli.numbers import whole_numbers
-        from neuroanimator.data.stored import open_transitions
-        from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE
-        from neuroanimator.errors import ArgumentError
-        from neuroanimator.fleets.fleet_file import is_fleet
-        from neuroanimator.tables import read_toml
-        from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
-        from neuroanimator.training.train import Report, run_folder, train
-
     layer_widths = None
     if widths is not None:
         layer_widths = whole_numbers("widths", widths)
@@ -143,11 +143,6 @@ def run(
 
 def _bound_errors(emulator: Emulator, data: Dataset, out: Path) -> str:
     """Measure how far rollouts go astray, put it into the file `out`, and return it in words."""
-    from neuroanimator.emulator.artifact import read_metadata, save
-    from neuroanimator.emulator.error_bounds import bounds_in_words
-    from neuroanimator.terminal import phase
-    from neuroanimator.training.error_fitting import fit_error_bounds
-
     with phase("measuring how far rollouts go astray"):
         bounded = fit_error_bounds(emulator, data)
     save(bounded, out, read_metadata(out)["provenance"])
@@ -159,13 +154,6 @@ def train_fleet_file(
     file: Path, out: Path, settings: dict[str, Any], executor: str, workers: int | None
 ) -> None:
     """Train the fleet that `file` describes, and print its table; `settings` of one emulator are refused."""
-    from dataclasses import asdict
-
-    from neuroanimator.errors import ArgumentError
-    from neuroanimator.fleets.fleet_file import read_fleet
-    from neuroanimator.fleets.train_fleet import TABLE, train_fleet
-    from neuroanimator.terminal import print_rows, print_table, progress_bar
-
     if settings:
         names = ", ".join(sorted(settings))
         raise ArgumentError(f"{file} is a fleet: write {names} into its sizes, not beside it.")

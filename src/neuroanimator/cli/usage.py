@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import typer
-from typer.core import TyperGroup
 
 from neuroanimator.errors import ArgumentError
 
@@ -15,20 +13,6 @@ UsageError: type[Exception] = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "UsageError"
 )
 """What typer raises for a wrong command line; it gives it no public name of its own."""
-
-
-class Verbs(TyperGroup):
-    """The verbs; a wrong command line becomes one line instead of four, like every other mistake."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Return what is left of `args` after our own options."""
-        with usage_in_one_line():
-            return super().parse_args(ctx, args)
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the verb."""
-        with usage_in_one_line():
-            return super().invoke(ctx)
 
 
 @contextmanager

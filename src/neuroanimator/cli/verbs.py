@@ -1,55 +1,100 @@
-"""Every verb: one file each beside this one, no logic in them."""
+"""Every verb: one file each beside this one, imported when its verb is asked for."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from importlib.metadata import version as version_of
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from neuroanimator.cli import (
-    animate,
-    control,
-    demo,
-    doctor,
-    evaluate,
-    export,
-    generate,
-    improve,
-    info,
-    new,
-    studio,
-    train,
-)
-from neuroanimator.cli import list as list_
-from neuroanimator.cli.usage import Verbs
+from neuroanimator.cli.usage import usage_in_one_line
+from neuroanimator.terminal import phase, show_phases
+
+VERBS = {
+    "demo": "Learn a pendulum, measure it, swing it up, draw it.",
+    "doctor": "Check this machine and say what is missing.",
+    "list": "List the systems, emulators and policies.",
+    "new": "Bring your own model, function or recordings.",
+    "generate": "Simulate random motions and store transitions.",
+    "train": "Train an emulator, or a fleet of them.",
+    "evaluate": "Measure emulators against fine physics.",
+    "improve": "Learn where an emulator is weak.",
+    "animate": "Animate a motion without running the physics.",
+    "control": "Find a controller, replay it on the physics.",
+    "export": "Export emulators as programs, clips as films.",
+    "studio": "Serve the page that shows every system.",
+    "info": "Check a file or a dataset and show what it is.",
+}
+"""Line of each verb in `--help`, in this order; the verb is the `run` of the module of its name."""
+
+SETTINGS: Any = {
+    "add_completion": False,
+    "pretty_exceptions_enable": False,
+    "rich_markup_mode": None,
+}
+"""Settings of typer for the group and for every verb."""
+
+
+class Commands(Mapping[str, Any]):
+    """The verbs' commands by name, each made of its module when it is first looked up."""
+
+    def __getitem__(self, verb: str) -> Any:
+        if verb not in VERBS:
+            raise KeyError(verb)
+        with phase("loading"):
+            module = import_module(f"neuroanimator.cli.{verb}")
+        single = typer.Typer(**SETTINGS)
+        single.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
+        return typer.main.get_command(single)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(VERBS)
+
+    def __len__(self) -> int:
+        return len(VERBS)
+
+
+class Verbs(TyperGroup):
+    """The verbs; a wrong command line becomes one line instead of four, like every other mistake."""
+
+    def __init__(self, **options: Any):
+        super().__init__(**options)
+        self.commands = Commands()
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the line of each verb, without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Return what is left of `args` after our own options."""
+        with usage_in_one_line():
+            return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the verb."""
+        show_phases()
+        with usage_in_one_line():
+            return super().invoke(ctx)
+
 
 app = typer.Typer(
     cls=Verbs,
     name="neuroanimator",
     help="Learn a physics model once, then animate and control it at a fraction of the cost.",
     no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    **SETTINGS,
 )
-VERBS = {
-    "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
-    "evaluate": evaluate, "improve": improve, "animate": animate, "control": control, "export": export, "studio": studio,
-    "info": info,
-}  # fmt: skip
-"""Each verb is the `run` of its module; `--help` lists them in this order."""
-
-for verb, module in VERBS.items():
-    app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
 
 
 def print_version(is_wanted: bool) -> bool:
     """Print the installed version and end, if that is wanted; return False otherwise, the option's value."""
     if not is_wanted:
         return False
-    from importlib.metadata import version
-
-    print(f"neuroanimator {version('neuroanimator')}")
+    print(f"neuroanimator {version_of('neuroanimator')}")
     raise typer.Exit
 
 
@@ -63,6 +108,3 @@ def options(
     ] = False,
 ) -> None:
     """Learn a physics model once, then animate and control it at a fraction of the cost."""
-    from neuroanimator.terminal import show_phases
-
-    show_phases()

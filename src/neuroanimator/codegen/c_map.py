@@ -12,15 +12,14 @@ from functools import partial
 from importlib import resources
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import CFunction, LatePart, c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, aligned
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError
-from neuroanimator.jax_later import Array, jax
-from neuroanimator.pytrees import leaves, structure_in_words
 from neuroanimator.storage.files import digest
 
 MOST_SCRATCH = 2**22
@@ -55,8 +54,8 @@ class MapDefinition(NamedTuple):
 
 def facts_of(module: Any) -> list[str]:
     """Return what a module, whose arrays are constants of a program, is made of: its structure and its numbers."""
-    numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves(module))}
-    return [structure_in_words(module), digest(numbers)]
+    numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(jax.tree.leaves(module))}
+    return [str(jax.tree.structure(module)), digest(numbers)]
 
 
 def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constants) -> CFunction:

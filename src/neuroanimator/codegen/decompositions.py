@@ -9,10 +9,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from jaxtyping import Float
+import jax
+import jax.extend.core as jaxprs
+import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.trace import LOOPS_AND_BRANCHES, NESTED, UnsupportedError
-from neuroanimator.jax_later import Array, jax, jaxprs, jnp
 
 SQUARINGS = 16
 """How often a matrix is squared: eigenvalues one part in 10,000 apart are told from each other then."""

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax
+import jax.extend.core as jaxprs
 import numpy as np
 
 from neuroanimator.codegen.program import (
@@ -19,7 +21,6 @@ from neuroanimator.codegen.program import (
     Program,
 )
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.jax_later import jax, jaxprs
 
 NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 """Parameters under which an operation keeps the operations it stands for."""

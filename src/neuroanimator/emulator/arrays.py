@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any, TypeGuard
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Num
+from jaxtyping import Array, Float, Num
 from numpy.typing import ArrayLike
 
-from neuroanimator.jax_later import Array, is_jax_array, jax, jnp
 from neuroanimator.state.arrays import AnyArray
 
 
@@ -41,7 +42,7 @@ def zeros(*shape: int) -> Float[np.ndarray, " ..."]:
 
 def as_parameter(numbers: ArrayLike) -> Num[AnyArray, " ..."]:
     """Return `numbers` that a cost or a descent is given as float32: an array of JAX where they are one, else a copy."""
-    if is_jax_array(numbers):
+    if isinstance(numbers, jax.Array):
         return jnp.asarray(numbers, np.float32)
     with too_large_is_infinite():
         return np.array(numbers, np.float32)
@@ -52,7 +53,7 @@ def as_jax(numbers: ArrayLike, dtype: Any = np.float32) -> Num[Array, " ..."]:
 
     `jnp.asarray` compiles a program for every shape it converts; this compiles nothing.
     """
-    if is_jax_array(numbers):
+    if isinstance(numbers, jax.Array):
         return jnp.asarray(numbers, dtype)
     with too_large_is_infinite():
         # A copy: JAX may keep the memory it is given, and users write into theirs.

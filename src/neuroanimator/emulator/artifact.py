@@ -11,9 +11,8 @@ from neuroanimator.emulator.description import FORMAT, blank, describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_leaves, emulator_tensors, with_tensors
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.jax_later import when_imported
+from neuroanimator.jax_settings import keep_programs
 from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.text import printable, quoted
 
 TRIAL_NAME = "trial.emulator.safetensors"
@@ -52,7 +51,7 @@ def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any])
 
 def load(path: Path) -> Emulator:
     """Return the emulator at `path`, every name, text, shape and number checked."""
-    when_imported(keep_programs)
+    keep_programs()
     tensors, metadata = read_tensors(path, "emulator")
     check_format(path, metadata.get("format"), FORMAT, MAKER)
     try:

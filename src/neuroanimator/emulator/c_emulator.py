@@ -15,7 +15,7 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, load_program
@@ -29,7 +29,6 @@ from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator, latent_size
 from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.tensors import emulator_tensors
-from neuroanimator.jax_later import Array
 from neuroanimator.storage.files import canonical_json, digest
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 

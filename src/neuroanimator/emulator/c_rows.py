@@ -11,8 +11,11 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Array, Float, Shaped
 
 from neuroanimator.backend import backend
 from neuroanimator.codegen.c_function import c_function, prelude
@@ -24,7 +27,6 @@ from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
 from neuroanimator.emulator.compiled import call_compiled, is_traced
 from neuroanimator.emulator.probes import BORDERLINE, Expected, compiled_quickly, rounded
-from neuroanimator.jax_later import Array, eqx, jax, jnp
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 SOUND_SHARE = 0.5

@@ -11,8 +11,10 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.arrays import as_float32, is_plain
@@ -23,7 +25,6 @@ from neuroanimator.emulator.checks import (
     check_numbers,
 )
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, eqx, is_imported, is_jax_array, is_traced_array, jax
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
@@ -116,9 +117,7 @@ def _taken_apart(module: Any) -> tuple[Leaves, Form]:
 
 def is_traced(module: Any) -> bool:
     """Return whether JAX is transforming any array of a module."""
-    if not is_imported():
-        return False
-    return any(is_traced_array(leaf) for leaf in jax.tree_util.tree_leaves(module))
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree_util.tree_leaves(module))
 
 
 @lru_cache(maxsize=PROGRAMS)
@@ -135,7 +134,7 @@ def _program(function: Callable[..., Any], form: Form) -> Program:
 
 def as_numpy(numbers: Array) -> Float[AnyArray, " ..."]:
     """Return an array of JAX as one of NumPy; as it is inside somebody's `jax.jit`, `grad` or `vmap`."""
-    if is_traced_array(numbers):
+    if isinstance(numbers, jax.core.Tracer):
         return numbers
     return np.array(numbers)
 
@@ -175,7 +174,7 @@ class Step:
                 following, is_sound = program.step(as_float32(state), as_float32(control))
                 if is_sound:
                     return following
-        is_for_jax = is_jax_array(state) or is_jax_array(control)
+        is_for_jax = isinstance(state, jax.Array) or isinstance(control, jax.Array)
         state = self._checked(state, emulator.state, "state", MAX_MAGNITUDE)
         control = self._checked(control, emulator.control, "control", MAX_CONTROL)
         if is_for_jax:
@@ -185,15 +184,15 @@ class Step:
             following = as_numpy(call_compiled(self._function, emulator, state, control))
         else:
             following, _ = program.step(state, control)
-        if not is_traced_array(following):
+        if not isinstance(following, jax.core.Tracer):
             check_motion(np.stack([state, following]), emulator.state)
         return following
 
     def _checked(self, vector: ArrayLike, layout: Layout, label: str, most: float) -> Any:
         shape = (layout.size,)
-        if is_jax_array(vector) and np.shape(vector) == shape:
+        if isinstance(vector, jax.Array) and np.shape(vector) == shape:
             return vector  # Looking at its numbers would wait for them, and a tracer has none.
-        if is_traced_array(vector) or np.shape(vector) != shape:
+        if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
             raise ArgumentError(
                 f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
                 "For many at once use jax.vmap(emulator.step), or rollout."

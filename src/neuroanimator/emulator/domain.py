@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from jaxtyping import Float
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from neuroanimator.jax_later import Array, jnp
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 MARGIN = 0.02
@@ -15,7 +15,7 @@ LEAST_MARGIN = 1e-6
 """Least of these margins: what never varied has no range."""
 
 
-class Domain(Module):
+class Domain(eqx.Module):
     """The range of every raw feature (velocities, the frame's numbers, controls) seen in training."""
 
     low: Float[AnyArray, " K"]

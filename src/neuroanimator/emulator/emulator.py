@@ -6,8 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.appearance.skeleton import Skeleton
@@ -30,8 +33,6 @@ from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.emulator.verdict import ValidationErrors, Verdict, judge_bounds
 from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax, jnp
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray, as_rows
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
@@ -47,7 +48,7 @@ MAX_STRIDES = 16
 """Most strides of a super step: each is compiled one by one."""
 
 
-class Emulator(Module):
+class Emulator(eqx.Module):
     """A network that leaps a system one super step ahead: s + change(s, u) (SIGGRAPH 98, eq. 7)."""
 
     frame: Frame
@@ -64,6 +65,10 @@ class Emulator(Module):
     """How far rollouts go astray; None where nobody measured it: see `error_bounds`."""
     validation: ValidationErrors | None = None
     """How far one super step goes astray where it was trained; None in files from before training told it."""
+
+    # By identity, so that `jax.jit(emulator.rollout)` finds what it compiled again.
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
 
     @property
     def system(self) -> str:
@@ -448,7 +453,7 @@ def _rollout(
 ) -> Float[AnyArray, "*B F S"]:
     """Return `rollout` of what has been checked, in arrays of the same library."""
     function = _quick_rollouts if state.ndim == 2 else _quick_rollout
-    if is_jax_array(state):
+    if isinstance(state, jax.Array):
         return call_compiled(function, emulator, state, controls)
     program = program_of(emulator)
     if program is None:
@@ -510,7 +515,7 @@ def _checked(
     start = check_numbers(state, emulator.state, "state", MAX_MAGNITUDE, dtype)
     held = check_numbers(controls, emulator.control, "controls", MAX_CONTROL, dtype)
     _check_shapes(emulator, start.shape, held.shape)
-    if is_jax_array(state) or is_jax_array(controls):
+    if isinstance(state, jax.Array) or isinstance(controls, jax.Array):
         return as_jax(start, dtype), as_jax(held, dtype)
     return start, held
 
@@ -611,7 +616,7 @@ def _quick_rollouts_trusted(
     return jax.vmap(one)(states, controls)
 
 
-@filter_jit
+@eqx.filter_jit
 def _streams_at_rest(
     emulator: Emulator, latent: Float[AnyArray, " I"], raw: Float[AnyArray, " K"]
 ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:

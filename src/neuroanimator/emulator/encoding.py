@@ -10,13 +10,13 @@ import abc
 import math
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.features import Features
-from neuroanimator.jax_later import Array, jnp
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.segments import Segment
@@ -26,7 +26,7 @@ KEPT_MARGIN = 0.1
 """Share of its range by which a predicted number may leave it: further out the network says nothing of worth."""
 
 
-class Encoding(Module):
+class Encoding(eqx.Module):
     """A map between states (S,) and latent states (I,), and between controls (C,) and latent controls (C,)."""
 
     @property
@@ -108,7 +108,7 @@ class Encoding(Module):
 class IdentityEncoding(Encoding):
     """The latent state is the state itself."""
 
-    state: Layout = static()
+    state: Layout = eqx.field(static=True)
     """Named parts of a state (S,)."""
 
     @property

@@ -9,12 +9,12 @@ a super step. Its bound grows as a power of the scores on the way (`Emulator.tru
 
 from __future__ import annotations
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.errors import BadFileError
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.structure import Structure
@@ -41,7 +41,7 @@ MOST_EXPONENT = 50.0
 """Logarithms of bounds, and powers, are smaller than this: a million is 14."""
 
 
-class ErrorBounds(Module):
+class ErrorBounds(eqx.Module):
     """Bounds of the error of rollouts, by kind of motion, level and number of super steps."""
 
     unit: Float[AnyArray, " V"]
@@ -50,7 +50,7 @@ class ErrorBounds(Module):
     """(a, b) of the formula above, for each of K kinds, L levels and H super steps."""
     centre: Float[AnyArray, " H"]
     """c of the formula above."""
-    levels: tuple[float, ...] = static(default=LEVELS)
+    levels: tuple[float, ...] = eqx.field(static=True, default=LEVELS)
 
     @property
     def steps(self) -> int:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from neuroanimator.jax_later import Array, jnp
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.structure import Structure
 
 
-class Features(Module):
+class Features(eqx.Module):
     """Sines and cosines of angles now and where they would coast to, and plain numbers as they are.
 
     Coasting (angle + Δt · rate) shows the network which way gravity will pull at the end of the
@@ -22,10 +22,10 @@ class Features(Module):
 
     angles: Float[AnyArray, "P S"]
     """Each row: the combination of state entries whose sine and cosine are features."""
-    plain: tuple[int, ...] = static()
-    is_odd: bool = static()
+    plain: tuple[int, ...] = eqx.field(static=True)
+    is_odd: bool = eqx.field(static=True)
     """Whether there is a mirror."""
-    even: tuple[int, ...] = static(default=())
+    even: tuple[int, ...] = eqx.field(static=True, default=())
     """Plain features that stay what they are in the mirror; the others change sign."""
 
     @classmethod

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from jaxtyping import Float
+import equinox as eqx
+from jaxtyping import Array, Float
 
-from neuroanimator.jax_later import Array
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 MIN_CHANGE = 1e-6
 """[of its unit] What changes by less in a super step never moves: rounding would be taken for motion, and learnt."""
 
 
-class Normaliser(Module):
+class Normaliser(eqx.Module):
     """Means and standard deviations of the plain features and of the predicted change.
 
     Where the motion is odd both means are zero, so that the symmetry stays exact. What never moves has a

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.codegen.kept import WrongProgramError
 from neuroanimator.emulator.emulator import Emulator, rollout, step, trust
-from neuroanimator.jax_later import jax
 from neuroanimator.state.arrays import as_rows
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 

@@ -9,17 +9,17 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.pca import mixing
-from neuroanimator.jax_later import Array, jnp
 from neuroanimator.parsing.numbers import listed, number, whole
-from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import PROBE_FEATURES
 from neuroanimator.state.layout import MAX_NUMBERS, Layout, Slice
@@ -79,17 +79,17 @@ class ShapeModes(Encoding):
     """Standard deviation of all K = Q + P modes in training, in their order within the latent state."""
     limits: Float[AnyArray, " 4"]
     """What training hardly exceeded, as `LIMITS` says."""
-    cloud: Cloud = static()
+    cloud: Cloud = eqx.field(static=True)
     """The mass points at rest."""
-    mirror: Mirror | None = static()
+    mirror: Mirror | None = eqx.field(static=True)
     """Left and right of the body; None where it has none."""
-    odd_positions: int = static()
+    odd_positions: int = eqx.field(static=True)
     """How many position modes are odd; they come first."""
-    odd_velocities: int = static()
+    odd_velocities: int = eqx.field(static=True)
     """How many velocity modes are odd; they come first."""
-    muscles: int = static()
+    muscles: int = eqx.field(static=True)
     """How many activations belong to the state."""
-    time_constant: float = static()
+    time_constant: float = eqx.field(static=True)
     """Time constant of the muscles [s]."""
 
     @property

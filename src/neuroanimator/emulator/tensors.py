@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax
 import numpy as np
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import prefixed
-from neuroanimator.pytrees import leaves, map_leaves
 from neuroanimator.text import quoted
 
 
@@ -77,12 +77,12 @@ def with_tensors(
     Raises ValueError unless names, shapes and kinds of number are exactly the same.
     """
     leaves_by_name = leaves_of(tree)
-    if len(leaves_by_name) != len(leaves(tree)):
+    if len(leaves_by_name) != len(jax.tree.leaves(tree)):
         raise ValueError("not every array has a name in files")
     arrays = checked_arrays(leaves_by_name, tensors)
     places = [id(leaf) for leaf in leaves_by_name.values()]
     array_at = dict(zip(places, arrays, strict=True))
-    return map_leaves(lambda leaf: array_at[id(leaf)], tree)
+    return jax.tree.map(lambda leaf: array_at[id(leaf)], tree)
 
 
 def checked_arrays(

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from jaxtyping import Float
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from neuroanimator.emulator.networks.network import Units
-from neuroanimator.jax_later import Array, jnp
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 EDGE = 1.0
 """Scores up to this are those of training."""
 
 
-class TrustMeter(Module):
+class TrustMeter(eqx.Module):
     """Distance of the last layer's units from their mean in training, along the directions in which errors grow.
 
     Answers are linear in these units, so that an ensemble of last layers, each as likely as the others by the data,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.error_bounds import KINDS, ErrorBounds
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 NO_CHANGE = "persistence"
@@ -64,7 +64,7 @@ IN_WORDS = {
 """The cheap predictors that need no data, as reasons name them."""
 
 
-class ValidationErrors(Module):
+class ValidationErrors(eqx.Module):
     """Root mean square errors of a super step where training validated, over the change's standard deviation."""
 
     emulator: Float[AnyArray, ""]

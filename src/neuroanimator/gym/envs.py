@@ -6,9 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, final
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
@@ -19,8 +21,6 @@ from neuroanimator.gym.rows import step_rows
 from neuroanimator.gym.rules import EpisodeRules, RowReward
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.state_env import NOISE, Leap, StateVectorEnv
-from neuroanimator.jax_later import Array, eqx, filter_jit, jnp
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 
 MAX_PENALISED = 10.0
@@ -33,7 +33,7 @@ It is written in jax.numpy, since it is compiled.
 """
 
 
-class RunningCost(Module):
+class RunningCost(eqx.Module):
     """The reward −Δt · J, where J is the objective of this one super step taken as if it lasted a second.
 
     So a return is −∫ (μ_u/2 |u|² + μ_s/2 |s − s_d|²) dt, whatever the super step. Without an objective
@@ -43,7 +43,7 @@ class RunningCost(Module):
     objective: Objective | None
     control_scale: Float[AnyArray, " C"]
     """What counts as full effort of each control."""
-    dt: float = static()
+    dt: float = eqx.field(static=True)
 
     @classmethod
     def of(cls, emulator: Emulator, objective: Objective | None = None) -> RunningCost:
@@ -101,7 +101,7 @@ def _of_rows(reward: Reward) -> RowReward:
     return reward_rows
 
 
-@filter_jit
+@eqx.filter_jit
 def _rewards(
     reward: Reward,
     states: Float[AnyArray, "B S"],

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
@@ -15,8 +17,6 @@ from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.c_rows import call_rows
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import probes_of
-from neuroanimator.jax_later import Array, jnp
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position
 from neuroanimator.tasks.task import Aim
@@ -94,13 +94,13 @@ class Aims(NamedTuple):
         return cls(np.where(matters, position, 0), matters.astype(np.float32), direction)
 
 
-class Observer(Module):
+class Observer(eqx.Module):
     """What an agent sees of an emulator's state and of its aim."""
 
     emulator: Emulator
-    scale: float = static()
+    scale: float = eqx.field(static=True)
     """The length distances are counted in [m]."""
-    is_in_a_fixed_world: bool = static()
+    is_in_a_fixed_world: bool = eqx.field(static=True)
     """Whether the position in the world is observed, too."""
 
 

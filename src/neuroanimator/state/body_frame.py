@@ -7,9 +7,9 @@ turning it about the vertical changes nothing (Grzeszczuk et al., SIGGRAPH 1998)
 
 from __future__ import annotations
 
+import equinox as eqx
 from jaxtyping import Float
 
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.contacts import (
     CEILING,
@@ -39,24 +39,24 @@ PROBE_FEATURES = 4
 """Numbers a probe is shown by: its height and its depth, each now and where it would coast to."""
 
 
-class Frame(Module):
+class Frame(eqx.Module):
     """The body frame: a state, and its change, without position and heading."""
 
-    segments: tuple[Segment, ...] = static()
+    segments: tuple[Segment, ...] = eqx.field(static=True)
     """Empty: the state is plain numbers and the frame does nothing."""
-    probes: tuple[Probe, ...] = static()
+    probes: tuple[Probe, ...] = eqx.field(static=True)
     """Round parts of the root's body whose height matters."""
-    dt: float = static()
+    dt: float = eqx.field(static=True)
     """Super step [s], for what the state would become if its rates stayed."""
-    has_gravity: bool = static(default=True)
+    has_gravity: bool = eqx.field(static=True, default=True)
     """Whether the direction of gravity matters."""
-    is_immersed: bool = static(default=False)
+    is_immersed: bool = eqx.field(static=True, default=False)
     """Whether probes look for the surface of water, far from which it matters no more, instead of for the ground."""
-    cloud: Cloud | None = static(default=None)
+    cloud: Cloud | None = eqx.field(static=True, default=None)
     """The mass points that define the frame, where the state is theirs."""
-    external_forces: tuple[tuple[float, ...], ...] = static(default=())
+    external_forces: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
     """(3, C) force [N] in the world per control; empty where controls are no such forces."""
-    contacts: Contacts | None = static(default=None)
+    contacts: Contacts | None = eqx.field(static=True, default=None)
     """Points that may touch the ground and joints that may reach a stop; None where networks are shown nothing of them."""
 
     @classmethod

@@ -5,11 +5,11 @@ Written for NumPy and JAX alike; mass points are (..., N, 3).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -123,36 +123,29 @@ def _largest_eigenvector(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, 
     """Return the eigenvector of the largest eigenvalue of a symmetric matrix."""
     if isinstance(matrix, np.ndarray):
         return np.linalg.eigh(matrix)[1][..., -1]
-    return _differentiable()(matrix)
+    return _largest_eigenvector_in_jax(matrix)
 
 
-@cache
-def _differentiable() -> Callable[[Float[AnyArray, "... 4 4"]], Float[AnyArray, "... 4"]]:
-    """Return the same for arrays of JAX, with a derivative of its own.
+@jax.custom_jvp
+def _largest_eigenvector_in_jax(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, "... 4"]:
+    """Return the same of an array of JAX, with a derivative of its own.
 
     The derivative that JAX has for all eigenvectors divides by the differences of all eigenvalues, and those of a
     cube's smaller ones are zero. That of one eigenvector v needs its own differences alone: to first order it turns
     towards the others by (u · dM v) / (λ - μ) (Magnus 1985).
     """
-    import jax  # there is an array of JAX
+    return jnp.linalg.eigh(matrix)[1][..., -1]
 
-    @jax.custom_jvp
-    def eigenvector(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, "... 4"]:
-        return jax.numpy.linalg.eigh(matrix)[1][..., -1]
 
-    @eigenvector.defjvp
-    def derivative(
-        primals: tuple[AnyArray], tangents: tuple[AnyArray]
-    ) -> tuple[AnyArray, AnyArray]:
-        values, vectors = jax.numpy.linalg.eigh(primals[0])
-        largest = vectors[..., -1]
-        others = vectors[..., :-1]
-        gaps = values[..., -1:] - values[..., :-1]
-        gaps = jax.numpy.where(gaps > 0, gaps, 1.0)
-        turns = (others.mT @ (tangents[0] @ largest[..., None]))[..., 0] / gaps
-        return largest, (others @ turns[..., None])[..., 0]
-
-    return eigenvector
+@_largest_eigenvector_in_jax.defjvp
+def _derivative(primals: tuple[AnyArray], tangents: tuple[AnyArray]) -> tuple[AnyArray, AnyArray]:
+    values, vectors = jnp.linalg.eigh(primals[0])
+    largest = vectors[..., -1]
+    others = vectors[..., :-1]
+    gaps = values[..., -1:] - values[..., :-1]
+    gaps = jnp.where(gaps > 0, gaps, 1.0)
+    turns = (others.mT @ (tangents[0] @ largest[..., None]))[..., 0] / gaps
+    return largest, (others @ turns[..., None])[..., 0]
 
 
 def _solve(

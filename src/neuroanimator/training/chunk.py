@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from jaxtyping import Float, Int, PRNGKeyArray
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.jax_later import Array, eqx, filter_jit, jax
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.training.batches import draw_batches, folded, seen_by
@@ -21,13 +21,13 @@ RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
 """Network inputs at rest: see `Emulator.rest_streams`."""
 
 
-class TrainingProblem(Module):
+class TrainingProblem(eqx.Module):
     """The data of every update of a run."""
 
-    config: TrainingConfig = static()
-    structure: Structure = static()
+    config: TrainingConfig = eqx.field(static=True)
+    structure: Structure = eqx.field(static=True)
     """Of the system's states."""
-    symmetries: tuple[Symmetry, ...] = static()
+    symmetries: tuple[Symmetry, ...] = eqx.field(static=True)
     """By which every window may be seen, besides as it is."""
     base: Emulator
     """The emulator whose network is trained."""
@@ -35,7 +35,7 @@ class TrainingProblem(Module):
     """Network inputs at rest; None where the system does not keep still there."""
 
 
-class WindowsInMemory(Module):
+class WindowsInMemory(eqx.Module):
     """The windows that batches are drawn from."""
 
     states: Float[Array, "N T I"]
@@ -54,11 +54,11 @@ def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> 
     return emulator.at_rest(rest)
 
 
-completed = filter_jit(with_network)
+completed = eqx.filter_jit(with_network)
 """`with_network` as one compiled function, for use outside of others."""
 
 
-@filter_jit
+@eqx.filter_jit
 def train_chunk(
     problem: TrainingProblem,
     windows: WindowsInMemory,

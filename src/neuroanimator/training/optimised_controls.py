@@ -5,12 +5,14 @@ They lead where an emulator promises more than the physics keeps, so that its er
 
 from __future__ import annotations
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator, rollout_latent
-from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 
 SIDE_BY_SIDE = 256
 """Number of descents at a time."""
@@ -64,7 +66,7 @@ def optimised_controls(
     return bounds.clip(bounds.middle + shares * bounds.half)
 
 
-@filter_jit
+@eqx.filter_jit
 def _descents(
     emulator: Emulator,
     guesses: Float[Array, "B T C"],

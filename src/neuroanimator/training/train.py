@@ -19,10 +19,10 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.jax_settings import keep_programs
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import append_line, locked, read_bounded, write_whole
 from neuroanimator.storage.places import Place
-from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 from neuroanimator.training.chunk import TrainingProblem, completed

@@ -9,15 +9,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from neuroanimator.data.store import Dataset, Transitions
 from neuroanimator.data.stored import first_windows
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE, TrustMeter
-from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 from neuroanimator.state.arrays import as_rows
 from neuroanimator.training.survey import base_windows
 
@@ -67,7 +69,7 @@ def with_meter(emulator: Emulator, windows: Transitions) -> Emulator:
     return replace(emulator, meter=meter, calibration=None)
 
 
-@filter_jit
+@eqx.filter_jit
 def _units_and_errors(
     emulator: Emulator,
     starts: Float[Array, "M I"],

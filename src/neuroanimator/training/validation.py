@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.verdict import ValidationErrors
-from neuroanimator.jax_later import Array, filter_jit, jax
 from neuroanimator.state.body_frame import Frame
 
 NOISE_SEED = 3
@@ -58,7 +59,7 @@ def validation_errors(
     )
 
 
-@filter_jit
+@eqx.filter_jit
 def _following(
     emulator: Emulator, states: Float[Array, "N I"], controls: Float[Array, "N C"]
 ) -> Float[Array, "N I"]:

@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -34,7 +35,6 @@ from neuroanimator.export.programs.vectors import (
     make_gradient_vectors,
     make_vectors,
 )
-from neuroanimator.pytrees import map_leaves
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.zoo import POLICIES, SHIPPED
 
@@ -271,7 +271,7 @@ def test_a_header_is_made_once_a_machine_and_again_where_its_record_is_damaged(
     assert made == ["it", "it"]
     header_of(shipped, "another")
     header_of(shipped.in_strides(2), "it")
-    header_of(replace(shipped, network=map_leaves(lambda leaf: leaf + 1, shipped.network)), "it")
+    header_of(replace(shipped, network=jax.tree.map(lambda leaf: leaf + 1, shipped.network)), "it")
     assert made == ["it", "it", "another", "it", "it"]
 
 

@@ -13,7 +13,7 @@ from copy import copy
 from functools import cache, partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_map import (
     CMap,
@@ -43,7 +43,6 @@ from neuroanimator.control.objective.objective import is_ours
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import compiled_quickly
-from neuroanimator.jax_later import Array
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))

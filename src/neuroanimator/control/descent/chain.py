@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_map import CMap, MapDefinition, check_maps, judge_of, program_of_maps
 from neuroanimator.codegen.kept import CProgram, LoadedProgram
@@ -16,7 +18,6 @@ from neuroanimator.emulator.c_emulator import load_checked
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.emulator import Emulator, latent_size
 from neuroanimator.emulator.probes import Probes, compiled_quickly
-from neuroanimator.jax_later import Array, jax, jnp
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 LINK = "link"

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 
@@ -52,7 +54,7 @@ def find_defects(
     return still_frame(emulator).difference(predicted, latent[1:])
 
 
-@filter_jit
+@eqx.filter_jit
 def _find_defects(
     emulator: Emulator, states: Float[Array, "T1 S"], controls: Float[Array, "T C"]
 ) -> Float[Array, "T V"]:

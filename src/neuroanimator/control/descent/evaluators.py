@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.backend import backend
+from neuroanimator.control.descent.c_evaluator import c_evaluator, controls_in_c
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 
 
 def controls_of(
@@ -20,15 +23,13 @@ def controls_of(
     """Return the controls each row of `zs` stands for, by the `backend`."""
     single = as_float32(zs)
     if backend() != "jax":
-        from neuroanimator.control.descent.c_evaluator import controls_in_c
-
         controls = controls_in_c(parametrisation, single)
         if controls is not None:
             return controls.astype(float)
     return np.asarray(_controls_in_jax(parametrisation, single), float)
 
 
-@filter_jit
+@eqx.filter_jit
 def _controls_in_jax(
     parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
 ) -> Float[Array, "K T C"]:
@@ -39,7 +40,6 @@ def evaluator_of(problem: Problem) -> Evaluator:
     """Return what evaluates `problem`, by the `backend`; costs that are any JAX function are left to JAX."""
     if backend() != "jax":
         # With it comes the generator, which JAX does without.
-        from neuroanimator.control.descent.c_evaluator import c_evaluator
 
         in_c = c_evaluator(problem)
         if in_c is not None:

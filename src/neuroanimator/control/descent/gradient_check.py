@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.backend import backend
+from neuroanimator.control.descent.c_evaluator import c_evaluator
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
@@ -18,7 +22,6 @@ from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import System
@@ -186,8 +189,6 @@ def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"
     In JAX by two programs, of which only the objective's own is compiled anew for other costs.
     """
     if backend() != "jax":
-        from neuroanimator.control.descent.c_evaluator import c_evaluator
-
         in_c = c_evaluator(problem)
         if in_c is not None:
             return in_c.gradients(np.asarray(z, float)[None])[1][0]
@@ -206,7 +207,7 @@ def _emulated_motion(problem: Problem, z: Array) -> Trajectory:
     return Trajectory(states, controls, problem.control_scale, problem.emulator.dt)
 
 
-@filter_jit
+@eqx.filter_jit
 def _controls_of(
     parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
 ) -> Float[Array, "K T C"]:
@@ -214,12 +215,12 @@ def _controls_of(
     return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
 
 
-@filter_jit
+@eqx.filter_jit
 def _trajectory(problem: Problem, z: Array) -> Trajectory:
     return problem.trajectory(z)
 
 
-@filter_jit
+@eqx.filter_jit
 def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Array:
     """Return how something changes with z that changes with states and controls by `slopes`."""
 
@@ -230,7 +231,7 @@ def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Arr
     return jax.vjp(motion, z)[1](slopes)[0]
 
 
-@filter_jit
+@eqx.filter_jit
 def _costs(
     objective: Objective,
     states: Array | np.ndarray,

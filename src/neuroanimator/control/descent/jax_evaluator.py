@@ -8,14 +8,14 @@ from copy import copy
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.compiled import Compiled
-from neuroanimator.jax_later import Array, jax
 from neuroanimator.terminal import phase
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import abc
 import math
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
@@ -28,12 +28,12 @@ CUBIC = 3
 """Degree of the splines."""
 
 
-class Parametrisation(Module):
+class Parametrisation(eqx.Module):
     """z (Z,) → controls (T, C) = middle + half · tanh(...): within bounds by construction."""
 
     middle: Float[AnyArray, " C"]
     half: Float[AnyArray, " C"]
-    steps: int = static()
+    steps: int = eqx.field(static=True)
 
     @property
     @abc.abstractmethod
@@ -54,7 +54,7 @@ class EachStep(Parametrisation):
 
     middle: Float[AnyArray, " C"]
     half: Float[AnyArray, " C"]
-    steps: int = static()
+    steps: int = eqx.field(static=True)
 
     @classmethod
     def of(cls, steps: int, bounds: Bounds) -> EachStep:
@@ -79,7 +79,7 @@ class Spline(Parametrisation):
 
     middle: Float[AnyArray, " C"]
     half: Float[AnyArray, " C"]
-    steps: int = static()
+    steps: int = eqx.field(static=True)
     basis: Float[AnyArray, "T K"]
 
     @classmethod
@@ -120,10 +120,10 @@ class Periodic(Parametrisation):
 
     middle: Float[AnyArray, " C"]
     half: Float[AnyArray, " C"]
-    steps: int = static()
+    steps: int = eqx.field(static=True)
     period: Float[AnyArray, ""]
     """[s] Of the first guess."""
-    dt: float = static()
+    dt: float = eqx.field(static=True)
 
     @classmethod
     def of(cls, steps: int, dt: float, period: float, bounds: Bounds) -> Periodic:
@@ -181,7 +181,7 @@ class Steered(Parametrisation):
 
     middle: Float[AnyArray, " C"]
     half: Float[AnyArray, " C"]
-    steps: int = static()
+    steps: int = eqx.field(static=True)
     wave: Periodic
     offsets: Spline
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from jaxtyping import Float
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.defects import rollout_with_defects, step_with_defect
 from neuroanimator.control.descent.parametrisation import Parametrisation
@@ -13,8 +16,6 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.compiled import call_compiled
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.jax_later import Array, jax, jnp
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 BACKWARD_COST = 3
@@ -42,7 +43,7 @@ class MotionTangents(NamedTuple):
     """Change of z (Z,) → changes of `latent` and of `controls`."""
 
 
-class Problem(Module):
+class Problem(eqx.Module):
     """z (Z,) → controls → emulated trajectory → J. For use inside jit, grad and vmap."""
 
     emulator: Emulator

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_map import (
     CMap,
@@ -35,8 +37,6 @@ from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.probes import compiled_quickly
-from neuroanimator.jax_later import Array, jax, jnp
-from neuroanimator.pytrees import leaves, map_leaves, structure_in_words
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 CALLER = ("neuroanimator.control.objective", "objective.c")
@@ -196,17 +196,17 @@ class ObjectiveForm:
     @property
     def sizes(self) -> list[int]:
         """How many numbers each array of the objective has; then how many controls have a scale."""
-        return [np.size(leaf) for leaf in leaves(self.objective)] + [self.shape.control]
+        return [np.size(leaf) for leaf in jax.tree.leaves(self.objective)] + [self.shape.control]
 
     def numbers(self, scale: Float[np.ndarray, " C"]) -> Float[np.ndarray, " P"]:
         """Return what goes in with every call: the arrays of the objective, then the `scale` of controls."""
-        flat = [np.ravel(leaf) for leaf in leaves(self.objective)]
+        flat = [np.ravel(leaf) for leaf in jax.tree.leaves(self.objective)]
         return aligned(np.concatenate([*flat, scale]).astype(np.float32))
 
     def about(self) -> str:
         """Return all that the program depends on."""
-        shapes = [np.shape(leaf) for leaf in leaves(self.objective)]
-        facts = ["objective", structure_in_words(self.objective), str(shapes), str(self.shape)]
+        shapes = [np.shape(leaf) for leaf in jax.tree.leaves(self.objective)]
+        facts = ["objective", str(jax.tree.structure(self.objective)), str(shapes), str(self.shape)]
         if self.encoding is not None:
             facts += facts_of(self.encoding)
         return "\n".join(facts)
@@ -242,7 +242,9 @@ class ObjectiveForm:
         """Return the objective with these numbers, and the scale of the controls."""
         *parts, scale = jnp.split(numbers, np.cumsum(self.sizes)[:-1])
         remaining = iter(parts)
-        objective = map_leaves(lambda leaf: next(remaining).reshape(np.shape(leaf)), self.objective)
+        objective = jax.tree.map(
+            lambda leaf: next(remaining).reshape(np.shape(leaf)), self.objective
+        )
         return objective, scale
 
     def _state_terms(self, numbers: Float[Array, " P"]) -> list[StateTerm]:

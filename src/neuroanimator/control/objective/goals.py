@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.terms import AT_THE_END, Moments, ReachState
+from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.segments import Plain, place_segments
@@ -73,7 +74,6 @@ def state_goal(
     system: System, reach: Mapping[str, Sequence[float]], within: Mapping[str, float]
 ) -> Goal:
     """Return the goal that parts of the state have the values `reach`, `within` some tolerances."""
-    from neuroanimator.definitions.goal import GoalTable  # takes time, and most do without
 
     if not reach:
         raise ArgumentError("reach: wanted at least one part of the state and its values.")

@@ -10,28 +10,28 @@ import math
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.backend import backend
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax
-from neuroanimator.pytrees import Module, leaves
 from neuroanimator.state.arrays import AnyArray
 
 OURS = "neuroanimator."
 """How the names of the package's own modules begin."""
 
 
-def is_ours(module: Module) -> bool:
+def is_ours(module: eqx.Module) -> bool:
     """Return whether the code of a cost term, or of whatever else, is the package's own."""
     return type(module).__module__.startswith(OURS)
 
 
-class CostTerm(Module):
+class CostTerm(eqx.Module):
     """One thing a motion should do. It costs half the sum of squares of its residuals, times its weight."""
 
     weight: Float[AnyArray, ""]
@@ -64,7 +64,7 @@ class StateTerm(CostTerm):
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
         rows = self.rows(len(trajectory.states) - 1, trajectory.dt)
         states = trajectory.states[np.array(rows)]
-        if is_jax_array(states):
+        if isinstance(states, jax.Array):
             observed = jax.vmap(self.observe)(states)
         else:
             observed = self.observe(states)
@@ -75,7 +75,7 @@ CostFunction = Callable[[Trajectory], Float[AnyArray, ""]]
 """A cost of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
 
 
-class Objective(Module):
+class Objective(eqx.Module):
     """J(trajectory) = Σ weight/2 |residuals|² + Σ functions."""
 
     terms: tuple[CostTerm, ...]
@@ -118,7 +118,7 @@ class Objective(Module):
 
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
         """Return the numbers whose squares sum to 2J, but for the functions."""
-        trajectory = trajectory.beside(leaves(self))
+        trajectory = trajectory.beside(jax.tree.leaves(self))
         xp = trajectory.states.__array_namespace__()
         parts = [xp.sqrt(term.weight) * term.residuals(trajectory) for term in self.terms]
         return xp.concat([xp.zeros(0, dtype=trajectory.states.dtype), *parts])
@@ -146,7 +146,7 @@ def objective_cost(
     return float(_cost(objective, motion))
 
 
-@filter_jit
+@eqx.filter_jit
 def _cost(objective: Objective, trajectory: Trajectory) -> Array:
     return objective(trajectory)
 
@@ -202,7 +202,7 @@ def _of_resting(
     return cost_and_slopes(objective, trajectory)
 
 
-@filter_jit
+@eqx.filter_jit
 def cost_and_slopes(
     objective: Objective, trajectory: Trajectory
 ) -> tuple[Array, tuple[Array, Array]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
@@ -13,7 +14,6 @@ from neuroanimator.control.objective.objective import StateTerm
 from neuroanimator.control.objective.terms import ALL_ALONG, as_weight
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
-from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import as_numbers
 from neuroanimator.state.pose import read_pose
@@ -58,7 +58,7 @@ class Avoid(StateTerm):
     """Keep discs about a body's probes out of zones: ∫ of how far they are in, over the margin."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     zones: Float[AnyArray, "K 5"]
     probes: Float[AnyArray, "P 2"]
     margin: Float[AnyArray, ""]

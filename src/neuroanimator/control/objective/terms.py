@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
@@ -14,7 +15,6 @@ from neuroanimator.control.objective.objective import CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
-from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.links import Link, point_of_chain
@@ -82,7 +82,7 @@ def _time(label: str, seconds: float) -> float:
 class TimedTerm(StateTerm):
     """A term that looks at the states at some moments."""
 
-    when: Moments = static()
+    when: Moments = eqx.field(static=True)
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return self.when.rows(steps, dt)
@@ -151,11 +151,11 @@ class ReachPositions(TimedTerm):
     """Be at positions at given times: keyframes, or one position at the end."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     positions: Float[AnyArray, "K A"]
     """[m] Along the axes that matter."""
     within: Float[AnyArray, ""]
-    axes: tuple[int, ...] = static()
+    axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, read_pose(self.structure, state).position)
@@ -168,14 +168,14 @@ class ReachPoint(TimedTerm):
     """Be somewhere with a point of the body, such as a hand: at given times, or from one on."""
 
     weight: Float[AnyArray, ""]
-    chain: tuple[Link, ...] = static()
+    chain: tuple[Link, ...] = eqx.field(static=True)
     """From the world to the body the point lies on."""
-    offset: tuple[float, ...] = static()
+    offset: tuple[float, ...] = eqx.field(static=True)
     """[m] In that body's frame."""
     position: Float[AnyArray, " A"]
     """[m] Along the axes that matter."""
     within: Float[AnyArray, ""]
-    axes: tuple[int, ...] = static()
+    axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, point_of_chain(self.chain, self.offset, state))
@@ -188,7 +188,7 @@ class ReachHeight(TimedTerm):
     """Be up with all of the body at given times: the rms of how far mass points are below a height."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     height: Float[AnyArray, ""]
     """[m]"""
     within: Float[AnyArray, ""]
@@ -206,12 +206,12 @@ class FollowPath(StateTerm):
     """Be where a path says all along, passed at a steady pace."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     points: Float[AnyArray, "K A"]
     shares: Float[AnyArray, " K"]
     """Length of the path up to each point, as a share of the whole."""
     within: Float[AnyArray, ""]
-    axes: tuple[int, ...] = static()
+    axes: tuple[int, ...] = eqx.field(static=True)
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return ALL_ALONG.rows(steps, dt)
@@ -233,7 +233,7 @@ class TravelTerm(TimedTerm):
     """Come `distance` [m] forward along `direction`; further than possible means as far as possible."""
 
     weight: Float[AnyArray, ""]
-    when: Moments = static()
+    when: Moments = eqx.field(static=True)
     direction: Float[AnyArray, " 3"]
     distance: Float[AnyArray, ""]
     within: Float[AnyArray, ""]
@@ -249,7 +249,7 @@ class TravelTerm(TimedTerm):
 class Travel(TravelTerm):
     """Come forward with the root, or with a deformable body's centroid."""
 
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         return read_pose(self.structure, state).position
@@ -258,7 +258,7 @@ class Travel(TravelTerm):
 class TravelPoint(TravelTerm):
     """Come forward with one body of many."""
 
-    chain: tuple[Link, ...] = static()
+    chain: tuple[Link, ...] = eqx.field(static=True)
     """From the world to that body."""
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
@@ -269,10 +269,10 @@ class KeepVelocity(TimedTerm):
     """Move with a velocity, from a given time on."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     velocity: Float[AnyArray, " A"]
     within: Float[AnyArray, ""]
-    axes: tuple[int, ...] = static()
+    axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, read_pose(self.structure, state).velocity)
@@ -286,7 +286,7 @@ class KeepSpeed(TimedTerm):
     """Move forward, where the body points, at a speed, from a given time on."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     speed: Float[AnyArray, ""]
     within: Float[AnyArray, ""]
 
@@ -303,11 +303,11 @@ class Point(TimedTerm):
     """Point forward, or stand upright, along `direction`: at given times, or from one on."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     direction: Float[AnyArray, " 3"]
     within: Float[AnyArray, ""]
     """[rad]"""
-    axis: str = static()
+    axis: str = eqx.field(static=True)
     """`forward` or `upward`."""
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
@@ -322,12 +322,12 @@ class StayUpright(TimedTerm):
     """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    structure: Structure = eqx.field(static=True)
     tolerance: Float[AnyArray, ""]
     """[rad] Leaning that costs nothing."""
     within: Float[AnyArray, ""]
     """[rad]"""
-    may_pitch: bool = static()
+    may_pitch: bool = eqx.field(static=True)
     """Whether only rolling counts, so that the body may dive and leap."""
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
@@ -359,7 +359,7 @@ class StayWithin(StateTerm):
     low: Float[AnyArray, " E"]
     high: Float[AnyArray, " E"]
     within: Float[AnyArray, ""]
-    entries: tuple[int, ...] = static()
+    entries: tuple[int, ...] = eqx.field(static=True)
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return ALL_ALONG.rows(steps, dt)

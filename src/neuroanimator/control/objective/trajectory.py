@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 from jaxtyping import Float
 
-from neuroanimator.jax_later import is_jax_array, jnp
 from neuroanimator.state.arrays import AnyArray
 
 
@@ -24,7 +25,7 @@ class Trajectory(NamedTuple):
     def beside(self, numbers: Iterable[Any]) -> Trajectory:
         """Return it in arrays of JAX if any of its own, or any of `numbers`, is one."""
         arrays = (self.states, self.controls, self.control_scale)
-        if not any(is_jax_array(array) for array in (*arrays, *numbers)):
+        if not any(isinstance(array, jax.Array) for array in (*arrays, *numbers)):
             return self
         states, controls, control_scale = map(jnp.asarray, arrays)
         return Trajectory(states, controls, control_scale, self.dt)

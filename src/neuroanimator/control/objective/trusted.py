@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.control.objective.terms import as_weight
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator, trust
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, jax, jnp
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 WEIGHT = 10.0
 """A second spent at a score of 1 above the threshold costs ten times what a sizeable error at a goal does."""
 
 
-class StayTrusted(Module):
+class StayTrusted(eqx.Module):
     """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`: a cost of one's own, descended through JAX.
 
     Like any cost it is of states, whoever made them: the physics' as well as the emulator's.

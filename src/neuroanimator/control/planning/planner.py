@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
+import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -17,7 +19,6 @@ from neuroanimator.control.descent.parametrisation import EachStep, Parametrisat
 from neuroanimator.control.objective.objective import Objective, check_objective
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import eqx, jax
 from neuroanimator.state.layout import Bounds
 
 ITERATIONS = 2

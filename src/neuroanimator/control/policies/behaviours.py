@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from jaxtyping import Bool, Float, Num
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Num
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
-from neuroanimator.jax_later import Array, jax, jnp
 from neuroanimator.state.pose import Pose
 
 

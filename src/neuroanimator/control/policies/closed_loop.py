@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.behaviours import Behaviour
@@ -12,7 +15,6 @@ from neuroanimator.control.policies.steering import SteeringTarget, command_towa
 from neuroanimator.control.policies.super_step import is_in_c, make_super_step
 from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.structure import Structure
@@ -82,18 +84,18 @@ def _rollout_in_c(
     return as_jax(np.stack(path, axis=1))
 
 
-@filter_jit
+@eqx.filter_jit
 def _target(
     behaviour: Behaviour,
     structure: Structure,
     latent: Float[AnyArray, "B I"],
     time: Float[AnyArray, ""],
 ) -> SteeringTarget:
-    """Return where each body shall go now; filter_jit asks for nothing but the small part of a policy this needs."""
+    """Return where each body shall go now; eqx.filter_jit asks for nothing but the small part of a policy this needs."""
     return behaviour(read_pose(structure, latent), time)
 
 
-@filter_jit
+@eqx.filter_jit
 def _rollout_on_emulator(
     policy: Policy,
     behaviour: Behaviour,

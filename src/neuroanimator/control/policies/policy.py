@@ -10,14 +10,15 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.jax_later import Array, PRNGKeyArray, jax, jnp
-from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
@@ -74,15 +75,15 @@ class Rhythm(NamedTuple):
         return cls(gait.period, gait.amplitudes, gait.lags, is_odd)
 
 
-class Policy(Module):
+class Policy(eqx.Module):
     """u = middle + half · tanh(waves of the gait + network(what the body feels, clock, command))."""
 
     emulator: Emulator
     """The emulator it was trained through: it feels what that sees."""
     network: Network
-    ranges: Bounds = static()
+    ranges: Bounds = eqx.field(static=True)
     """The range of each command it was trained on, in the order of `COMMAND`."""
-    rhythm: Rhythm = static()
+    rhythm: Rhythm = eqx.field(static=True)
 
     def __repr__(self) -> str:
         spec = self.emulator.spec

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from jaxtyping import Float
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.control.policies.closed_loop import choose_controls
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.jax_later import Array, PRNGKeyArray, filter_jit, jax, jnp
 
 NEARLY_AHEAD = 0.2
 """Share of all angles within which half of the random targets lie: most of a life is small corrections."""
@@ -64,7 +66,7 @@ class Swimmers(NamedTuple):
     """Target of each."""
 
 
-@filter_jit
+@eqx.filter_jit
 def start_swimmers(policy: Policy, latent: Float[Array, "B I"], key: PRNGKeyArray) -> Swimmers:
     """Return bodies in the states `latent`, each with its clock at random and a random target."""
     phase_key, target_key = jax.random.split(key)

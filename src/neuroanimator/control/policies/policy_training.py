@@ -9,9 +9,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from neuroanimator.control.policies.policy import (
     COMMAND,
@@ -34,7 +37,6 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, PRNGKeyArray, eqx, filter_jit, jax, jnp
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import read_pose
 from neuroanimator.storage.files import append_line, canonical_json, digest, locked
@@ -255,7 +257,7 @@ def make_optimizer(training: PolicyTraining) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optax.adam(rate))
 
 
-@filter_jit
+@eqx.filter_jit
 def _train_chunk(
     training: PolicyTraining,
     base: Policy,
@@ -310,7 +312,7 @@ def _renewed(
     return Swimmers(latent, jnp.where(is_fresh, other.phase, swimmers.phase), target)
 
 
-@filter_jit
+@eqx.filter_jit
 def _validate(
     weights: LossWeights, policy: Policy, swimmers: Swimmers, steps: int
 ) -> Float[Array, ""]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.motion import MAX_SECONDS, USUAL_SECONDS
@@ -15,7 +16,6 @@ from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, jnp
 from neuroanimator.state.pose import Pose
 from neuroanimator.zoo import POLICIES
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import describe_policy, policy_leaves
@@ -14,7 +14,6 @@ from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import CRows, c_rows, call_rows
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.emulator.tensors import to_numpy
-from neuroanimator.jax_later import Array
 from neuroanimator.storage.files import canonical_json, digest
 
 EXCESS = 0.2

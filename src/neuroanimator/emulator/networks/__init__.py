@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from jaxtyping import PRNGKeyArray
+
 from neuroanimator.emulator.networks.classic import Classic
 from neuroanimator.emulator.networks.gated import Gated
 from neuroanimator.emulator.networks.glu import Glu, LinearGlu
@@ -9,7 +11,6 @@ from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
 from neuroanimator.emulator.networks.mirrored import Mirrored
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import PRNGKeyArray
 
 NETWORKS: dict[str, type[Network]] = {
     "classic": Classic, "gated": Gated, "glu": Glu, "linear-glu": LinearGlu, "hierarchy": Hierarchy,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from jaxtyping import Float
+import jax
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.networks.network import Network, Units, random_weights, split_key
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, PRNGKeyArray, jax
 from neuroanimator.state.arrays import AnyArray
 
 

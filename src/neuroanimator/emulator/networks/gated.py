@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.networks.network import (
     Network,
@@ -15,12 +17,10 @@ from neuroanimator.emulator.networks.network import (
     random_weights,
     split_key,
 )
-from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 
-class GatedLayer(Module):
+class GatedLayer(eqx.Module):
     """Products of a saturating and a linear part.
 
     tanh(odd) · linear(even) is odd again; tanh(odd) · linear(odd) and tanh(even) are even. Torque

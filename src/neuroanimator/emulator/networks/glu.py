@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.networks.network import Network, Units, random_weights, split_key
-from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
 from neuroanimator.state.arrays import AnyArray
 
 

@@ -11,8 +11,11 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.features import reordered
@@ -20,10 +23,8 @@ from neuroanimator.emulator.networks.glu import LinearGlu
 from neuroanimator.emulator.networks.mirrored import Mirrored
 from neuroanimator.emulator.networks.network import Network, Units, prefixed, split_key
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, PRNGKeyArray, eqx, jax, jnp
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import entries, whole
-from neuroanimator.pytrees import map_leaves, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.text import quoted
@@ -109,9 +110,9 @@ class Hierarchy(Network):
     upper: LinearGlu | Mirrored
     children: LinearGlu | Mirrored
     """Arrays have a leading axis: one entry for each child with weights of its own."""
-    parts: tuple[Part, ...] = static()
+    parts: tuple[Part, ...] = eqx.field(static=True)
     """The upper one first."""
-    even: Entries = static()
+    even: Entries = eqx.field(static=True)
     """Which answers are even in the mirror; none where there is no mirror."""
 
     @classmethod
@@ -141,7 +142,7 @@ class Hierarchy(Network):
 
         with_own_weights = sum(part.like < 0 for part in parts[1:])
         if key is None:
-            children = map_leaves(partial(_repeated, with_own_weights), make_child(None))
+            children = jax.tree.map(partial(_repeated, with_own_weights), make_child(None))
         else:
             keys = split_key(children_key, with_own_weights)
             children = jax.tree.map(_stacked, *(make_child(key) for key in keys))
@@ -158,7 +159,7 @@ class Hierarchy(Network):
 
     @property
     def widths(self) -> tuple[int, ...]:
-        child = map_leaves(lambda leaf: leaf[0], self.children)
+        child = jax.tree.map(lambda leaf: leaf[0], self.children)
         return (*self.upper.widths, 0, *child.widths)
 
     @property
@@ -192,7 +193,7 @@ class Hierarchy(Network):
         rows = self._weight_rows()
         if rows == list(range(len(rows))):
             return self.children
-        return map_leaves(lambda leaf: leaf[np.array(rows)], self.children)
+        return jax.tree.map(lambda leaf: leaf[np.array(rows)], self.children)
 
     def _weight_rows(self) -> list[int]:
         """Return which entry of `children` holds the weights of each child."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from jaxtyping import Float
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.features import reordered
@@ -16,8 +18,6 @@ from neuroanimator.emulator.networks.network import (
     random_weights,
     split_key,
 )
-from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
-from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
 
 
@@ -34,7 +34,7 @@ class Mirrored(Network):
     even_out: Float[AnyArray, "H E"]
     odd_linear: Float[AnyArray, "I O"]
     even_linear: Float[AnyArray, "J E"]
-    even: tuple[int, ...] = static()
+    even: tuple[int, ...] = eqx.field(static=True)
     """Which answers are even."""
 
     @classmethod

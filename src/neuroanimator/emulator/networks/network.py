@@ -10,13 +10,13 @@ from __future__ import annotations
 import abc
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import as_jax, zeros
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, PRNGKeyArray, jax
-from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 
@@ -28,7 +28,7 @@ class Units(NamedTuple):
     even: Float[Array, " G"]
 
 
-class Network(Module):
+class Network(eqx.Module):
     """A map (odd, even) → normalised change of state."""
 
     @property

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -22,7 +24,6 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.config import ImprovementConfig
 from neuroanimator.evaluation.weakness.sampling import Runs, errors_on, join_runs
-from neuroanimator.jax_later import eqx, jax
 from neuroanimator.systems.system import System
 from neuroanimator.training.chunk import completed
 from neuroanimator.training.config import TrainingConfig

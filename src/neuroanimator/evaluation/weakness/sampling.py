@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, scattered
@@ -17,7 +19,6 @@ from neuroanimator.emulator.emulator import Emulator, step
 from neuroanimator.evaluation.accuracy import step_errors
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.config import RUN_LENGTH, ImprovementConfig
-from neuroanimator.jax_later import Array, filter_jit, jax
 from neuroanimator.state.arrays import as_rows
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
@@ -255,7 +256,7 @@ def errors_on(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, "B T"]:
     return step_errors(test.relative(differences)).reshape(count, steps)
 
 
-@filter_jit
+@eqx.filter_jit
 def _steps(
     emulator: Emulator, states: Float[Array, "M S"], controls: Float[Array, "M C"]
 ) -> Float[Array, "M S"]:
@@ -269,7 +270,7 @@ def _trust(emulator: Emulator, runs: Runs) -> Float[np.ndarray, "N T"]:
     return np.clip(np.nan_to_num(np.asarray(scores, float), nan=MAX_SCORE), 0, MAX_SCORE)
 
 
-@filter_jit
+@eqx.filter_jit
 def _scores_along(
     emulator: Emulator, starts: Float[Array, "N S"], controls: Float[Array, "N T C"]
 ) -> Float[Array, "N T"]:

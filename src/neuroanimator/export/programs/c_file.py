@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable
 from pathlib import Path
 
+import jax
 import numpy as np
 
 from neuroanimator.compiler.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
@@ -27,7 +28,6 @@ from neuroanimator.export.programs.vectors import (
     vectors_text,
 )
 from neuroanimator.export.programs.written import Written
-from neuroanimator.jax_later import jax
 from neuroanimator.storage.files import write_whole
 
 FLAGS = (("-O1", "-Wall", "-Wextra", "-Werror"),)

@@ -12,8 +12,9 @@ from dataclasses import replace
 from importlib import resources
 from typing import Any
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import CFunction, c_function, prelude
 from neuroanimator.codegen.c_text import c_number
@@ -24,7 +25,6 @@ from neuroanimator.emulator.c_emulator import encode, super_step, super_step_tru
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator, latent_size, step
 from neuroanimator.export.programs.definition import Definition
-from neuroanimator.jax_later import Array, jax
 from neuroanimator.state.layout import Layout
 from neuroanimator.text import printable
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from jaxtyping import Bool, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 import neuroanimator
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator, step
-from neuroanimator.jax_later import Array, jnp
 from neuroanimator.state.layout import Layout, Slice
 
 PHASE = Layout((Slice("phase", 1, "rad"),))

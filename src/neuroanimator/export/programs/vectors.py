@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.control.policies.policy import Policy
@@ -21,7 +22,6 @@ from neuroanimator.emulator.probes import rounded
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import Definition
-from neuroanimator.jax_later import Array, jax
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.storage.files import write_whole
 

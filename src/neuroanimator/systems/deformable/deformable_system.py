@@ -5,15 +5,15 @@ from __future__ import annotations
 from functools import lru_cache, partial
 from typing import Any
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.definitions.body import BodyDefinition, control_names
-from neuroanimator.jax_later import Array, jax, when_imported
+from neuroanimator.jax_settings import keep_programs
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.reference_shape import to_world_axes
 from neuroanimator.state.rotation import facing, multiply, rotated_by
-from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.bones import body_skeleton
 from neuroanimator.systems.deformable.build import body_of, gait_of
@@ -51,7 +51,7 @@ class DeformableSystem(System):
 
     def __init__(self, definition: BodyDefinition, definition_text: str = ""):
         """`definition_text` is what the system can be made from again; empty for one that comes with the package."""
-        when_imported(keep_programs)
+        keep_programs()
         self.name = definition.name
         self.definition_text = definition_text
         self.body = _body(definition.model_dump_json())

@@ -12,10 +12,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jax.scipy.linalg import cho_factor, cho_solve
+from jaxtyping import Array, Float
 
-from neuroanimator.jax_later import Array, jax, jnp
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems.deformable.body import GRAVITY, Body
 
@@ -275,7 +277,6 @@ def _solve(
 
 
 def _solve_one(matrix: Array, columns: Array) -> Array:
-    from jax.scipy.linalg import cho_factor, cho_solve
 
     return cho_solve(cho_factor(matrix, lower=True), columns)
 

@@ -1,8 +1,9 @@
-"""Programs JAX has compiled are kept on disk, so that only the first run on a machine waits for the compiler.
+"""Settings of JAX: products of matrices in float32 on GPUs, and a folder that keeps compiled programs.
 
-The folder is the user's own, and of one processor and one version of JAX: what is in it is machine code
-(docs/decisions/0014-compiled-once-a-machine.md). `NEUROANIMATOR_CACHE=off` switches it off, and a folder
-of the user's own choice (`JAX_COMPILATION_CACHE_DIR`, `jax.config`) is never replaced.
+With that folder, only the first run on a machine waits for the compiler. It is the user's own, and of one processor
+and one version of JAX: what is in it is machine code (docs/decisions/0014-compiled-once-a-machine.md).
+`NEUROANIMATOR_CACHE=off` switches it off, and a folder of the user's own choice (`JAX_COMPILATION_CACHE_DIR`,
+`jax.config`) is never replaced.
 """
 
 from __future__ import annotations
@@ -13,21 +14,41 @@ import platform
 import warnings
 from functools import cache
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
+
+import jax
 
 from neuroanimator.storage.private_folder import kept_folder
 
 SWITCH = "NEUROANIMATOR_CACHE"
-"""The environment variable that switches it off."""
+"""Environment variable that switches the folder off."""
 
 OFF = ("off", "0", "no", "false")
 """Values of that variable that do so."""
 
 MAX_PROGRAMS = 12_000
-"""Programs kept on disk: about 200 MB, and four times what all the tests have. Beyond that half of them is removed."""
+"""Maximum number of programs kept on disk, beyond which half of them is removed: about 200 MB, four times what the tests make."""
 
 COMPLAINTS = "Error (reading|writing) persistent compilation cache entry"
 """Pattern of JAX's warnings where a kept program is damaged or the disk is full: it compiles instead."""
+
+GPU_PLUGINS = "jax_plugins"
+"""Package in which JAX finds what drives GPUs; there is none where it was installed for processors alone."""
+
+
+def keep_float32() -> None:
+    """Let products of matrices on a GPU be those of float32, unless the user has said something else.
+
+    JAX rounds their factors to ten bits there by default (TF32), by up to a two-thousandth; no processor does.
+    """
+    if find_spec(GPU_PLUGINS) is None:
+        return  # and so programs that are kept on disk stay what they are
+    if jax.config.jax_default_matmul_precision is None:
+        jax.config.update("jax_default_matmul_precision", "highest")
+
+
+keep_float32()
 
 
 @cache
@@ -36,8 +57,6 @@ def keep_programs() -> Path | None:
 
     Where no folder can be had (no home, a read-only disk) everything works as without.
     """
-    import jax
-
     if os.environ.get(SWITCH, "").lower() in OFF or jax.config.jax_compilation_cache_dir:
         return None
     folder = kept_folder("programs", _machine())

@@ -13,8 +13,8 @@ from pathlib import Path
 import jax
 import pytest
 
-from neuroanimator.storage import program_cache
-from neuroanimator.storage.program_cache import keep_programs
+from neuroanimator import jax_settings
+from neuroanimator.jax_settings import keep_programs
 
 STEP = """
 import logging, sys
@@ -147,13 +147,13 @@ def test_where_no_safe_folder_can_be_had_it_works_without():
 def test_too_many_programs_lose_the_half_that_was_unused_for_longest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(program_cache, "MAX_PROGRAMS", 10)
+    monkeypatch.setattr(jax_settings, "MAX_PROGRAMS", 10)
     for number in range(12):
         path = tmp_path / f"{number:02}-cache"
         path.write_text("")
         os.utime(path, (number, number))
     os.utime(tmp_path / "00-cache", (20, 0))  # written first, and read last
-    program_cache._remove_unused_half(tmp_path)
+    jax_settings._remove_unused_half(tmp_path)
     assert [path.name for path in sorted(tmp_path.iterdir())] == [
         f"{number:02}-cache" for number in (0, *range(7, 12))
     ]

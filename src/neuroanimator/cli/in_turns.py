@@ -1,0 +1,25 @@
+"""Motions that an emulator and its physics make in turns, for `animate --hybrid`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from neuroanimator.animation.motion import Drive
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.hybrid_shares import HybridGain, hybrid_gain
+from neuroanimator.hybrid import HybridMotion, hybrid_rollout
+from neuroanimator.systems.loading import trust_files
+
+
+def motion_in_turns(
+    model: Emulator, drive: Drive, threshold: float | None, system: Path | None
+) -> tuple[HybridMotion, HybridGain]:
+    """Return the motion that emulator and physics make in turns, and what that was worth."""
+    if system:
+        trust_files(system)
+    physics = system_of(model)
+    edge = EDGE if threshold is None else threshold
+    motion = hybrid_rollout(model, physics, drive.start, drive.controls, threshold=edge)
+    return motion, hybrid_gain(model, physics, motion, drive.controls)
