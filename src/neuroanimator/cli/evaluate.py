@@ -134,8 +134,7 @@ def _write(
     emulators: list[Emulator], paths: list[Path], evaluations: list[Evaluation], files: Files
 ) -> None:
     """Write the files that are asked for; in the report lie films, too, of each system's motion and of the worst cases."""
-    from neuroanimator.evaluation.report import write_report
-    from neuroanimator.evaluation.training_curve import training_html
+    from neuroanimator.evaluation.report import training_html, write_report
     from neuroanimator.export.film.inline import film_html, motion_html
     from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, write_worst
     from neuroanimator.terminal import progress_bar
@@ -167,13 +166,9 @@ def _print(evaluations: list[Evaluation]) -> None:
 
     print_table([dict(evaluation.row()) for evaluation in evaluations])
     for evaluation in evaluations:
-        print_line(f"{evaluation.system}, n = {evaluation.substeps}: {evaluation.verdict}.")
-        if evaluation.verdict.is_useless and evaluation.measured_speed:
-            print_line(f"{evaluation.system}: equal-error speed-up: {evaluation.equal_error_text}.")
+        print_line(f"{evaluation.title}: {evaluation.verdict}. {evaluation.note}")
         if evaluation.inspection:
             print_weak_spots(evaluation.inspection)
-        if evaluation.note:
-            print_line(evaluation.note)
 
 
 def _everything(evaluation: Evaluation) -> dict[str, Any]:
