@@ -15,18 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from deformable_cases.batch_players import (
+    BATCH_STEPS,
+    c_batch_players,
+    jax_batch_player,
+    random_bodies,
+)
 from deformable_emulators import accuracy_rows, deformable, hierarchy_rows, long_rows
 
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, make_test
 from neuroanimator.evaluation.speed import interleaved, one_core
-from neuroanimator.evaluation.speed_mass_spring import (
-    BATCH_STEPS,
-    c_batch_players,
-    jax_batch_player,
-    random_bodies,
-    twin_error,
-)
+from neuroanimator.evaluation.speed_mass_spring import twin_error
 from neuroanimator.machine import describe_machine
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin

@@ -17,12 +17,12 @@ from typing import Any
 
 from table1_cases.paper_table import TableRow, measure_row
 from table1_cases.training_time import time_chunk
+from table1_cases.work_precision import draw_work_precision
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.evaluate import QUICK, THOROUGH, EvaluationBudget
-from neuroanimator.evaluation.work_precision import draw_work_precision
 from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
 from neuroanimator.training.recipes import RECIPES, cook

@@ -40,7 +40,16 @@ def all_messages() -> list[str]:
     for package in PACKAGES:
         for file in package.rglob("*.py"):
             every |= messages(file.read_text(encoding="utf-8"))
+        for file in package.rglob("templates/*"):
+            every |= template_messages(file.read_text(encoding="utf-8"))
     return sorted(message.replace("\n", "\\n") for message in every)
+
+
+def template_messages(source: str) -> set[str]:
+    """Return every text in a template between tags of its markup; what is filled in is shown as {}."""
+    filled = re.sub(r"{{.*?}}", "{}", re.sub(r"{#.*?#}", "", source))
+    texts = re.split(r"{%.*?%}|<[^>]*>|\n\n", filled)
+    return {" ".join(text.split()) for text in texts if _is_message(text, is_complaint=False)}
 
 
 def _unread(tree: ast.Module) -> set[ast.AST]:

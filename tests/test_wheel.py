@@ -27,6 +27,7 @@ MAX_WHEEL = 15_000_000
 
 PACKAGED = (
     "*.py", "*.c", "*.h", "*.js", "*.ts", "*.toml", "*.xml", "*.safetensors", "*.json", "*.wasm", "*.html", "*.css", "*.svg",
+    "*.md",
 )  # fmt: skip
 """What the wheel holds all files of: the studio's built page, too, where it is built."""
 

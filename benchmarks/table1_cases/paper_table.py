@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from deformable_cases.batch_players import BATCH_STEPS, c_batch_players
 
 from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
@@ -30,7 +31,6 @@ from neuroanimator.evaluation.speed import (
     one_core,
     program_in_c,
 )
-from neuroanimator.evaluation.speed_mass_spring import BATCH_STEPS, c_batch_players
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.recipes import RECIPES

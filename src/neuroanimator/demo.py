@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.descent.options import DescentOptions
@@ -19,10 +20,8 @@ from neuroanimator.data.store import Transitions, read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate
-from neuroanimator.evaluation.page import facts_html
-from neuroanimator.evaluation.report import write_report
-from neuroanimator.evaluation.training_curve import training_html
-from neuroanimator.export.control_report import search_html
+from neuroanimator.evaluation.report import training_html, write_report
+from neuroanimator.export.control_report import control_html
 from neuroanimator.export.csv_file import write_table
 from neuroanimator.export.film.inline import film_html
 from neuroanimator.export.film.video import write_video
@@ -134,16 +133,19 @@ def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path
     controls = synthesis.controls
     times = np.arange(len(controls)) * emulator.dt
     write_table(table, times, controls, emulator.control)
-    swing_up = facts_html(outcome_rows(synthesis)) + search_html(synthesis)
     trained = out / f"{SYSTEM}.emulator.safetensors"
     files = [scene, table, report, trained]
+    film = Markup("")
     try:
         write_video(clip, video)
         files.append(video)
-        swing_up = film_html(video, "The swing-up on the true physics.") + swing_up
+        film = film_html(video, "The swing-up on the true physics.")
     except ResourceError as error:
         print(f"neuroanimator: {error}", file=sys.stderr)
-    sections = [("Swing-up", swing_up), ("How it was trained", training_html(trained))]
+    sections = [
+        ("Swing-up", control_html(synthesis, film)),
+        ("How it was trained", training_html(trained)),
+    ]
     write_report([evaluation], report, extra=sections)
     return files
 

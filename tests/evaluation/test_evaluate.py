@@ -86,4 +86,6 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     for spread in found.inspection.coverage.spreads:
         assert spread.counts.sum() == 6000
     assert found.weak_spots == found.inspection.weak_spots
+    for figure in row:
+        assert f"<dt>{figure.replace('_', ' ')}</dt>" in page
     assert not re.search(r'(src|href)="https?://', page.replace('xlink:href="#', ""))

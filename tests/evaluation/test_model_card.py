@@ -10,7 +10,8 @@ from conftest import Cli
 
 from neuroanimator import load_emulator
 from neuroanimator.evaluation.evaluate import evaluate
-from neuroanimator.evaluation.model_card import _cell, write_card
+from neuroanimator.evaluation.model_card import write_card
+from neuroanimator.evaluation.page import as_markdown
 from neuroanimator.zoo import find_emulator
 
 
@@ -39,7 +40,7 @@ def test_one_card_is_of_one_emulator(cli: Cli, tmp_path: Path):
 
 @pytest.mark.attack
 def test_a_strangers_words_are_no_markup():
-    shown = _cell("a|b\n# c <script>alert(1)</script> ![x](http://y) `rm` \x1b[2J")
+    shown = str(as_markdown("a|b\n# c <script>alert(1)</script> ![x](http://y) `rm` \x1b[2J"))
     assert "\n" not in shown
     assert "\x1b" not in shown
     for sign in "|#<>[]`!":

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from deformable_cases.batch_players import c_batch_players, jax_batch_player
+from table1_cases.work_precision import draw_work_precision
 
 from neuroanimator.compiler import compiler
 from neuroanimator.compiler.compiler import find_compiler
@@ -18,12 +20,9 @@ from neuroanimator.evaluation.speed_mass_spring import (
     C_TWIN,
     JAX,
     PLAIN,
-    c_batch_players,
     deformable_players,
-    jax_batch_player,
     twin_error,
 )
-from neuroanimator.evaluation.work_precision import draw_work_precision
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS
@@ -93,7 +92,7 @@ def evaluation(physics: str) -> Evaluation:
 
 
 def test_the_report_names_the_twin_and_says_where_there_is_none(tmp_path: Path):
-    assert evaluation(C_TWIN).note == ""
+    assert "no C compiler" not in evaluation(C_TWIN).note
     assert "no C compiler" in evaluation(JAX).note
     write_report([evaluation(C_TWIN)], tmp_path / "report.html")
     draw_work_precision([evaluation(C_TWIN)], tmp_path / "work.svg")

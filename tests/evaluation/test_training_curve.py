@@ -7,7 +7,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from neuroanimator.evaluation.training_curve import draw_training, training_html
+from neuroanimator.evaluation.figures import draw_training
+from neuroanimator.evaluation.report import training_html
 from neuroanimator.training.train import Report, read_metrics, run_folder
 
 

@@ -92,7 +92,7 @@ def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_targe
         "target_x.velocity",
         "target_y.velocity",
     ]
-    assert "left out of all errors, for it never moves: target_x[0] m" in found.note
+    assert "Left out of all errors, for it never moves: target_x[0] m" in found.note
     assert found.verdict.word in ("usable", "good")
     assert emulator.verdict is not None
     assert emulator.verdict.word in ("usable", "good")

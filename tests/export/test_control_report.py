@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 import neuroanimator as na
 from neuroanimator import DescentOptions, Emulator, Synthesis
-from neuroanimator.export.control_report import search_html, write_control_report
+from neuroanimator.export.control_report import control_html, write_control_report
 from neuroanimator.export.film.video import graphics_backend
 
 
@@ -55,7 +56,7 @@ def test_the_table_of_errors_is_of_what_was_measured(synthesis: Synthesis):
     error = np.sqrt((apart**2).mean(axis=0))
     worst = int((error / np.ptp(outcome.physics_states, axis=0)).argmax())
     name = synthesis.emulator.state.names[worst].rpartition(" ")[0]
-    table = search_html(synthesis).split("Where the emulator strayed")[1]
+    table = control_html(synthesis, Markup()).split("Where the emulator strayed")[1]
     first = re.findall(r"<tr><td>(.*?)</td><td>.*?</td><td>(.*?)</td>", table)[0]
     assert first[0] == name
     assert float(first[1]) == pytest.approx(error[worst], rel=0.01)

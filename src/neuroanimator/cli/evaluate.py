@@ -17,9 +17,8 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.evaluation.model_card import write_card
-from neuroanimator.evaluation.report import write_report
+from neuroanimator.evaluation.report import training_html, write_report
 from neuroanimator.evaluation.sweep import largest_within, sweep
-from neuroanimator.evaluation.training_curve import training_html
 from neuroanimator.executor.executor import Executor
 from neuroanimator.export.film.inline import film_html, motion_html
 from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, check_worst_path, write_worst
@@ -158,13 +157,9 @@ def _print(evaluations: list[Evaluation]) -> None:
     """Print a row for each emulator, then what is to be said of each."""
     print_table([dict(evaluation.row()) for evaluation in evaluations])
     for evaluation in evaluations:
-        print_line(f"{evaluation.system}, n = {evaluation.substeps}: {evaluation.verdict}.")
-        if evaluation.verdict.is_useless and evaluation.measured_speed:
-            print_line(f"{evaluation.system}: equal-error speed-up: {evaluation.equal_error_text}.")
+        print_line(f"{evaluation.title}: {evaluation.verdict}. {evaluation.note}")
         if evaluation.inspection:
             print_weak_spots(evaluation.inspection)
-        if evaluation.note:
-            print_line(evaluation.note)
 
 
 def _everything(evaluation: Evaluation) -> dict[str, Any]:

@@ -45,12 +45,12 @@ INSPECTED_PER_RUN = INSPECTED_RUNS // HELD_OUT_RUNS
 """Number of runs inspected for each that is simulated finely."""
 
 NO_OPPONENT = (
-    "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
+    "Learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
 )
-"""What is said of an emulator of recordings."""
+"""Sentence on the speed of an emulator of recordings."""
 
 NONE = "none"
-"""Stands in a row's place for a figure that there is not."""
+"""Value in a row of a figure that there is not."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ QUICK = EvaluationBudget(runs=8, transitions=320, repeats=3, starts=200, steps=3
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the table and the report show."""
+    """The errors and the speed of one emulator, and the words on them."""
 
     system: str
     substeps: int
@@ -156,8 +156,10 @@ class Evaluation:
             return f"none: {reason}"
         speed = self.measured_speed
         scheme = speed.equal_error_opponent.scheme
-        opponent = f"{speed.physics} {scheme.integrator}, {scheme.dt * 1e3:.3g} ms"
-        return f"{speed.equal_error:.1f} ({opponent})"
+        return (
+            f"{speed.equal_error:.1f}, against {speed.physics} {scheme.integrator} at {scheme.dt * 1e3:.3g} ms, the fastest "
+            "physics that is at least as accurate"
+        )
 
     @property
     def speed(self) -> Speed:
@@ -167,62 +169,65 @@ class Evaluation:
         return self.measured_speed
 
     @property
-    def note(self) -> str:
-        """What must be said about the figures, if anything."""
-        notes = [self._note_on_noise, self._note_on_speed, self._note_on_errors]
-        return " ".join(note for note in notes if note)
+    def title(self) -> str:
+        """System and super step, as headings name the emulator."""
+        return f"{self.system}, n = {self.substeps}"
 
     @property
-    def _note_on_noise(self) -> str:
+    def note(self) -> str:
+        """Sentences on speed, divergence, noise and what is left out: the same on the terminal, in reports and in cards."""
+        sentences = [*self._on_speed(), *self._on_noise()]
+        if self.still:
+            shown = ", ".join(self.still[:MAX_NAMED])
+            left_out = len(self.still) - MAX_NAMED
+            more = f" and {left_out} more" if left_out > 0 else ""
+            sentences.append(f"Left out of all errors, for it never moves: {shown}{more}.")
+        return " ".join(sentences)
+
+    def _on_speed(self) -> list[str]:
+        cost = f"One super step costs {self.emulator_seconds * 1e6:.2f} µs"
+        diverged = f"Diverged: {self.diverged} of {self.diverged_starts}"
+        speed = self.measured_speed
+        if speed is None:
+            return [f"{cost}.", NO_OPPONENT, f"{diverged} recorded starts."]
+        sentences = [
+            f"{cost} in {speed.runtime}.",
+            f"The physics' own {self.substeps} steps take {speed.nominal:.0f} times as long.",
+            f"Speed-up at equal error: {self.equal_error_text}.",
+            f"{diverged} random starts.",
+        ]
+        if speed.physics == JAX:
+            sentences.append(NO_COMPILER)
+        if speed.physics == PYTHON_FUNCTION:
+            sentences.append(
+                f"The physics is a {PYTHON_FUNCTION}, not compiled; so are its speed-ups."
+            )
+        if self.is_own_reference:
+            sentences.append(
+                "Errors are held against the physics at its own step, which is the truth."
+            )
+        return sentences
+
+    def _on_noise(self) -> list[str]:
         noise = self.noise_error
         if noise is None or self.noise is None:
-            return ""
-        left = beyond_noise(self.one_step_error, noise)
+            return []
         if noise < NOISE_TOLD * self.one_step_error:
-            return f"{self.system}: hardly any of the one-step error is noise of the recordings."
-        return (
-            f"{self.system}: the recordings' own noise ({self._noise_in_words}) makes a one-step error of {noise:.2g} "
-            f"by itself; no more than {left:.2g} of {self.one_step_error:.2g} is left to gain, in root mean squares."
-        )
-
-    @property
-    def _noise_in_words(self) -> str:
-        """The noise of the state entries, with their units."""
-        assert self.noise is not None
-        told = []
+            return ["Hardly any of the one-step error is noise of the recordings."]
+        deviations = []
         for name, deviation in zip(self.entries, self.noise, strict=True):
             entry, _, unit = name.rpartition(" ")
-            told.append(f"{entry} {deviation:.2g} {unit}")
-        return listed(told)
-
-    @property
-    def _note_on_errors(self) -> str:
-        if not self.still:
-            return ""
-        shown = ", ".join(self.still[:MAX_NAMED])
-        left_out = len(self.still) - MAX_NAMED
-        more = f" and {left_out} more" if left_out > 0 else ""
-        return f"{self.system}: left out of all errors, for it never moves: {shown}{more}."
+            deviations.append(f"{entry} {deviation:.2g} {unit}")
+        left = beyond_noise(self.one_step_error, noise)
+        return [
+            f"The recordings' own noise ({listed(deviations)}) makes a one-step error of {noise:.2g} by itself; no more "
+            f"than {left:.2g} of {self.one_step_error:.2g} is left to gain, in root mean squares."
+        ]
 
     @property
     def is_own_reference(self) -> bool:
         """Whether the physics at its own step is what all errors are held against, so that it has none itself."""
         return self.self_divergence is not None and not self.self_divergence.any()
-
-    @property
-    def _note_on_speed(self) -> str:
-        if self.measured_speed is None:
-            return f"{self.system}: {NO_OPPONENT}"
-        if self.measured_speed.physics == JAX:
-            return f"{self.system}: {NO_COMPILER}"
-        if self.measured_speed.physics == PYTHON_FUNCTION:
-            reference = ""
-            if self.is_own_reference:
-                reference = (
-                    " Errors are held against that function at its own step, which is the truth."
-                )
-            return f"{self.system}: the physics is a {PYTHON_FUNCTION}, not compiled; so are its speed-ups.{reference}"
-        return ""
 
     @property
     def one_step_error(self) -> float:

@@ -33,6 +33,11 @@ class HybridShare:
     emulator_error: float
     """That of the emulator alone."""
 
+    @property
+    def gain(self) -> float:
+        """Factor by which the error is smaller than the emulator's alone."""
+        return self.emulator_error / self.error if self.error else float("inf")
+
 
 def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> tuple[HybridShare, ...]:
     """Return what each of `THRESHOLDS` comes to on the first seconds of `count` unseen runs."""

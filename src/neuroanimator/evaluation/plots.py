@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 
+from markupsafe import Markup
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from neuroanimator.text import printable
 
 EMULATOR = "#e8892b"
 """The emulator's colour in all plots."""
@@ -25,23 +27,31 @@ ALONE = (5.4, 3.0)
 """Width and height of a plot that stands alone [inch]: its words can be read on a phone, too."""
 
 SALT = "neuroanimator"
-"""What ids in SVG are made with, beside what they stand for; else they would be drawn at random."""
+"""Salt of the ids in SVG, which else would be drawn at random."""
 
 BAR_HEIGHT = 16
 """Height of the highest bar of a small histogram, over the width of a bar that is 10."""
 
 
-def plot(draw: Callable[[Axes], None]) -> str:
-    """Return what `draw` draws, as inline SVG."""
+def plot(draw: Callable[..., None], *subjects: object) -> Markup:
+    """Return what `draw` draws of its `subjects` on the axes that come first, as inline SVG."""
     figure = Figure(figsize=ALONE, layout="constrained")
-    draw(figure.add_subplot())
+    axes = figure.add_subplot()
+    draw(axes, *subjects)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False, fontsize=9)
     return inline_svg(figure)
 
 
-def inline_svg(figure: Figure) -> str:
+def inline_svg(figure: Figure) -> Markup:
     """Return a figure as it may stand in a page."""
     text = svg_text(figure)
-    return text[text.index("<svg") :].replace("<svg", "<svg class=plot", 1)
+    return Markup(text[text.index("<svg") :].replace("<svg", "<svg class=plot", 1))
+
+
+def label(text: str) -> str:
+    """Return foreign text as Matplotlib shows it unchanged: what is between dollars it reads as formulas."""
+    return printable(text).replace("$", r"\$")
 
 
 def svg_text(figure: Figure) -> str:
@@ -52,7 +62,7 @@ def svg_text(figure: Figure) -> str:
     return buffer.getvalue()
 
 
-def small_bars(counts: Sequence[float]) -> str:
+def small_bars(counts: Sequence[float]) -> Markup:
     """Return a small histogram as inline SVG, without axes, in the colour of the page's bars."""
     most = max(counts, default=0) or 1
     bars = []
@@ -63,4 +73,6 @@ def small_bars(counts: Sequence[float]) -> str:
         top = BAR_HEIGHT * 10 - height
         bars.append(f"M{10 * number} {top:.0f}h9v{height:.0f}h-9z")
     box = f"0 0 {10 * len(counts)} {BAR_HEIGHT * 10}"
-    return f'<svg class=bars viewBox="{box}" preserveAspectRatio="none"><path d="{"".join(bars)}"/></svg>'
+    return Markup(
+        f'<svg class=bars viewBox="{box}" preserveAspectRatio="none"><path d="{"".join(bars)}"/></svg>'
+    )

@@ -15,7 +15,7 @@ from neuroanimator.evaluation.accuracy import runs_error, scheme_error
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import BodyState, advance
-from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, SINGLE_LANES, c_twin
+from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin
 from neuroanimator.systems.deformable.native.reference_loop import plain_player
 from neuroanimator.systems.system import Runs, Scheme
 
@@ -29,11 +29,8 @@ PLAIN = "plain C"
 """The own scheme as one writes it down in C, reading the body from tables as MuJoCo reads its model: what is nominal.
 The fastest program for this one body, its C twin, is the opponent of equal error."""
 
-NO_COMPILER = "no C compiler was found, so the physics is timed in JAX; a C twin would be faster, and speed-ups smaller."
-"""What is said of speed-ups against JAX."""
-
-BATCH_STEPS = 200
-"""Physics steps of every body in one timed run of a batch."""
+NO_COMPILER = "There was no C compiler, so the physics is timed in JAX; a C twin would be faster, and speed-ups smaller."
+"""Sentence on speed-ups against JAX."""
 
 Player = Callable[[], Any]
 """A function that does what is timed."""
@@ -116,41 +113,3 @@ def deformable_schemes(
     """Return the ways to step the body through `dt` [s]; the reference is among them, for it has no error."""
     schemes = {Scheme(integrator, dt / parts) for integrator in INTEGRATORS for parts in divisions}
     return schemes | {system.scheme, system.truth, system.fine}
-
-
-def random_bodies(
-    system: DeformableSystem, batch: int
-) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "B C"]]:
-    """Return random states and controls to time a batch from."""
-    rng = np.random.default_rng(0)
-    states = system.sample_starts(rng, batch)
-    controls = rng.uniform(-1, 1, (batch, system.control.size))
-    return states, controls
-
-
-def c_batch_players(
-    system: DeformableSystem, batch: int, integrator: str, steps: int = BATCH_STEPS
-) -> dict[str, Player]:
-    """Return the C twin stepping `batch` bodies one after another and side by side; nothing without a compiler."""
-    starts, controls = random_bodies(system, batch)
-    twins = {
-        "in turn": c_twin(system.body),
-        "side by side": c_twin(system.body, lanes=SINGLE_LANES),
-    }
-    players: dict[str, Player] = {}
-    for name, twin in twins.items():
-        if twin is not None:
-            players[name] = twin.player(starts, controls, integrator, system.physics_dt, steps)
-    return players
-
-
-def jax_batch_player(
-    system: DeformableSystem, batch: int, integrator: str, steps: int = BATCH_STEPS
-) -> Player:
-    """Return the JAX physics stepping `batch` bodies, already compiled."""
-    starts, controls = random_bodies(system, batch)
-    begin = body_state_of(system, starts)
-    held = jnp.asarray(controls[0] if batch == 1 else controls.T, jnp.float32)
-    run = jax_run(system, integrator, steps)
-    jax.block_until_ready(run(begin, held))
-    return lambda: jax.block_until_ready(run(begin, held))

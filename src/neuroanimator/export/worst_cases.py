@@ -15,9 +15,9 @@ from neuroanimator.animation.gauges import drawable
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.figures import draw_segments
 from neuroanimator.evaluation.plots import svg_text
 from neuroanimator.evaluation.weakness.inspection import Inspection
-from neuroanimator.evaluation.weakness.section import draw_segments
 from neuroanimator.export.film.takes import Take
 from neuroanimator.export.film.video import write_takes
 from neuroanimator.storage.files import write_whole

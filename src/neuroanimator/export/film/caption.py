@@ -7,7 +7,7 @@ from jaxtyping import UInt8
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from neuroanimator.text import printable
+from neuroanimator.evaluation.plots import label
 
 LINE_SHARE = 0.055
 """Height of the caption, over the picture's."""
@@ -42,8 +42,7 @@ def caption_image(text: str, size: tuple[int, int]) -> UInt8[np.ndarray, "H W 3"
     rows = max(round(LINE_SHARE * height), 2)
     figure = Figure(figsize=(width / POINTS, rows / POINTS), dpi=POINTS, facecolor=PAPER)
     canvas = FigureCanvasAgg(figure)
-    # Matplotlib reads what is between dollars as formulas.
-    line = printable(text[:MAX_LETTERS]).replace("$", r"\$")
+    line = label(text[:MAX_LETTERS])
     written = figure.text(0.5, 0.5, line, ha="center", va="center", color=INK)
     letters = LETTER_SHARE * rows
     written.set_fontsize(letters)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import base64
-import html
 from pathlib import Path
 from typing import NamedTuple
+
+from markupsafe import Markup
 
 from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.gauges import drawable
@@ -13,6 +14,7 @@ from neuroanimator.animation.motion import default_motion
 from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
+from neuroanimator.evaluation.page import render
 from neuroanimator.export.film.video import write_video
 from neuroanimator.storage.unfinished import temporary_folder
 
@@ -34,7 +36,7 @@ EMULATED_WORDS = "What the controls do on the emulator; there is no physics to r
 class InlineFilm(NamedTuple):
     """A film that a notebook shows below the cell whose last line it is."""
 
-    html: str
+    html: Markup
 
     def _repr_html_(self) -> str:
         return self.html
@@ -48,16 +50,13 @@ def show(clip: Clip, *, ghost: Clip | None = None) -> InlineFilm:
     return InlineFilm(_drawn_html(clip, "", ghost))
 
 
-def film_html(path: Path, words: str) -> str:
+def film_html(path: Path, words: str) -> Markup:
     """Return the film at `path`, and `words` about it, as part of a page."""
     content = base64.b64encode(path.read_bytes()).decode("ascii")
-    source = f"data:video/mp4;base64,{content}"
-    return (
-        f'<video controls loop muted playsinline src="{source}"></video><p>{html.escape(words)}</p>'
-    )
+    return render("film.html", video=content, caption=words)
 
 
-def replay_html(emulator: Emulator, replay: Replay) -> str:
+def replay_html(emulator: Emulator, replay: Replay) -> Markup:
     """Return the motion on the physics, the emulator's as a ghost, as part of a page; else a line that says why not."""
     emulated = make_clip(emulator, replay.emulator_states, source="emulator")
     if not replay.is_on_physics:
@@ -67,19 +66,19 @@ def replay_html(emulator: Emulator, replay: Replay) -> str:
     return _drawn_html(drawable(physics, emulator), REPLAY_WORDS, ghost)
 
 
-def motion_html(emulator: Emulator) -> str:
+def motion_html(emulator: Emulator) -> Markup:
     """Return what the emulator does, as part of a page; where nothing can be drawn, a line that says so."""
     states = default_motion(emulator)
     clip = drawable(make_clip(emulator, states, source="emulator"), emulator)
     return _drawn_html(clip, MOTION_WORDS)
 
 
-def _drawn_html(clip: Clip, words: str, ghost: Clip | None = None) -> str:
+def _drawn_html(clip: Clip, words: str, ghost: Clip | None = None) -> Markup:
     """Return the film of `clip`, drawn for a page; where nothing can be drawn, a line that says so."""
     with temporary_folder() as folder:
         path = folder / "motion.mp4"
         try:
             write_video(clip, path, ghost=ghost, size=SIZE)
         except ResourceError as error:
-            return f"<p>{html.escape(str(error))}</p>"
+            return render("film.html", video="", caption=str(error))
         return film_html(path, words)

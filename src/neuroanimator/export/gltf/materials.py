@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from neuroanimator.appearance.colour import linear_of
-from neuroanimator.export.ghost import GHOST_COLOUR, GHOST_OPACITY
+from neuroanimator.export.bodies import GHOST, Paint
+
+SURFACES = {"dry": (0.1, 0.6), "ghost": (0.0, 0.5), "wet": (0.0, 0.45)}
+"""How metallic and how rough surfaces are: wet ones are smoother than dry ones."""
 
 
-def material(
-    name: str,
-    colour: Sequence[float],
-    *,
-    opacity: float = 1.0,
-    metallic: float = 0.1,
-    roughness: float = 0.6,
-) -> dict[str, Any]:
-    """Return the glTF object of a material of an sRGB `colour`, three numbers or four with opacity."""
-    alpha = opacity
-    if len(colour) > 3:
-        alpha = colour[3] * opacity
-    light = [round(float(amount), 6) for amount in linear_of(colour[:3])]
-    surface = {
-        "baseColorFactor": [*light, alpha],
-        "metallicFactor": metallic,
-        "roughnessFactor": roughness,
+def material(paint: Paint) -> dict[str, Any]:
+    """Return the glTF object of a material; where points have colours of their own it is white."""
+    surface = "dry"
+    if paint.colour == GHOST.colour:
+        surface = "ghost"
+    if paint.colour is None:
+        surface = "wet"
+    *colour, opacity = paint.colour or (1.0, 1.0, 1.0, 1.0)
+    light = [round(float(amount), 6) for amount in linear_of(colour)]
+    metallic, roughness = SURFACES[surface]
+    described: dict[str, Any] = {
+        "name": paint.name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [*light, opacity],
+            "metallicFactor": metallic,
+            "roughnessFactor": roughness,
+        },
     }
-    described = {"name": name, "pbrMetallicRoughness": surface}
-    if alpha < 1:
+    if opacity < 1:
         described["alphaMode"] = "BLEND"
     return described
-
-
-def ghost_material() -> dict[str, Any]:
-    """Return the one colour of all of a ghost."""
-    return material("ghost", GHOST_COLOUR, opacity=GHOST_OPACITY, metallic=0.0, roughness=0.5)

@@ -11,26 +11,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from neuroanimator.animation.clip import Clip, together
-from neuroanimator.animation.interpolate import continuous
+from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.colour import linear_of
-from neuroanimator.appearance.part_names import colour_names, identifier
+from neuroanimator.appearance.part_names import identifier
 from neuroanimator.appearance.shape_mesh import shape_mesh
-from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
-from neuroanimator.appearance.skin_mesh import (
-    INFLUENCES,
-    PARTS,
-    colours_of,
-    part_numbers,
-    skin_mesh,
-)
+from neuroanimator.appearance.skeleton import Shape
+from neuroanimator.appearance.skin_mesh import INFLUENCES
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.ghost import GHOST_COLOUR, GHOST_OPACITY
+from neuroanimator.export.bodies import GHOST, Body, BoneNode, Paint, SkinNode, bodies_of
 from neuroanimator.export.usd.prims import (
     Prim,
     animated,
@@ -41,21 +32,20 @@ from neuroanimator.export.usd.prims import (
     turn,
     vector,
 )
-from neuroanimator.state.rotation import rotation_matrices
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.unfinished import temporary_folder
 
 DRY_ROUGHNESS = 0.6
-"""How rough the surfaces of simple shapes are."""
+"""Roughness of the surfaces of simple shapes."""
 
 WET_ROUGHNESS = 0.45
-"""How rough a skin is: less than dry things, since it is wet."""
+"""Roughness of a skin: less than that of dry things, since it is wet."""
 
 BINARY = (".usdc", ".usdz")
-"""What Pixar's library makes of the text."""
+"""Suffixes of the files that Pixar's library makes of the text."""
 
 TEXT = "#usda 1.0"
-"""What a file of text begins with."""
+"""First line of a file of text."""
 
 
 def write_usd(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | None = None) -> None:
@@ -67,30 +57,26 @@ def write_usd(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | N
     Raises ArgumentError for what cannot be drawn together, and ResourceError where the library is missing.
     """
     path = Path(path)
-    content = usda_text(together(clips, ghost), ghost).encode("ascii")
+    content = usda_text(bodies_of(clips, ghost)).encode("ascii")
     if path.suffix in BINARY:
         content = _converted(content, path.suffix)
     write_whole(path, content)
 
 
-def usda_text(clips: Sequence[Clip], ghost: Clip | None = None) -> str:
-    """Return the text of a USD file of `clips`; see `write_usd`."""
+def usda_text(bodies: Sequence[Body]) -> str:
+    """Return the text of a USD file of `bodies`."""
     taken: set[str] = set()
     stage = Prim("Xform", identifier("scene", taken), metadata=['kind = "group"'])
-    for number_, clip in enumerate(clips):
-        title = clip.name if len(clips) == 1 else f"{clip.name} {number_ + 1}"
-        has_scenery = number_ == 0
-        stage.children.append(_Body(clip, stage.name, has_scenery=has_scenery).prim(title, taken))
-    if ghost is not None:
-        body = _Body(ghost, stage.name, has_scenery=False, is_ghost=True)
-        stage.children.append(body.prim(f"ghost {ghost.name}", taken))
-    lines = [TEXT, *_stage_metadata(clips, stage.name), "", *stage.lines(), ""]
+    for body in bodies:
+        path = f"/{stage.name}/{identifier(body.title, taken)}"
+        stage.children.append(_BodyWriter(body, path).prim())
+    lines = [TEXT, *_stage_metadata(bodies, stage.name), "", *stage.lines(), ""]
     return "\n".join(lines)
 
 
-def _stage_metadata(clips: Sequence[Clip], default_prim: str) -> list[str]:
-    last = max(len(clip.times) for clip in clips) - 1
-    rate = number(clips[0].rate)
+def _stage_metadata(bodies: Sequence[Body], default_prim: str) -> list[str]:
+    last = max(len(body.clip.times) for body in bodies if not body.is_ghost) - 1
+    rate = number(bodies[0].clip.rate)
     program = string(f"NeuroAnimator {version('neuroanimator')}")
     return [
         "(",
@@ -106,89 +92,76 @@ def _stage_metadata(clips: Sequence[Clip], default_prim: str) -> list[str]:
     ]
 
 
-class _Body:
-    """One clip's prims."""
+class _BodyWriter:
+    """The prims of one body, at a path."""
 
-    def __init__(
-        self, clip: Clip, parent: str, *, has_scenery: bool = True, is_ghost: bool = False
-    ):
-        self._clip = clip
-        self._parent = parent
-        self._has_scenery = has_scenery
-        self._is_ghost = is_ghost
-        self._materials: dict[Any, str] = {}
-        self._colour_names = colour_names(clip.skeleton)
+    def __init__(self, body: Body, path: str):
+        self._body = body
+        self._path = path
+        self._materials: dict[tuple[float, ...] | str, str] = {}
         self._looks = Prim("Scope", "materials")
-        self._path = ""
 
-    def prim(self, title: str, taken: set[str]) -> Prim:
-        """Return the topmost prim of this clip, its name made of `title` and none of those `taken`."""
-        name = identifier(title, taken)
-        self._path = f"/{self._parent}/{name}"
-        clip = self._clip
-        kind = "Xform" if clip.skeleton.skin is None else "SkelRoot"
-        root = Prim(kind, name, metadata=['kind = "component"', *_custom_data(clip)])
-        positions, orientations = clip.skeleton.local_poses(clip.states)
-        orientations = continuous(orientations)
-        if clip.skeleton.skin is None:
-            root.children = self._transforms(positions, orientations)
+    def prim(self) -> Prim:
+        """Return the topmost prim of the body."""
+        body = self._body
+        kind = "Xform" if body.skin is None else "SkelRoot"
+        name = self._path.rpartition("/")[2]
+        root = Prim(kind, name, metadata=['kind = "component"', *_custom_data(body.clip)])
+        if body.skin is None:
+            root.children = self._transforms()
         else:
-            root.children = self._skinned(positions, orientations)
+            root.children = [*self._rig(body.skin), self._skin(body.skin)]
         root.children.append(self._looks)
         return root
 
-    def _transforms(
-        self, positions: Float[np.ndarray, "F B 3"], orientations: Float[np.ndarray, "F B 4"]
-    ) -> list[Prim]:
+    def _transforms(self) -> list[Prim]:
         """Return the prims of the topmost bones, those of others below them."""
-        bones = self._clip.skeleton.bones
         top: list[Prim] = []
         # Beside the topmost bones is the scope of the materials.
         taken: dict[int, set[str]] = {-1: {self._looks.name}}
         prims: list[Prim] = []
-        for index, bone in enumerate(bones):
+        for index, node in enumerate(self._body.nodes):
+            bone = node.bone
             prim = Prim("Xform", identifier(bone.name, taken[bone.parent]))
             taken[index] = set()
             prim.metadata = [f"displayName = {string(bone.name)}"]
-            prim.properties = _track(bone, positions[:, index], orientations[:, index])
-            if self._has_scenery or self._clip.skeleton.is_moved(index):
-                for shape in bone.shapes:
-                    mesh_name = identifier(shape.kind, taken[index])
-                    prim.children.append(self._shape(shape, mesh_name))
+            prim.properties = _track(node)
+            for shape, paint in node.shapes:
+                mesh_name = identifier(shape.kind, taken[index])
+                prim.children.append(self._shape(shape, paint, mesh_name))
             prims.append(prim)
             siblings = top if bone.parent < 0 else prims[bone.parent].children
             siblings.append(prim)
         return top
 
-    def _shape(self, shape: Shape, name: str) -> Prim:
+    def _shape(self, shape: Shape, paint: Paint, name: str) -> Prim:
         mesh = shape_mesh(shape)
         prim = _mesh_prim(name, mesh.points, mesh.normals, mesh.triangles)
         prim.metadata = ['prepend apiSchemas = ["MaterialBindingAPI"]']
-        prim.properties.append(f"rel material:binding = <{self._painted(shape.colour)}>")
+        prim.properties.append(f"rel material:binding = <{self._material(paint)}>")
         return prim
 
-    def _skinned(
-        self, positions: Float[np.ndarray, "F B 3"], orientations: Float[np.ndarray, "F B 4"]
-    ) -> list[Prim]:
-        """Return a skeleton whose joints are the bones, its animation, and the mesh that follows it."""
-        skeleton = self._clip.skeleton
+    def _rig(self, skin: SkinNode) -> list[Prim]:
+        """Return a skeleton whose joints are the bones, and its animation."""
+        nodes = self._body.nodes
         taken: set[str] = set()
         root = identifier("root", taken)
         # Unreal wants one bone above all others; no point follows it.
-        joints = [root, *(f"{root}/{identifier(bone.name, taken)}" for bone in skeleton.bones)]
-        with_root = np.zeros((len(positions), len(joints), 3))
-        with_root[:, 1:] = positions
-        turns = np.zeros((len(positions), len(joints), 4))
-        turns[:, 0, 0] = 1
-        turns[:, 1:] = orientations
+        joints = [root, *(f"{root}/{identifier(node.bone.name, taken)}" for node in nodes)]
+        at_root = np.zeros_like(nodes[0].positions)
+        not_turned = np.tile([1.0, 0.0, 0.0, 0.0], (len(at_root), 1))
+        positions = np.stack([at_root, *(node.positions for node in nodes)], axis=1)
+        orientations = np.stack([not_turned, *(node.orientations for node in nodes)], axis=1)
         animation = Prim("SkelAnimation", "motion")
         animation.properties = [
             f"uniform token[] joints = {tokens(joints)}",
-            *animated("float3[] translations", map(array, with_root)),
-            *animated("quatf[] rotations", map(array, turns)),
+            *animated("float3[] translations", map(array, positions)),
+            *animated("quatf[] rotations", map(array, orientations)),
             f"half3[] scales = {array(np.ones((len(joints), 3)))}",
         ]
-        rest = _matrices(skeleton.bones)
+        # The format multiplies rows from the left.
+        matrices = [f"({', '.join(map(vector, matrix.T))})" for matrix in skin.rest]
+        rest = f"[{', '.join(matrices)}]"
         rig = Prim("Skeleton", "bones", metadata=['prepend apiSchemas = ["SkelBindingAPI"]'])
         rig.properties = [
             f"uniform token[] joints = {tokens(joints)}",
@@ -196,35 +169,28 @@ class _Body:
             f"uniform matrix4d[] restTransforms = {rest}",
             f"rel skel:animationSource = <{self._path}/motion>",
         ]
-        return [rig, animation, self._skin(skeleton)]
+        return [rig, animation]
 
-    def _skin(self, skeleton: Skeleton) -> Prim:
-        assert skeleton.skin is not None
-        skin = skin_mesh(skeleton)
-        colours = linear_of(colours_of(skeleton.skin, skin.shades))
-        prim = _mesh_prim("skin", skin.points, skin.normals, skin.triangles)
+    def _skin(self, skin: SkinNode) -> Prim:
+        mesh = skin.mesh
+        prim = _mesh_prim("skin", mesh.points, mesh.normals, mesh.triangles)
         apis = ["SkelBindingAPI", "MaterialBindingAPI"]
         prim.metadata = [f"prepend apiSchemas = {tokens(apis)}"]
-        weights = skin.weights.ravel()
-        # The root is the first joint.
-        bones = np.where(skin.weights > 0, skin.bones + 1, 0).ravel()
         of_points = f'elementSize = {INFLUENCES}; interpolation = "vertex"'
         prim.properties += [
-            f'color3f[] primvars:displayColor = {array(colours)} (interpolation = "vertex")',
-            f"int[] primvars:skel:jointIndices = {array(bones)} ({of_points})",
-            f"float[] primvars:skel:jointWeights = {array(weights)} ({of_points})",
+            f'color3f[] primvars:displayColor = {array(skin.colours)} (interpolation = "vertex")',
+            f"int[] primvars:skel:jointIndices = {array(skin.joints.ravel())} ({of_points})",
+            f"float[] primvars:skel:jointWeights = {array(mesh.weights.ravel())} ({of_points})",
             "matrix4d primvars:skel:geomBindTransform = "
             "( (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1) )",
             f"rel skel:skeleton = <{self._path}/bones>",
         ]
-        if self._is_ghost:
-            prim.properties.append(f"rel material:binding = <{self._ghost()}>")
+        if self._body.is_ghost:
+            prim.properties.append(f"rel material:binding = <{self._material(GHOST)}>")
             return prim
         prim.properties += ['uniform token subsetFamily:materialBind:familyType = "partition"']
-        part_of = part_numbers(skeleton.skin, skin)
-        for index, part in enumerate(PARTS):
-            if (part_of == index).any():
-                prim.children.append(self._subset(part, np.flatnonzero(part_of == index)))
+        for part, triangles in skin.parts.items():
+            prim.children.append(self._subset(part, triangles))
         return prim
 
     def _subset(self, part: str, faces: np.ndarray) -> Prim:
@@ -234,63 +200,48 @@ class _Body:
             'uniform token elementType = "face"',
             'uniform token familyName = "materialBind"',
             f"int[] indices = {array(faces)}",
-            f"rel material:binding = <{self._wet(part)}>",
+            f"rel material:binding = <{self._material(Paint(part, None))}>",
         ]
         return prim
 
-    def _painted(self, colour: tuple[float, ...]) -> str:
-        if self._is_ghost:
-            return self._ghost()
-        light = linear_of(colour[:3])
-        diffuse = f"color3f inputs:diffuseColor = {vector(light)}"
-        return self._material(
-            colour, self._colour_names[colour], [diffuse], DRY_ROUGHNESS, colour[3]
-        )
-
-    def _ghost(self) -> str:
-        diffuse = f"color3f inputs:diffuseColor = {vector(linear_of(GHOST_COLOUR))}"
-        return self._material("ghost", "ghost", [diffuse], DRY_ROUGHNESS, GHOST_OPACITY)
-
-    def _wet(self, part: str) -> str:
-        """Return the path of a part's material, whose colour is that of the mesh's points."""
-        reader = Prim("Shader", "colours")
-        reader.properties = [
-            'uniform token info:id = "UsdPrimvarReader_float3"',
-            'string inputs:varname = "displayColor"',
-            "float3 outputs:result",
-        ]
-        source = f"{self._path}/materials/{part}/colours.outputs:result"
-        diffuse = f"color3f inputs:diffuseColor.connect = <{source}>"
-        return self._material(part, part, [diffuse], WET_ROUGHNESS, 1.0, [reader])
-
-    def _material(
-        self,
-        key: Any,
-        name: str,
-        colour: list[str],
-        roughness: float,
-        opacity: float,
-        others: Sequence[Prim] = (),
-    ) -> str:
-        """Return the path of the material known by `key`, made if there is none."""
-        if key not in self._materials:
-            taken = {child.name for child in self._looks.children}
-            prim = Prim("Material", identifier(name, taken))
-            path = f"{self._path}/{self._looks.name}/{prim.name}"
-            shader = Prim("Shader", "surface")
-            shader.properties = [
-                'uniform token info:id = "UsdPreviewSurface"',
-                *colour,
-                "float inputs:metallic = 0",
-                f"float inputs:roughness = {number(roughness)}",
-                f"float inputs:opacity = {number(opacity)}",
-                "token outputs:surface",
+    def _material(self, paint: Paint) -> str:
+        """Return the path of the material of `paint`, made if there is none."""
+        key = paint.colour or paint.name
+        if key in self._materials:
+            return self._materials[key]
+        taken = {child.name for child in self._looks.children}
+        prim = Prim("Material", identifier(paint.name, taken))
+        path = f"{self._path}/{self._looks.name}/{prim.name}"
+        shader = Prim("Shader", "surface")
+        prim.children = [shader]
+        if paint.colour is None:
+            # Its colour is that of the mesh's points.
+            reader = Prim("Shader", "colours")
+            reader.properties = [
+                'uniform token info:id = "UsdPrimvarReader_float3"',
+                'string inputs:varname = "displayColor"',
+                "float3 outputs:result",
             ]
-            prim.properties = [f"token outputs:surface.connect = <{path}/surface.outputs:surface>"]
-            prim.children = [shader, *others]
-            self._looks.children.append(prim)
-            self._materials[key] = path
-        return self._materials[key]
+            prim.children.append(reader)
+            diffuse = f"color3f inputs:diffuseColor.connect = <{path}/colours.outputs:result>"
+            roughness = WET_ROUGHNESS
+            opacity = 1.0
+        else:
+            *colour, opacity = paint.colour
+            diffuse = f"color3f inputs:diffuseColor = {vector(linear_of(colour))}"
+            roughness = DRY_ROUGHNESS
+        shader.properties = [
+            'uniform token info:id = "UsdPreviewSurface"',
+            diffuse,
+            "float inputs:metallic = 0",
+            f"float inputs:roughness = {number(roughness)}",
+            f"float inputs:opacity = {number(opacity)}",
+            "token outputs:surface",
+        ]
+        prim.properties = [f"token outputs:surface.connect = <{path}/surface.outputs:surface>"]
+        self._looks.children.append(prim)
+        self._materials[key] = path
+        return path
 
 
 def _custom_data(clip: Clip) -> list[str]:
@@ -304,20 +255,18 @@ def _custom_data(clip: Clip) -> list[str]:
     return ["customData = {", *rows, "}"]
 
 
-def _track(
-    bone: Bone, positions: Float[np.ndarray, "F 3"], orientations: Float[np.ndarray, "F 4"]
-) -> list[str]:
+def _track(node: BoneNode) -> list[str]:
     """Return where a bone is in its parent's frame: at all times, or in every frame."""
     order = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]'
-    if not bone.is_moving:
+    if not node.bone.is_moving:
         return [
-            f"double3 xformOp:translate = {vector(positions[0])}",
-            f"quatd xformOp:orient = {turn(orientations[0])}",
+            f"double3 xformOp:translate = {vector(node.positions[0])}",
+            f"quatd xformOp:orient = {turn(node.orientations[0])}",
             order,
         ]
     return [
-        *animated("double3 xformOp:translate", map(vector, positions)),
-        *animated("quatd xformOp:orient", map(turn, orientations)),
+        *animated("double3 xformOp:translate", map(vector, node.positions)),
+        *animated("quatd xformOp:orient", map(turn, node.orientations)),
         order,
     ]
 
@@ -334,17 +283,6 @@ def _mesh_prim(name: str, points: np.ndarray, normals: np.ndarray, triangles: np
         f'normal3f[] normals = {array(normals)} (interpolation = "vertex")',
     ]
     return prim
-
-
-def _matrices(bones: Sequence[Bone]) -> str:
-    """Return the transforms at rest of the root and the bones, of rows, which vectors are multiplied by from the left."""
-    written = ["((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))"]
-    for bone in bones:
-        matrix = np.eye(4)
-        matrix[:3, :3] = rotation_matrices(np.array(bone.orientation)).T
-        matrix[3, :3] = bone.offset
-        written.append(f"({', '.join(map(vector, matrix))})")
-    return f"[{', '.join(written)}]"
 
 
 def _converted(text: bytes, suffix: str) -> bytes:

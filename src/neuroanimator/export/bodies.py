@@ -1,0 +1,133 @@
+"""Bodies of a scene as nodes, shapes, paints and skins: the one walk over bones that GLB and USD are written from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int, UInt16
+
+from neuroanimator.animation.clip import Clip, together
+from neuroanimator.animation.interpolate import continuous
+from neuroanimator.appearance.colour import linear_of
+from neuroanimator.appearance.part_names import colour_names
+from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
+from neuroanimator.appearance.skin_mesh import (
+    PARTS,
+    SkinMesh,
+    colours_of,
+    part_numbers,
+    skin_mesh,
+)
+from neuroanimator.export.ghost import GHOST_RGBA
+from neuroanimator.state.rotation import rotation_matrices
+
+
+class Paint(NamedTuple):
+    """The look of a shape, or of a part of a skin."""
+
+    name: str
+    colour: tuple[float, ...] | None
+    """Red, green and blue (sRGB) and opacity; None of the wet part of a skin, whose points have colours."""
+
+
+GHOST = Paint("ghost", GHOST_RGBA)
+"""The paint of all of a ghost."""
+
+
+class BoneNode(NamedTuple):
+    """A bone, its motion in the frame of its parent, and its painted shapes."""
+
+    bone: Bone
+    positions: Float[np.ndarray, "F 3"]
+    orientations: Float[np.ndarray, "F 4"]
+    """Quaternions wxyz that do not jump to the other sign."""
+    shapes: tuple[tuple[Shape, Paint], ...]
+
+
+class SkinNode(NamedTuple):
+    """A skin whose points follow joints: joint 0 is a root that no point follows, the others are the bones."""
+
+    mesh: SkinMesh
+    colours: Float[np.ndarray, "V 3"]
+    """Amounts of light at the points."""
+    joints: UInt16[np.ndarray, "V 4"]
+    rest: Float[np.ndarray, "J 4 4"]
+    """Poses of the joints at rest, as matrices of columns."""
+    parts: dict[str, Int[np.ndarray, " _"]]
+    """Numbers of the triangles of each part, by its name."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """One clip in a scene."""
+
+    clip: Clip
+    title: str
+    """Name of the whole body."""
+    prefix: str
+    """Beginning of the names of its parts, empty for the only body."""
+    nodes: tuple[BoneNode, ...]
+    """Its bones, each after its parent."""
+    skin: SkinNode | None
+    is_ghost: bool
+
+
+def bodies_of(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Body]:
+    """Return the bodies of a scene, the `ghost` last; only the first one has its scenery.
+
+    Raises ArgumentError for what cannot be drawn together.
+    """
+    every = together(clips, ghost)
+    bodies = []
+    for number, clip in enumerate(every, start=1):
+        prefix = "" if len(every) == 1 else f"{clip.name} {number} "
+        bodies.append(_body(clip, prefix.rstrip() or clip.name, prefix, has_scenery=number == 1))
+    if ghost is not None:
+        bodies.append(_body(ghost, f"ghost {ghost.name}", "ghost ", is_ghost=True))
+    return bodies
+
+
+def _body(
+    clip: Clip, title: str, prefix: str, *, has_scenery: bool = False, is_ghost: bool = False
+) -> Body:
+    skeleton = clip.skeleton
+    names = colour_names(skeleton)
+    positions, orientations = skeleton.local_poses(clip.states)
+    orientations = continuous(orientations)
+    nodes = []
+    for number, bone in enumerate(skeleton.bones):
+        shapes = []
+        if has_scenery or skeleton.is_moved(number):
+            for shape in bone.shapes:
+                paint = GHOST if is_ghost else Paint(names[shape.colour], shape.colour)
+                shapes.append((shape, paint))
+        nodes.append(BoneNode(bone, positions[:, number], orientations[:, number], tuple(shapes)))
+    skin = None if skeleton.skin is None else _skin(skeleton)
+    return Body(clip, title, prefix, tuple(nodes), skin, is_ghost)
+
+
+@lru_cache(maxsize=1)  # the bodies of a school have one skin
+def _skin(skeleton: Skeleton) -> SkinNode:
+    assert skeleton.skin is not None
+    mesh = skin_mesh(skeleton)
+    orientations = np.array([bone.orientation for bone in skeleton.bones])
+    rest = np.tile(np.eye(4), (1 + len(skeleton.bones), 1, 1))
+    rest[1:, :3, :3] = rotation_matrices(orientations)
+    rest[1:, :3, 3] = [bone.offset for bone in skeleton.bones]
+    parts = {}
+    part_of = part_numbers(skeleton.skin, mesh)
+    for number, name in enumerate(PARTS):
+        triangles = np.flatnonzero(part_of == number)
+        if len(triangles):
+            parts[name] = triangles
+    return SkinNode(
+        mesh=mesh,
+        colours=linear_of(colours_of(skeleton.skin, mesh.shades)),
+        joints=np.where(mesh.weights > 0, mesh.bones + 1, 0).astype(np.uint16),
+        rest=rest,
+        parts=parts,
+    )
