@@ -36,7 +36,9 @@ def actions_of(env: TaskVectorEnv, count: int, share: float = 1.0) -> np.ndarray
     )
 
 
-@pytest.mark.parametrize("name", ["pendulum-swing-up", "fish-reach"])
+@pytest.mark.parametrize(
+    "name", ["pendulum-swing-up", pytest.param("fish-reach", marks=pytest.mark.endurance)]
+)
 def test_gymnasium_accepts_the_task(name: str):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*For Box action spaces, we recommend")
