@@ -45,7 +45,7 @@ blender: setup
 endurance: setup studio
 	$(BIN)/pytest -m "endurance or fault or attack"
 
-# Ten minutes of random input for every parser of strangers' files; `make test` has ten seconds of it.
+# Ten minutes of random input for every parser of strangers' files; `make test` has five seconds of it.
 fuzz: setup
 	cd tests && ../$(BIN)/python -m fuzz --seconds 600
 

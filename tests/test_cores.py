@@ -9,7 +9,7 @@ from neuroanimator import Emulator, set_backend
 from neuroanimator.cores import CORES, in_parts
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import c_emulator
-from neuroanimator.gym.rows import step_rows
+from neuroanimator.gym.batched_step import step_rows
 
 COUNT = 1003
 """Neither a multiple of sixteen nor of the number of threads."""

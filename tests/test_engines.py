@@ -8,7 +8,9 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -91,22 +93,27 @@ def test_a_school_in_c_swims_to_its_places(folder: Path):
 
 @needs_gcc
 def test_the_server_answers_as_the_policy_and_the_emulator_do(folder: Path):
-    program = built(folder, "fish_server.c", "fish_server")
+    program = built(folder, "fish_server.c", "fish_server", "-O0")
     policy = load_policy("fish")
     emulator = policy.emulator
     commands = np.array([[0.1, 0.5, 0, 0], [0.14, -1, 0.2, 0]], np.float32)
     asked = commands.tobytes() * 3
     answer = subprocess.run([program, "2"], input=asked, capture_output=True, check=True).stdout
     states = np.frombuffer(answer, np.float32).reshape(3, 2, emulator.state.size)
+
+    @jax.jit
+    def advance(latent: Any, state: Any, phase: Any, command: Any) -> tuple[Any, Any]:
+        control = policy.control(emulator.encode(state), phase, command)
+        # As in a rollout, bodies go on from their latent states.
+        latent = emulator.step_latent(latent, emulator.encode_control(control))
+        return latent, emulator.decode(latent)
+
     for body, command in enumerate(commands):
         state = jnp.asarray(emulator.rest)
         latent = emulator.encode(state)
         for step in range(3):
             phase = jnp.asarray(step * policy.tick)
-            control = policy.control(emulator.encode(state), phase, jnp.asarray(command))
-            # As in a rollout, bodies go on from their latent states.
-            latent = emulator.step_latent(latent, emulator.encode_control(control))
-            state = emulator.decode(latent)
+            latent, state = advance(latent, state, phase, jnp.asarray(command))
             np.testing.assert_allclose(states[step, body], state, atol=1e-4)
 
 
@@ -115,7 +122,7 @@ def test_the_server_answers_as_the_policy_and_the_emulator_do(folder: Path):
 def test_the_server_refuses_a_count_that_is_none(words: list[str], folder: Path):
     program = folder / "fish_server"
     if not program.exists():
-        built(folder, "fish_server.c", "fish_server")
+        built(folder, "fish_server.c", "fish_server", "-O0")
     refused = subprocess.run([program, *words], input="", capture_output=True, text=True)
     assert refused.returncode == 2
     assert "wanted a number of fish from 1 to 100000" in refused.stderr
@@ -124,7 +131,7 @@ def test_the_server_refuses_a_count_that_is_none(words: list[str], folder: Path)
 @needs_gcc
 def test_the_library_has_what_c_sharp_calls_and_the_numbers_are_the_headers(folder: Path):
     source = (folder / "School.cs").read_text()
-    made = built(folder, "fish_library.c", "libfish.so", "-shared", "-fPIC")
+    made = built(folder, "fish_library.c", "libfish.so", "-shared", "-fPIC", "-O0")
     library = ctypes.CDLL(str(made))
     imported = re.findall(r"static extern \w+ (\w+)\(", source)
     assert imported == ["fish_encode", "fish_advance_batch", "swim_control"]

@@ -23,7 +23,7 @@ from stable_baselines3.common.vec_env import (
     VecNormalize,
 )
 
-from neuroanimator.gym.state_env import StateVectorEnv
+from neuroanimator.gym.vector_env import RowsVectorEnv
 from reinforcement_cases.policies import PlainPolicy
 from reinforcement_cases.tasks import Learning
 
@@ -192,7 +192,7 @@ def learn(
     )
 
 
-def rows_world(env: StateVectorEnv) -> VecEnv:
+def rows_world(env: RowsVectorEnv) -> VecEnv:
     """Return many rows at once as a world to learn in."""
     return Rows(env)
 

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float
 
-from neuroanimator.gym.state_env import StateVectorEnv
+from neuroanimator.gym.vector_env import RowsVectorEnv
 
 MAX_NORMALISED = 10.0
 """What `VecNormalize` clips observations to."""
@@ -75,7 +75,7 @@ class Played(NamedTuple):
 
 def play(
     policy: PlainPolicy,
-    env: StateVectorEnv,
+    env: RowsVectorEnv,
     seed: int,
     noisy: Bool[np.ndarray, " B"] | bool = False,
 ) -> Played:

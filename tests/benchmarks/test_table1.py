@@ -23,6 +23,7 @@ from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 
+@pytest.mark.endurance
 def test_a_row_of_the_table_is_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -74,7 +75,7 @@ def test_a_sweep_names_the_largest_n_that_keeps_the_tolerance(tmp_path: Path):
             tmp_path,
             seconds=0.1,
             transitions=1500,
-            updates=500,
+            updates=250,
             executor=executor,
         )
     assert [row.substeps for row in rows] == [25, 50]

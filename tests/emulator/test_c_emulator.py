@@ -45,7 +45,15 @@ def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize(
-    "name", ["pendulum-50", "pendulum-passive-50", "truck-50", "lander-50", "fish-50", "cube"]
+    "name",
+    [
+        "truck-50",
+        "fish-50",
+        "cube",
+        pytest.param("lander-50", marks=pytest.mark.endurance),
+        pytest.param("pendulum-50", marks=pytest.mark.endurance),
+        pytest.param("pendulum-passive-50", marks=pytest.mark.endurance),
+    ],
 )
 def test_rollouts_and_steps_are_those_of_jax(name: str, untrained_cube: Emulator, in_c: None):
     emulator = untrained_cube if name == "cube" else load_emulator(name)

@@ -40,7 +40,7 @@ def few(system: str) -> Transitions:
     return simulate_transitions(DatasetConfig(system=system, count=360, samples_per_run=36))
 
 
-@pytest.fixture(params=["fish", "dolphin"])
+@pytest.fixture(params=["fish", pytest.param("dolphin", marks=pytest.mark.endurance)])
 def data(request) -> Transitions:
     return few(request.param)
 
@@ -56,7 +56,11 @@ def cube() -> Transitions:
 
 
 @pytest.fixture(
-    params=[("fish", FLAT), ("fish", DEEP), ("dolphin", FLAT)], ids=["fish", "hierarchy", "dolphin"]
+    params=[
+        pytest.param(("fish", FLAT), id="fish"),
+        pytest.param(("fish", DEEP), id="hierarchy"),
+        pytest.param(("dolphin", FLAT), id="dolphin", marks=pytest.mark.endurance),
+    ]
 )
 def case(request) -> tuple[Transitions, Emulator]:
     name, settings = request.param

@@ -114,6 +114,7 @@ def test_the_large_size_ships_small():
         assert read_metadata(path)["provenance"]["training"]["seed"] == 0
 
 
+@pytest.mark.endurance
 def test_a_cube_that_turns_far_in_a_super_step_is_followed(tmp_path: Path):
     # Spinning at 20 rad/s it turns by more than half a turn in 0.2 s, which no rotation vector can say. Trained as
     # briefly, one leap over 0.2 s has an error of 0.51, and linear regression 0.76.

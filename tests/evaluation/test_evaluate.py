@@ -66,7 +66,7 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
         shipped,
         data=transitions,
         budget=EvaluationBudget(
-            runs=4, transitions=160, repeats=3, starts=10, steps=50, hybrid_runs=2
+            runs=4, transitions=160, repeats=1, starts=10, steps=50, rounds=1, hybrid_runs=2
         ),
     )
     row = found.row()

@@ -34,7 +34,7 @@ from neuroanimator.training.train import Report
 from neuroanimator.training.validation import validation_errors
 from neuroanimator.zoo import shipped_emulators
 
-FAST = EvaluationBudget(runs=4, transitions=100, repeats=1, starts=20, steps=50)
+FAST = EvaluationBudget(runs=4, transitions=100, repeats=1, starts=20, steps=50, rounds=1)
 TRAINING = {"updates": 500, "widths": (24, 24), "batch": 128}
 
 REACHER = """\

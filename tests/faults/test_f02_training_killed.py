@@ -1,4 +1,4 @@
-"""Training killed at many moments, also while it writes a checkpoint. Two kills are in tests/training/test_train.py."""
+"""Training killed at many moments, also while it writes a checkpoint. One kill is in tests/training/test_train.py."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ from fuzz.one import by_chance
 from fuzz.seeds import seeds
 from fuzz.targets import TARGETS, try_parser
 
-SECONDS = 10
-"""[s] Of fuzzing in all, by chance."""
+SECONDS = 5
+"""Time all parsers together are under random input [s]."""
 
 MAX_CORPUS = 100_000
 """Maximum size of all archives together [bytes]."""
@@ -39,6 +39,7 @@ def test_a_parser_takes_random_input(parser: str, tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.endurance
 def test_make_fuzz_takes_a_parser_by_name(tmp_path: Path):
     result = subprocess.run(
         [

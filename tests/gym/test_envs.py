@@ -19,7 +19,7 @@ from swing_up import stand_upright
 import neuroanimator.gym
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator
 from neuroanimator.gym import EmulatorEnv, EmulatorVectorEnv, RunningCost, mjcf_of
-from neuroanimator.gym.state_env import start_near_rest
+from neuroanimator.gym.state_rows import starts_near_rest
 
 ADVICE = "(A Box observation space m..imum value is|For Box action spaces, we recommend)"
 """check_env's advice for learners, which SI units and a body that may go anywhere cannot follow."""
@@ -142,22 +142,21 @@ def test_a_row_that_has_ended_starts_anew_in_the_next_step(shipped: Emulator):
 
 
 def test_starts_lie_near_rest_and_differ_with_the_noise(shipped: Emulator):
-    random = np.random.default_rng(0)
-    starts = np.array([start_near_rest(shipped, 0.1, random) for _ in range(400)])
+    starts = starts_near_rest(shipped, 0.1, [np.random.default_rng(0)] * 400)
     np.testing.assert_allclose(
         starts.std(axis=0), 0.1 * np.array(shipped.normaliser.unit), rtol=0.2
     )
 
 
 def test_without_noise_a_start_is_rest_itself(every_kind: Emulator):
-    start = start_near_rest(every_kind, 0.0, np.random.default_rng(0))
+    (start,) = starts_near_rest(every_kind, 0.0, [np.random.default_rng(0)])
     assert np.array_equal(start, every_kind.rest)
 
 
 def test_a_start_lies_as_far_from_rest_as_the_noise_is_large(every_kind: Emulator):
     rest = every_kind.rest
     little, much = (
-        start_near_rest(every_kind, noise, np.random.default_rng(0)) - rest
+        starts_near_rest(every_kind, noise, [np.random.default_rng(0)])[0] - rest
         for noise in (1e-6, 1e-5)
     )
     assert np.abs(much).max() > 1e-8
@@ -177,6 +176,14 @@ def test_an_episode_ends_far_outside_what_was_learned(env: EmulatorEnv, shipped:
         env.reset(options={"state": np.array([0, 0, 0, factor * fastest, 0, 0])})
         _, _, is_terminated, _, info = env.step(np.zeros(3))
         assert (is_terminated, info["covered"]) == expected
+
+
+def test_an_episode_that_is_lost_in_its_last_step_is_terminated_and_not_truncated(
+    shipped: Emulator,
+):
+    env = EmulatorEnv(shipped, seconds=shipped.dt)
+    env.reset(options={"state": np.array([0, 0, 0, 9 * float(shipped.domain.high[0]), 0, 0])})
+    assert env.step(np.zeros(3))[2:4] == (True, False)
 
 
 def test_actions_beyond_the_bounds_are_clipped(env: EmulatorEnv, shipped: Emulator):

@@ -14,8 +14,11 @@ from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv
-from neuroanimator.gym.rows import MAX_OBSERVATION
-from neuroanimator.gym.task_envs import TASKS, TRIALS, TaskEnv, TaskVectorEnv
+from neuroanimator.gym.batched_step import MAX_OBSERVATION
+from neuroanimator.gym.task_envs import TaskEnv, TaskVectorEnv
+from neuroanimator.gym.task_rows import TRIALS, TaskRows
+from neuroanimator.gym.vector_env import RowsVectorEnv
+from neuroanimator.tasks.all_tasks import TASKS
 
 KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
 """Hinges, wheels among obstacles, a root that flies, a body with muscles."""
@@ -24,6 +27,12 @@ KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
 @pytest.fixture(scope="module", params=KINDS)
 def many(request: pytest.FixtureRequest) -> TaskVectorEnv:
     return TaskVectorEnv(request.param, 3)
+
+
+def rows_of(env: RowsVectorEnv) -> TaskRows:
+    """Return the trials of an environment."""
+    assert isinstance(env.rows, TaskRows)
+    return env.rows
 
 
 def actions_of(env: TaskVectorEnv, count: int, share: float = 1.0) -> np.ndarray:
@@ -36,7 +45,9 @@ def actions_of(env: TaskVectorEnv, count: int, share: float = 1.0) -> np.ndarray
     )
 
 
-@pytest.mark.parametrize("name", ["pendulum-swing-up", "fish-reach"])
+@pytest.mark.parametrize(
+    "name", ["pendulum-swing-up", pytest.param("fish-reach", marks=pytest.mark.endurance)]
+)
 def test_gymnasium_accepts_the_task(name: str):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*For Box action spaces, we recommend")
@@ -50,7 +61,7 @@ def test_every_task_is_an_environment():
 
 def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVectorEnv):
     many.reset(options={"trial": 3})
-    trial, emulator = many._draw(3), many.emulator
+    trial, emulator = rows_of(many).trial(3), many.emulator
     taken = actions_of(many, many.steps, share=0.3)
     taken[:] = taken[:, :1]
     total, count, terminated = 0.0, 0, np.zeros(3, bool)
@@ -60,11 +71,12 @@ def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVec
         if terminated[0] or truncated[0]:
             break
     total -= 1.0 * (
-        terminated[0] and trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float))
+        terminated[0]
+        and trial.is_success(np.asarray(rows_of(many).episodes.states[0, : count + 1], float))
     )
     total += 1.0 * (
         terminated[0]
-        and not trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float))
+        and not trial.is_success(np.asarray(rows_of(many).episodes.states[0, : count + 1], float))
     )
     held = np.zeros((many.steps, taken.shape[-1]))
     still = np.repeat(trial.start[None], many.steps + 1, axis=0)
@@ -80,7 +92,7 @@ def test_each_row_is_the_single_environment(many: TaskVectorEnv):
     taken = actions_of(many, 4)
     observations, info = many.reset(seed=5)
     steps = [many.step(action) for action in taken]
-    alone = TaskEnv(many.task.name)
+    alone = TaskEnv(rows_of(many).task.name)
     for row in (0, 2):
         first, told = alone.reset(seed=5 + row)
         np.testing.assert_allclose(first, observations[row], atol=1e-4)
@@ -118,10 +130,10 @@ def test_time_is_up_when_the_task_says_and_a_row_starts_anew():
 
 def test_the_target_is_seen_from_the_body():
     env = TaskEnv("fish-reach")
-    inside = env._row
+    inside = rows_of(env.vector_env)
     for number in range(5):
         observation, _ = env.reset(options={"trial": number})
-        trial, scale = inside._draw(number), inside._observer.scale
+        trial, scale = inside.trial(number), inside.scale
         pose = Pilot("fish").policy.pose(np.asarray(inside.emulator.encode(trial.start)))
         way = np.array(trial.aim.position) - pose.position
         position, direction, up = observation[-10:-7], observation[-7:-4], observation[-4:-1]
@@ -146,8 +158,8 @@ def test_a_crash_ends_the_episode_as_a_failure():
 
 def test_what_a_descent_finds_earns_nearly_all_there_is_to_earn():
     env = TaskEnv("pendulum-swing-up")
-    inside = env._row
-    trial = inside._draw(1)
+    inside = rows_of(env.vector_env)
+    trial = inside.trial(1)
     found = descend(
         inside.emulator,
         trial.objective,
@@ -212,6 +224,10 @@ def test_without_a_render_mode_there_is_no_picture():
         (
             lambda: TaskEnv("pendulum-swing-up").reset(options={"trial": "one"}),
             "trial: wanted numbers",
+        ),
+        (
+            lambda: TaskVectorEnv("pendulum-swing-up", 3).reset(options={"trial": [1, 2]}),
+            r"trial: wanted shape \(\) or \(3,\), came \(2,\)",
         ),
         (lambda: TaskEnv("pendulum-swing-up").step([np.nan] * 3), "not finite"),
     ],

@@ -127,6 +127,7 @@ def test_files_are_named_after_what_was_typed(cart: Path, cli: Cli, tmp_path: Pa
     assert (cart.parent / "My Cart.toml").exists()
 
 
+@pytest.mark.endurance
 def test_the_command_line_goes_all_the_way(cart: Path, cli, tmp_path: Path):
     goal = (
         '\n[goals.right]\nseconds = 1.0\nreach = { "track" = [0.5] }\nwithin = { "track" = 0.05 }\n'

@@ -60,7 +60,7 @@ def share_upright(system: ModelSystem, states: np.ndarray) -> float:
     return upright / len(states)
 
 
-@pytest.mark.parametrize("model", ["drone", "quadruped"])
+@pytest.mark.parametrize("model", [pytest.param("drone", marks=pytest.mark.endurance), "quadruped"])
 def test_most_of_the_data_are_of_bodies_that_stand_or_fly(model: str, tmp_path: Path):
     toml, proposal = write_definition(str(put(model, tmp_path)))
     assert "upright for" in dict(proposal.told)["trial runs"]
@@ -103,6 +103,7 @@ def test_a_definition_that_says_nothing_of_resets_keeps_its_data(tmp_path: Path)
     assert "reset_share" not in definition
 
 
+@pytest.mark.endurance
 def test_gymnasiums_ant_begins_where_its_environment_resets(tmp_path: Path):
     system = proposed("Ant-v5", tmp_path / "ant.toml")
     assert system.sampling.reset_noise == 0.1

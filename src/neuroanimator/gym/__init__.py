@@ -18,10 +18,9 @@ except ImportError:
         "Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'"
     ) from None
 
-from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, RunningCost
+from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, PhysicsVectorEnv
 from neuroanimator.gym.models import mjcf_of
-from neuroanimator.gym.physics_env import PhysicsVectorEnv
-from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.rules import EpisodeRules, RunningCost
 from neuroanimator.zoo import SHIPPED
 
 __all__ = [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from typing import Any
 
 import gymnasium
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
-from neuroanimator.gym.vector_env import EmulatedVectorEnv
+from neuroanimator.gym.vector_env import RowsVectorEnv
 
 
 class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -18,52 +17,42 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium declares it
 
-    def __init__(self, vector_env: EmulatedVectorEnv):
+    def __init__(self, vector_env: RowsVectorEnv):
         """Make it from a vector environment of one row."""
-        self._vector_env = vector_env
+        self.vector_env = vector_env
         self.render_mode = vector_env.render_mode
         self.metadata = self.metadata | {"render_fps": vector_env.metadata["render_fps"]}
         self.observation_space = vector_env.single_observation_space
         self.action_space = vector_env.single_action_space
-
-    @abstractmethod
-    def draw_start(self) -> dict[str, Any]:
-        """Return a random start, by `np_random`, as options of the vector environment's `reset`."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float[np.ndarray, " O"], dict[str, Any]]:
         """Return (observation, info) of a random start, or of that which `options` say; the same seed, the same start."""
         super().reset(seed=seed)
-        start = self.draw_start() | (options or {})
-        observations, info = self._vector_env.reset(options=start)
+        rows = self.vector_env.rows
+        start = {rows.option: rows.draw([self.np_random])[0]}
+        observations, info = self.vector_env.reset(options=start | (options or {}))
         return observations[0], _first_row(info)
 
     def step(
         self, action: ArrayLike
     ) -> tuple[Float[np.ndarray, " O"], float, bool, bool, dict[str, Any]]:
         """Return (observation, reward, terminated, truncated, info) after `action` (C,) was held for a super step."""
-        observations, rewards, terminated, truncated, info = self._vector_env.step(
-            np.asarray(action)[None]
-        )
-        return (
-            observations[0],
-            float(rewards[0]),
-            bool(terminated[0]),
-            bool(truncated[0]),
-            _first_row(info),
-        )
+        made = self.vector_env.step(np.asarray(action)[None])
+        (observation,), (reward,), (terminated,), (truncated,), info = made
+        return observation, float(reward), bool(terminated), bool(truncated), _first_row(info)
 
     def render(self) -> UInt8[np.ndarray, "H W 3"] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return a picture if `render_mode` is `rgb_array`; ResourceError if none can be drawn."""
-        pictures = self._vector_env.render()
+        pictures = self.vector_env.render()
         return None if pictures is None else pictures[0]
 
     def close(self) -> None:
         """End the drawing process."""
-        self._vector_env.close()
+        self.vector_env.close()
 
 
 def _first_row(info: dict[str, Any]) -> dict[str, Any]:
-    """Return what a vector environment's `info` says of its first row, without the masks of who is meant."""
+    """Return a vector environment's `info` of its first row, without the masks."""
     return {name: rows[0].item() for name, rows in info.items() if not name.startswith("_")}

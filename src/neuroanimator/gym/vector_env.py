@@ -1,16 +1,17 @@
-"""What the vector environments of emulators and of tasks have in common: spaces, actions, seeds and pictures."""
+"""A vector environment over episodes that an emulator, the physics or a task steps."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, Shaped, UInt8
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
@@ -18,10 +19,61 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.live import LiveCamera, checked_render_mode
 
 
-class EmulatedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """`num_envs` episodes of one emulator in one compiled call; a step is a super step.
+class Outcome(NamedTuple):
+    """Result of a super step, a row each."""
 
-    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
+    rewards: Float[np.ndarray, " B"]
+    is_over: Bool[np.ndarray, " B"]
+    """True where the episode ends for another reason than its length."""
+    info: dict[str, Shaped[np.ndarray, " B"]]
+
+
+class EpisodeRows(ABC):
+    """Episodes side by side, a row each: their starts, their super steps and what is observed of them."""
+
+    emulator: Emulator
+    """Names the state, the controls and the super step."""
+    steps: int
+    """Number of super steps after which an episode is truncated."""
+    option: str
+    """Name of the option of `reset` that says where episodes begin."""
+    first: ArrayLike
+    """Start of an environment that was not reset yet."""
+    max_observation: float
+    """Observations are within ± this."""
+    states: Float[np.ndarray, "B S"]
+    """States at present: what pictures show."""
+
+    @abstractmethod
+    def draw(self, random: Sequence[np.random.Generator]) -> Shaped[np.ndarray, "R ..."]:
+        """Return a random start by each of `random`."""
+
+    @abstractmethod
+    def check(self, start: ArrayLike) -> Shaped[np.ndarray, "*BX"]:
+        """Return one start or many as an array; ArgumentError if there are none such."""
+
+    @abstractmethod
+    def begin(self, starts: Shaped[np.ndarray, "B ..."], rows: Bool[np.ndarray, " B"]) -> None:
+        """Begin an episode in each of `rows`, and let the others be."""
+
+    @abstractmethod
+    def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
+        """Go a super step on."""
+
+    @abstractmethod
+    def observe(self) -> Float[np.ndarray, "B O"]:
+        """Return the observations, as a new array."""
+
+    def facts(self) -> dict[str, Shaped[np.ndarray, " B"]]:
+        """Return the part of `info` that is known of an episode from its beginning."""
+        return {}
+
+
+class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """`num_envs` episodes in one compiled call; a step is a super step, actions are clipped to the bounds.
+
+    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero; or in the same
+    step, as Gymnasium's `AutoresetMode.SAME_STEP` has it: `info["final_obs"]` is then the last observation.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
@@ -29,36 +81,93 @@ class EmulatedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    def __init__(self, emulator: Emulator, num_envs: int, render_mode: str | None):
-        """Prepare everything but the observations; see `set_observation_space`.
-
-        Raises ArgumentError for no rows, and for a render mode there is not.
-        """
+    def __init__(
+        self,
+        rows: EpisodeRows,
+        num_envs: int,
+        render_mode: str | None,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+    ):
+        """Raise ArgumentError for no rows, and for a render mode or an autoreset mode there is not."""
         if num_envs < 1:
             raise ArgumentError(f"num_envs: wanted one or more, came {num_envs}.")
+        if autoreset_mode is AutoresetMode.DISABLED:
+            raise ArgumentError("autoreset_mode: wanted NEXT_STEP or SAME_STEP, came DISABLED.")
+        emulator = rows.emulator
+        self.rows = rows
         self.emulator = emulator
+        self.steps = rows.steps
         self.num_envs = num_envs
         self.render_mode = checked_render_mode(render_mode)
-        self.metadata = self.metadata | {"render_fps": round(1 / emulator.dt)}
-        low = np.array(emulator.bounds.low, np.float32)
-        high = np.array(emulator.bounds.high, np.float32)
-        self.single_action_space = Box(low, high, dtype=np.float32)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._random = [np_random()[0] for _ in range(num_envs)]
         if self.render_mode is not None and not emulator.skeleton.bones:
             raise ArgumentError(
                 f"render_mode: {emulator.system} has no bodies to draw, only numbers. Leave it out; 'animate' draws gauges."
             )
+        self.metadata = self.metadata | {
+            "render_fps": round(1 / emulator.dt),
+            "autoreset_mode": autoreset_mode,
+        }
+        low = np.array(emulator.bounds.low, np.float32)
+        high = np.array(emulator.bounds.high, np.float32)
+        self.single_action_space = Box(low, high, dtype=np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         self._camera = LiveCamera(emulator.spec)
+        self._random = [np_random()[0] for _ in range(num_envs)]
+        self._counts = np.zeros(num_envs, int)
+        self._everywhere = np.ones(num_envs, bool)
+        self._begin(np.asarray(rows.first))
+        limit = rows.max_observation
+        shape = rows.observe().shape[1:]
+        self.single_observation_space = Box(-limit, limit, shape, np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
 
-    def set_observation_space(self, space: Box) -> None:
-        """Let `space` be that of one row's observation."""
-        self.single_observation_space = space
-        self.observation_space = batch_space(space, self.num_envs)
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float[np.ndarray, "B O"], dict[str, Any]]:
+        """Return (observations, info) of random starts, or of that or those which `options` say.
 
-    @abstractmethod
+        Row i draws by `seed` + i; without a seed, rows go on drawing as they do. The option is `state`, (S,) or (B, S),
+        or the number of a task's `trial`.
+        """
+        if seed is not None:
+            self._random = [np_random(seed + row)[0] for row in range(self.num_envs)]
+        option = self.rows.option
+        unknown = set(options or {}) - {option}
+        if unknown:
+            raise ArgumentError(f"No reset option called '{unknown.pop()}'. Options: {option}.")
+        starts = self.rows.check(options[option]) if options else self.rows.draw(self._random)
+        self._begin(starts)
+        return self.rows.observe(), _masked(self.rows.facts(), self._everywhere)
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[
+        Float[np.ndarray, "B O"],
+        Float[np.ndarray, " B"],
+        Bool[np.ndarray, " B"],
+        Bool[np.ndarray, " B"],
+        dict[str, Any],
+    ]:
+        """Return (observations, rewards, terminated, truncated, info) after `actions` (B, C) were held for a super step."""
+        controls = self._checked_actions(actions).astype(np.float32)
+        is_old = ~self._has_ended
+        outcome = self.rows.step(controls)
+        self._counts = self._counts + 1
+        self._restart(self._has_ended)
+        terminated = outcome.is_over & is_old
+        truncated = (self._counts >= self.steps) & ~terminated
+        self._has_ended = terminated | truncated
+        info = _masked(outcome.info | self.rows.facts(), is_old)
+        is_at_once = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+        if is_at_once and self._has_ended.any():
+            info |= self._final_info()
+            self._restart(self._has_ended)
+        rewards = np.where(is_old, outcome.rewards, 0.0)
+        return self.rows.observe(), rewards, terminated, truncated, info
+
     def shown_states(self) -> Float[np.ndarray, "B S"]:
         """Return the states that pictures show."""
+        return self.rows.states
 
     def render(self) -> tuple[UInt8[np.ndarray, "H W 3"], ...] | None:
         """Return a picture of each row if `render_mode` is `rgb_array`; ResourceError without graphics."""
@@ -70,10 +179,39 @@ class EmulatedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """End the drawing process."""
         self._camera.close()
 
-    def _seed_rows(self, seed: int | None) -> None:
-        """Let row i draw by `seed` + i; without a seed, rows go on drawing as they do."""
-        if seed is not None:
-            self._random = [np_random(seed + row)[0] for row in range(self.num_envs)]
+    def _begin(self, starts: Shaped[np.ndarray, "*BX"]) -> None:
+        """Begin an episode in each row at one start, or each at its own."""
+        one = np.shape(self.rows.first)
+        wanted = (self.num_envs, *one)
+        if starts.shape not in (one, wanted):
+            raise ArgumentError(
+                f"{self.rows.option}: wanted shape {one} or {wanted}, came {starts.shape}."
+            )
+        self._begin_rows(np.broadcast_to(starts, wanted), self._everywhere)
+
+    def _restart(self, rows: Bool[np.ndarray, " B"]) -> None:
+        """Begin an episode at a random start in each of `rows`."""
+        if not rows.any():
+            return
+        drawn = self.rows.draw([self._random[row] for row in np.flatnonzero(rows)])
+        starts = np.zeros((self.num_envs, *drawn.shape[1:]), drawn.dtype)
+        starts[rows] = drawn
+        self._begin_rows(starts, rows)
+
+    def _begin_rows(
+        self, starts: Shaped[np.ndarray, "B ..."], rows: Bool[np.ndarray, " B"]
+    ) -> None:
+        self.rows.begin(starts, rows)
+        self._counts = np.where(rows, 0, self._counts)
+        self._has_ended = np.zeros(self.num_envs, bool)
+
+    def _final_info(self) -> dict[str, Any]:
+        """Return the last observations of rows that have ended, as Gymnasium's vector environments say them."""
+        last = np.full(self.num_envs, None, object)
+        observations = self.rows.observe()
+        for row in np.flatnonzero(self._has_ended):
+            last[row] = observations[row]
+        return {"final_obs": last, "_final_obs": self._has_ended}
 
     def _checked_actions(self, actions: ArrayLike) -> Float[np.ndarray, "B C"]:
         """Return `actions` (B, C), brought within the bounds as a motor would."""
@@ -85,8 +223,11 @@ class EmulatedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self.emulator.bounds.clip(controls)
 
 
-def check_reset_options(options: dict[str, Any] | None, valid: str) -> None:
-    """Raise ArgumentError for an option of `reset` other than the `valid` one."""
-    unknown = set(options or {}) - {valid}
-    if unknown:
-        raise ArgumentError(f"No reset option called '{unknown.pop()}'. Options: {valid}.")
+def _masked(info: dict[str, Any], rows: Bool[np.ndarray, " B"]) -> dict[str, Any]:
+    """Return `info` of `rows` with Gymnasium's masks, which say of which rows it is; flags are false elsewhere."""
+    masked = {}
+    for name, values in info.items():
+        is_flag = values.dtype == bool
+        masked[name] = values & rows if is_flag else values.copy()
+        masked[f"_{name}"] = rows.copy()
+    return masked

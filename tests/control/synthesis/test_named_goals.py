@@ -8,7 +8,9 @@ from neuroanimator import load_emulator, load_system
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 
 
-@pytest.mark.parametrize("name", ["pendulum", "truck", "lander"])
+@pytest.mark.parametrize(
+    "name", ["pendulum", pytest.param("truck", marks=pytest.mark.endurance), "lander"]
+)
 def test_every_named_goal_is_reached_from_its_own_start(name: str):
     emulator = load_emulator(name)
     goals = load_system(name).goals

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,8 +116,19 @@ def test_an_eigenvector_that_is_not_computed_is_no_number():
 
 def models() -> list:
     """Return one emulator of every system that has one, and every policy, by what loads it."""
-    emulators = [pytest.param(Emulator.load, name, id=name) for name in EMULATORS]
-    return emulators + [pytest.param(Policy.load, name, id=f"{name} policy") for name in POLICIES]
+    emulators = [
+        pytest.param(Emulator.load, name, id=name, marks=long_of(name)) for name in EMULATORS
+    ]
+    policies = [
+        pytest.param(Policy.load, name, id=f"{name} policy", marks=long_of(name))
+        for name in POLICIES
+    ]
+    return emulators + policies
+
+
+def long_of(name: str) -> Sequence[pytest.MarkDecorator]:
+    """Return the marks of a model's tests: the dolphin is made as the fish is, and larger."""
+    return [pytest.mark.endurance] if name == "dolphin" else []
 
 
 @pytest.mark.parametrize(("load", "name"), models())

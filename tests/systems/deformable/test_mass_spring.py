@@ -453,7 +453,9 @@ def test_the_cube_dropped_from_a_metre_bounces_two_to_four_times_and_comes_to_re
     np.testing.assert_allclose(positions[-1], cube.body.positions, atol=0.01)
 
 
-@pytest.mark.parametrize("name", ["cube", "dolphin", "fish"])
+@pytest.mark.parametrize(
+    "name", ["cube", pytest.param("dolphin", marks=pytest.mark.endurance), "fish"]
+)
 def test_the_truth_is_close_to_the_fine_reference(name: str):
     system, rng = load_system(name), np.random.default_rng(1)
     starts = system.sample_starts(rng, 60)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from brief import BRIEF
 from conftest import Cli
 
 from neuroanimator import (
@@ -222,6 +223,7 @@ def test_recordings_are_not_simulated(folder: Path):
         system.simulate(np.zeros((1, 2)), np.zeros((1, 1, 1)), 0.1)
 
 
+@pytest.mark.endurance
 def test_the_command_line_goes_all_the_way(folder: Path, cli: Cli, tmp_path: Path):
     (tmp_path / "runs.csv").write_bytes((folder / "runs.csv").read_bytes())
     emulator = "runs.emulator.safetensors"
@@ -472,8 +474,9 @@ def free_swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_recording_that_nothing_drives_goes_all_the_way_without_an_edit(
-    free_swing: Path, cli: Cli
+    free_swing: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ):
+    monkeypatch.setattr("neuroanimator.evaluation.evaluate.THOROUGH", BRIEF)
     emulator = "swing.emulator.safetensors"
     for arguments in (
         ("new", "swing.csv"),

@@ -1,0 +1,174 @@
+"""Episodes by rules: an emulator or the physics steps the states, and the rules say what is observed, earned and over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+from numpy.typing import ArrayLike
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
+from neuroanimator.errors import ArgumentError
+from neuroanimator.gym.batched_step import step_rows
+from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.vector_env import EpisodeRows, Outcome
+from neuroanimator.state.slowness import slowness
+from neuroanimator.systems.system import Scheme, System
+
+SECONDS = 10.0
+"""Length of an episode if nothing else is said [s]; of a slow system longer."""
+
+NOISE = 0.1
+"""Distance of starts from rest, in standard deviations of the change in one super step: visible, but hardly."""
+
+MAX_PENALISED = 10.0
+"""Scores above it lose no more: the error has long been larger than what is to be learnt."""
+
+
+class Leap(NamedTuple):
+    """Result of a super step, a row each."""
+
+    states: Float[np.ndarray, "B S"]
+    is_lost: Bool[np.ndarray, " B"]
+    """True where the motion is no longer to be believed, so that the episode ends."""
+    penalties: Float[np.ndarray, " B"] | float = 0.0
+    """What the step loses besides what the rules say."""
+    info: dict[str, Shaped[np.ndarray, " B"]] = {}  # noqa: RUF012 - never changed
+
+
+Stepper = Callable[
+    [Float[np.ndarray, "B S"], Float[np.ndarray, "B C"], Bool[np.ndarray, " B"]], Leap
+]
+"""(states, controls, rows that begin anew) → the super step."""
+
+
+def emulator_stepper(emulator: Emulator, trust_limit: float, trust_penalty: float) -> Stepper:
+    """Return what steps states by an emulator, and ends episodes that training does not cover."""
+    if not trust_limit > 0 or not 0 <= trust_penalty < np.inf:
+        raise ArgumentError(
+            "trust_limit and trust_penalty: wanted a score above 0 and a penalty of 0 or more, "
+            f"came {trust_limit:g} and {trust_penalty:g}."
+        )
+    # Kept from step to step: a latent state, decoded and encoded again, is no longer quite the same.
+    latent = np.zeros((0, 0), np.float32)
+
+    def leap(
+        states: Float[np.ndarray, "B S"],
+        controls: Float[np.ndarray, "B C"],
+        is_new: Bool[np.ndarray, " B"],
+    ) -> Leap:
+        nonlocal latent
+        if is_new.all():
+            latent = np.array(emulator.encode(states.astype(np.float32)), np.float32)
+        elif is_new.any():
+            latent[is_new] = emulator.encode(states[is_new].astype(np.float32))
+        made = step_rows(emulator, latent, controls)
+        latent = made.latent
+        # What is no number is beyond every limit.
+        trust = np.nan_to_num(made.trust, nan=np.inf)
+        beyond = np.clip(trust, EDGE, MAX_PENALISED) - EDGE
+        is_lost = made.begins_far | made.ends_far | (trust > trust_limit)
+        info = {"covered": trust <= EDGE, "trust": made.trust}
+        return Leap(made.states, is_lost, trust_penalty * beyond, info)
+
+    return leap
+
+
+def physics_stepper(system: System, scheme: Scheme, dt: float) -> Stepper:
+    """Return what steps states by a system, and ends episodes where it diverges."""
+    scheme.steps(dt)  # refuses a super step that is no whole number of steps
+
+    def leap(
+        states: Float[np.ndarray, "B S"],
+        controls: Float[np.ndarray, "B C"],
+        is_new: Bool[np.ndarray, " B"],
+    ) -> Leap:
+        held = controls[:, None].astype(float)
+        runs = system.simulate_fastest(states.astype(float), held, dt, scheme)
+        following = np.where(runs.has_diverged[:, None], states, runs.states[:, 1])
+        return Leap(following, runs.has_diverged)
+
+    return leap
+
+
+@final
+class StateRows(EpisodeRows):
+    """Episodes by the same rules, whatever steps their states."""
+
+    option = "state"
+    max_observation = np.inf
+
+    def __init__(
+        self,
+        emulator: Emulator,
+        stepper: Stepper,
+        rules: EpisodeRules,
+        seconds: float | None,
+        noise: float,
+    ):
+        """The rules' length of episodes holds unless `seconds` are given."""
+        if seconds is None and rules.steps is not None:
+            seconds = rules.steps * emulator.dt
+        if seconds is None:
+            seconds = SECONDS * slowness(emulator.dt)
+        if not emulator.dt <= seconds < np.inf:
+            raise ArgumentError(
+                f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}."
+            )
+        self.emulator = emulator
+        self.steps = round(seconds / emulator.dt)
+        self.first = emulator.rest
+        self._stepper = stepper
+        self._rules = rules
+        self._noise = noise
+
+    def draw(self, random: Sequence[np.random.Generator]) -> Float[np.ndarray, "R S"]:
+        if self._rules.draw_start is None:
+            return starts_near_rest(self.emulator, self._noise, random)
+        starts = np.stack([self._rules.draw_start(rng) for rng in random])
+        return self.emulator.state.check(starts, "rules.draw_start")
+
+    def check(self, start: ArrayLike) -> Float[np.ndarray, "*B S"]:
+        return self.emulator.state.check(start, "state")
+
+    def begin(self, starts: Float[np.ndarray, "B S"], rows: Bool[np.ndarray, " B"]) -> None:
+        self._is_new = rows
+        self.states = starts if rows.all() else np.where(rows[:, None], starts, self.states)
+
+    def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
+        before = self.states
+        made = self._stepper(before, controls, self._is_new)
+        with np.errstate(all="ignore"):  # a row that diverged earns no number
+            paid = self._rules.reward(before, controls, made.states, self.emulator.dt)
+            is_over = self._rules.is_over(made.states) | made.is_lost
+        rewards = np.nan_to_num(paid - made.penalties, posinf=0.0, neginf=0.0)
+        self._is_new = np.zeros(len(before), bool)
+        self.states = made.states
+        return Outcome(rewards, is_over, made.info)
+
+    def observe(self) -> Float[np.ndarray, "B O"]:
+        return np.array(self._rules.observe(self.states), np.float32)
+
+
+def starts_near_rest(
+    emulator: Emulator, noise: float, random: Sequence[np.random.Generator]
+) -> Float[np.ndarray, "R S"]:
+    """Return rest with noise by each of `random`, along what a state can change by: quaternions stay of length one.
+
+    `noise` is in standard deviations of the change in one super step. A deformable body is moved by what noise does
+    to its latent state, which cannot show rest itself exactly.
+    """
+    # Noise is drawn around rest as it is, not as it would coast.
+    frame = replace(emulator.frame, dt=0.0)
+    rest = emulator.rest
+    unit = np.asarray(emulator.normaliser.unit, float)
+    still = np.zeros((1, len(unit)))
+    drawn = [noise * unit * rng.normal(size=unit.shape) for rng in random]
+    changes = np.concatenate([still, drawn])
+    latent = np.tile(emulator.encode(rest), (len(changes), 1))
+    states = emulator.decode(frame.apply(latent, changes))
+    return rest + (states[1:] - states[0])

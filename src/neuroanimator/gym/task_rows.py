@@ -1,0 +1,191 @@
+"""Episodes of a task: trials by their number, J so far, success and failure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
+from neuroanimator.errors import ArgumentError
+from neuroanimator.gym.batched_step import (
+    MAX_OBSERVATION,
+    Aims,
+    Observer,
+    observe_rows,
+    step_rows,
+)
+from neuroanimator.gym.vector_env import EpisodeRows, Outcome
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.systems import load_system
+from neuroanimator.tasks.all_tasks import TASKS
+from neuroanimator.tasks.task import Task, Trial
+from neuroanimator.zoo import emulator_name
+
+TRIALS = 100
+"""Number of starts and goals an episode is drawn from: the same ones `benchmarks/control.py` solves."""
+
+TRIAL_STREAM = 5
+"""Tells the random numbers of a trial from others of the same number: that of the benchmark."""
+
+RIGID_SCALE = 10.0
+"""Length in which distances to the goal are counted by what is not deformable [m]: about as far as truck and lander
+go."""
+
+BONUS = 1.0
+"""Reward added for the step that succeeds, and taken for the one that fails."""
+
+
+class Episodes(NamedTuple):
+    """Episodes under way, each a row."""
+
+    latent: Float[np.ndarray, "B I"]
+    controls: Float[np.ndarray, "B T C"]
+    """The controls held; those still to come are zero."""
+    states: Float[np.ndarray, "B T+1 S"]
+    """The trajectories; states still to come are as the last one."""
+    cost: Float[np.ndarray, " B"]
+    """J if everything stayed as it is now."""
+    first_cost: Float[np.ndarray, " B"]
+    """J if everything had stayed as it began."""
+
+
+@final
+class TaskRows(EpisodeRows):
+    """Trials of a task on its emulator; the number of a trial is its start."""
+
+    option = "trial"
+    first = 0
+    max_observation = MAX_OBSERVATION
+
+    def __init__(self, task: str):
+        if task not in TASKS:
+            raise ArgumentError(f"No task called '{task}'. Tasks: {', '.join(TASKS)}.")
+        self.task: Task = TASKS[task]
+        self.emulator = Emulator.load(emulator_name(self.task.system, self.task.substeps))
+        self.system = load_system(self.task.system)
+        self.steps = round(self.task.seconds / self.emulator.dt)
+        self.trial = cache(self._draw_trial)
+        self.scale = self.system.body_length or RIGID_SCALE
+        self._observer = Observer(
+            self.emulator, self.scale, self.trial(self.first).aim.is_in_a_fixed_world
+        )
+
+    def draw(self, random: Sequence[np.random.Generator]) -> Int[np.ndarray, " R"]:
+        return np.array([rng.integers(TRIALS) for rng in random])
+
+    def check(self, start: ArrayLike) -> Int[np.ndarray, " *B"]:
+        numbers = np.asarray(start)
+        is_whole = numbers.dtype.kind in "iu"
+        if not is_whole or not ((numbers >= 0) & (numbers < TRIALS)).all():
+            raise ArgumentError(f"trial: wanted numbers from 0 to {TRIALS - 1}, came {start}.")
+        return numbers
+
+    def begin(self, starts: Int[np.ndarray, " B"], rows: Bool[np.ndarray, " B"]) -> None:
+        if not rows.all():
+            starts = np.where(rows, starts, self.numbers)
+        self.numbers = np.array(starts)
+        self._trials = [self.trial(int(number)) for number in starts]
+        self._objectives = _stacked([trial.objective for trial in self._trials])
+        self._aims = Aims.of([trial.aim for trial in self._trials])
+        begun = self._begun()
+        counts = np.zeros(len(rows), int)
+        if not rows.all():
+            pairs = zip(begun, self.episodes, strict=True)
+            begun = Episodes(*[_chosen(rows, new, old) for new, old in pairs])
+            counts = np.where(rows, 0, self._counts)
+        self.episodes = begun
+        self.states = begun.states[np.arange(len(rows)), counts]
+        self._counts = counts
+
+    def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
+        """A row that has made all its super steps keeps its motion."""
+        before = self.episodes
+        counts = self._counts
+        made = step_rows(self.emulator, before.latent, controls)
+        is_to_come = np.arange(self.steps + 1) > counts[:, None]
+        states = np.where(is_to_come[..., None], made.states[:, None], before.states)
+        is_held = np.arange(self.steps) == counts[:, None]
+        held = np.where(is_held[..., None], controls[:, None], before.controls)
+        cost = self._costs(held, states)
+        with np.errstate(all="ignore"):  # a row that diverged costs no number
+            rewards = np.nan_to_num((before.cost - cost) / before.first_cost)
+        self.episodes = Episodes(made.latent, held, states, cost, before.first_cost)
+        self.states = made.states
+        self._counts = counts + 1
+        paths = [
+            path[: count + 2] for path, count in zip(states.astype(float), counts, strict=True)
+        ]
+        pairs = list(zip(self._trials, paths, strict=True))
+        has_succeeded = np.array(
+            [np.isfinite(path).all() and trial.is_success(path) for trial, path in pairs], bool
+        )
+        is_lost = np.array([trial.has_failed(path) for trial, path in pairs], bool)
+        has_failed = made.ends_far | (is_lost & ~has_succeeded)
+        info = {"covered": made.trust <= EDGE, "trust": made.trust, "success": has_succeeded}
+        earned = rewards + BONUS * has_succeeded - BONUS * has_failed
+        return Outcome(earned, has_succeeded | has_failed, info)
+
+    def observe(self) -> Float[np.ndarray, "B O"]:
+        time_left = 1 - self._counts / self.steps
+        return observe_rows(self._observer, self.episodes.latent, self._aims, time_left)
+
+    def facts(self) -> dict[str, Int[np.ndarray, " B"]]:
+        return {"trial": self.numbers}
+
+    def _draw_trial(self, number: int) -> Trial:
+        """Return the trial of that number: always the same one, and that of the benchmark."""
+        rng = np.random.default_rng([number, TRIAL_STREAM])
+        return self.task.draw(self.system, rng, self.steps, self.emulator.dt)
+
+    def _begun(self) -> Episodes:
+        """Return the episodes of all trials at their beginning."""
+        starts = np.stack([np.asarray(trial.start, float) for trial in self._trials])
+        latent = np.asarray(self.emulator.encode(starts), np.float32)
+        states = np.repeat(starts[:, None].astype(np.float32), self.steps + 1, axis=1)
+        controls = np.zeros((len(starts), self.steps, self.emulator.control.size), np.float32)
+        cost = self._costs(controls, states)
+        return Episodes(latent, controls, states, cost, cost)
+
+    def _costs(
+        self, controls: Float[np.ndarray, "B T C"], states: Float[np.ndarray, "B T+1 S"]
+    ) -> Float[np.ndarray, " B"]:
+        """Return J of each row by its own objective."""
+        scale = np.asarray(self.emulator.bounds.magnitude, np.float32)
+        return np.asarray(_costs(self._objectives, controls, states, scale, self.emulator.dt))
+
+
+@eqx.filter_jit
+def _costs(
+    objectives: Objective,
+    controls: Float[AnyArray, "B T C"],
+    states: Float[AnyArray, "B T+1 S"],
+    scale: Float[AnyArray, " C"],
+    dt: float,
+) -> Float[AnyArray, " B"]:
+    def cost(objective: Objective, held: Array, path: Array) -> Array:
+        return objective(Trajectory(path, held, scale, dt))
+
+    return eqx.filter_vmap(cost)(objectives, controls, states)
+
+
+def _chosen(
+    rows: Bool[np.ndarray, " B"], new: Float[np.ndarray, "B ..."], old: Float[np.ndarray, "B ..."]
+) -> Float[np.ndarray, "B ..."]:
+    """Return `new` in `rows`, and `old` elsewhere."""
+    return np.where(rows.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
+
+
+def _stacked(rows: list[Any]) -> Any:
+    """Return trees of the same structure as one, their leaves stacked."""
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
