@@ -184,6 +184,7 @@ def test_what_turns_are_worth_is_nothing_without_them_and_all_with_nothing_else(
 def test_a_report_has_shares_and_errors_by_threshold(shipped: Emulator):
     test = held_out_runs(shipped, count=3, seconds=1.0)
     shares = hybrid_shares(shipped, test, 3)
-    assert [share.threshold for share in shares] == list(THRESHOLDS)
-    assert shares[0].physics_share <= shares[-1].physics_share
-    assert shares[-1].error < shares[-1].emulator_error
+    assert tuple(shares) == THRESHOLDS
+    first, *_, last = shares.values()
+    assert first.physics_share <= last.physics_share
+    assert last.error < last.emulator_error

@@ -17,7 +17,7 @@ from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.c_emulator import CEmulator
-from neuroanimator.emulator.emulator import Emulator, rollout
+from neuroanimator.emulator.emulator import Emulator, program_of, rollout
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.csv_table import quartiles
 from neuroanimator.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
@@ -29,7 +29,6 @@ from neuroanimator.evaluation.speed import (
     compiled,
     interleaved,
     one_core,
-    program_in_c,
 )
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.training.config import UPDATES_PER_CHUNK
@@ -159,7 +158,7 @@ def _nominal_tuned(evaluation: Evaluation) -> float | str:
 
 def _batch_figures(shipped: Emulator, repeats: int) -> dict[str, Any]:
     """Return the time of a super step and of a physics step in batches."""
-    program = program_in_c(shipped)
+    program = program_of(shipped)
     figures: dict[str, Any] = {}
     for batch in BATCHES:
         figures[f"us_in_batch_{batch}"] = batch_microseconds(

@@ -63,7 +63,7 @@ def make_bundle(
         drive = _copied(twin, folder)
     if policy is not None:
         progress("compiling its policy")
-        policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
+        policy_wasm = checked_wasm(policy, definition_of(policy, licence), "policy").content
         write_whole(folder / "policy.wasm", policy_wasm)
     progress("looking for a motion worth a look")
     name = bundle_id or source.name.split(".")[0]
@@ -103,7 +103,7 @@ def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
             pool.submit(_compile_descent, emulator, system, folder),
             pool.submit(write_physics_beside, system, emulator.dt, folder),
         ]
-        emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
+        emulator_wasm = checked_wasm(emulator, definition_of(emulator, licence), "emulator").content
         write_whole(folder / EMULATOR_WASM, emulator_wasm)
         for other in others:
             other.result()

@@ -51,8 +51,6 @@ def test_the_next_motion_needs_no_jax(tmp_path: Path):
     "words",
     [
         ("animate", "fish", "--out", "fish.glb", "--out", "fish.csv"),
-        ("export", "fish-50", "--out", "fish.h"),
-        ("export", "dolphin", "--policy", "--out", "dolphin.h"),
         ("control", "lander", "--goal", "pad", "--out", "landing.csv", "--glb", "landing.glb"),
     ],
     ids=" ".join,

@@ -130,7 +130,7 @@ def test_an_emulator_as_exact_as_the_noise_is_not_called_poor(data: Transitions,
     assert found.one_step_error > 0.1  # which without noise would not be good
     assert found.verdict.word == "good"
     assert "of which the recordings' own noise makes" in str(found.verdict)
-    assert "the recordings' own noise (angle[0] 0.05 rad" in found.note
+    assert "The recordings' own noise (angle[0] 0.05 rad" in found.note
     assert found.row()["noise_error"] == found.noise_error
     write_report([found], tmp_path / "report.html")
     assert "Noise of the recordings" in (tmp_path / "report.html").read_text()

@@ -1,6 +1,8 @@
-"""How far the emulator is from the physics, in one step and over time; and how far the physics is from itself."""
+"""Errors of emulators in one step and over time, of the physics itself, and of noise in recordings."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +13,7 @@ from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Runs, Scheme
+from neuroanimator.training.validation import noise_differences
 
 LOST = 1e3
 """Magnitude of error that stands for larger ones, and for those that are no finite number."""
@@ -34,11 +37,24 @@ def step_errors(relative: Float[np.ndarray, "N M"]) -> Float[np.ndarray, " N"]:
         return bounded(root_mean_square(relative, axis=1))
 
 
+def emulate(
+    emulator: Emulator, starts: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
+) -> Float[np.ndarray, "B F S"]:
+    """Return the emulator's trajectories (B, T+1, S), also those that come to no finite numbers."""
+    return np.asarray(emulator.rollout(starts, controls, may_diverge=True), float)
+
+
+def next_states(
+    emulator: Emulator, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
+) -> Float[np.ndarray, "N S"]:
+    """Return the states one super step later by the emulator."""
+    return emulate(emulator, states, controls[:, None])[:, 1]
+
+
 def one_step_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"]:
     """Return rms one-step errors of what moves, over the standard deviation of the change."""
     states, controls, truth = test.transitions
-    emulated = emulator.rollout(states, controls[:, None], may_diverge=True)[:, 1]
-    errors = test.frame.difference(truth, np.asarray(emulated, float))
+    errors = test.frame.difference(truth, next_states(emulator, states, controls))
     return root_mean_square(test.relative(errors))
 
 
@@ -53,6 +69,20 @@ def rollout_error(
     moves = reach >= MIN_CHANGE
     errors = frame.difference(truth, emulated)[..., moves] / reach[moves]
     return root_mean_square(errors, axis=(0, 2))
+
+
+def error_after(errors: Float[np.ndarray, " T"], dt: float, seconds: float) -> float:
+    """Return the one of rollout `errors`, `dt` [s] apart, after `seconds`, to the nearest super step but the first."""
+    step = max(1, round(seconds / dt))
+    return float(errors[min(step, len(errors) - 1)])
+
+
+def unseen_errors(emulator: Emulator, test: HeldOut, seconds: float) -> tuple[float, float]:
+    """Return (one-step error, rollout error after `seconds`) on a test; infinite for what is no number."""
+    emulated = emulate(emulator, test.states[:, 0], test.controls)
+    errors = rollout_error(test.frame, emulated, test.states)
+    error = np.nan_to_num(error_after(errors, emulator.dt, seconds), nan=np.inf)
+    return float(root_mean_square(one_step_error(emulator, test))), float(error)
 
 
 def scheme_error(test: HeldOut, scheme: Scheme) -> float:
@@ -77,3 +107,18 @@ def self_divergence(test: HeldOut) -> Float[np.ndarray, " T"]:
     runs = system.simulate(test.states[:, 0], test.controls, test.dt, scheme=system.scheme)
     is_whole = ~runs.has_diverged
     return rollout_error(test.frame, runs.states[is_whole], test.states[is_whole])
+
+
+def noise_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"] | None:
+    """Return the rms one-step error that noise alone makes in what moves, over the standard deviation of the change.
+
+    A super step begins at a state with noise, which the motion carries on, and is compared with another state with noise:
+    both count, and are independent. What the motion makes of noise is what the emulator makes of as much again.
+    None where nobody knows the noise: of a simulated system, which has none, and of datasets of older versions.
+    """
+    if test.noise is None:
+        return None
+    states, controls, truth = test.transitions
+    following = partial(next_states, emulator, controls=controls)
+    carried, seen = noise_differences(test.frame, following, states, truth, test.noise)
+    return np.hypot(*(root_mean_square(test.relative(part)) for part in (carried, seen)))

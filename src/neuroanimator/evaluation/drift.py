@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.evaluation.accuracy import emulate
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.systems.system import System
@@ -85,8 +86,8 @@ def measure_drift(
     for done in range(0, steps, BLOCK):
         controls = sample_control_runs(rng, runs, min(BLOCK, steps - done), emulator.dt, system)
         true = system.simulate_fastest(current["physics"], controls, emulator.dt)
-        emulated = emulator.rollout(current["emulator"], controls, may_diverge=True)
-        paths = {"physics": true.states, "emulator": np.asarray(emulated, float)}
+        emulated = emulate(emulator, current["emulator"], controls)
+        paths = {"physics": true.states, "emulator": emulated}
         for name, path in paths.items():
             is_lost = ~np.isfinite(path).all(axis=(1, 2)) | system.has_diverged(path)
             path[is_lost] = np.nan

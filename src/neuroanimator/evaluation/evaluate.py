@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +14,9 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.verdict import NOISE_TOLD, Verdict, beyond_noise, judge
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
+    emulate,
+    error_after,
+    noise_error,
     one_step_error,
     rollout_error,
     root_mean_square,
@@ -27,8 +31,7 @@ from neuroanimator.evaluation.held_out import (
     recorded_runs,
     system_of,
 )
-from neuroanimator.evaluation.hybrid_shares import HybridShare, hybrid_shares
-from neuroanimator.evaluation.noise import noise_error
+from neuroanimator.evaluation.hybrid_shares import HybridGain, hybrid_shares
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
 from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
@@ -126,8 +129,8 @@ class Evaluation:
     """Where it is good and where it is weak; None if that was not looked for."""
     bounded: BoundedErrors | None = None
     """Whether bounds of errors keep what they promise; None where nobody measured any."""
-    hybrid: tuple[HybridShare, ...] = ()
-    """What turns with the physics are worth; empty if that was not looked at."""
+    hybrid: Mapping[float, HybridGain] = field(default_factory=dict)
+    """What turns with the physics are worth by the score from which it takes over; empty if that was not looked at."""
 
     @property
     def weak_spots(self) -> tuple[WeakSpot, ...]:
@@ -243,9 +246,7 @@ class Evaluation:
 
     def rollout_error_at(self, seconds: float) -> float:
         """Return the rollout error after `seconds` [s], to the nearest super step but the first."""
-        last = len(self.rollout_errors) - 1
-        step = max(1, round(seconds / self.dt))
-        return float(self.rollout_errors[min(step, last)])
+        return error_after(self.rollout_errors, self.dt, seconds)
 
     def row(self) -> dict[str, str | int | float]:
         """Return the figures by their published names."""
@@ -299,8 +300,7 @@ def evaluate(
     test = replace(test, most_transitions=budget.transitions)
     with phase("emulating"):
         errors = one_step_error(emulator, test)
-        emulated = emulator.rollout(test.states[:, 0], test.controls, may_diverge=True)
-        emulated = np.asarray(emulated, float)
+        emulated = emulate(emulator, test.states[:, 0], test.controls)
     with phase("timing"):
         if is_recorded:
             speed = None
@@ -314,7 +314,7 @@ def evaluate(
         if budget.starts:
             among = test.transitions.states if is_recorded else None
             diverged = count_diverged(emulator, budget.starts, budget.steps, among=among)
-    hybrid: tuple[HybridShare, ...] = ()
+    hybrid: dict[float, HybridGain] = {}
     if budget.hybrid_runs and not is_recorded:
         with phase("taking turns with the physics"):
             hybrid = hybrid_shares(emulator, test, budget.hybrid_runs)

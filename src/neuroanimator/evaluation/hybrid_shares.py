@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.accuracy import rollout_error, root_mean_square
+from neuroanimator.evaluation.accuracy import emulate, rollout_error, root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.hybrid import HybridMotion, hybrid_rollout
 from neuroanimator.state.body_frame import Frame
@@ -22,14 +22,13 @@ RUN_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
-class HybridShare:
-    """Motions in turns with the physics, where it takes over from one score on."""
+class HybridGain:
+    """What turns with the physics are worth."""
 
-    threshold: float
     physics_share: float
     """Share of the super steps that the physics made."""
     error: float
-    """Rms error at the end over how far the physics gets from the start."""
+    """Rms error over how far the physics gets from the start: at the end of several motions, all along a single one."""
     emulator_error: float
     """That of the emulator alone."""
 
@@ -38,15 +37,21 @@ class HybridShare:
         """Factor by which the error is smaller than the emulator's alone."""
         return self.emulator_error / self.error if self.error else float("inf")
 
+    def __str__(self) -> str:
+        return (
+            f"{self.physics_share:.0%} of the time by physics; error {self.error:.3g}, of the emulator alone "
+            f"{self.emulator_error:.3g} (over how far the motion gets)"
+        )
 
-def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> tuple[HybridShare, ...]:
+
+def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> dict[float, HybridGain]:
     """Return what each of `THRESHOLDS` comes to on the first seconds of `count` unseen runs."""
     steps = min(test.controls.shape[1], round(RUN_SECONDS / emulator.dt) or 1)
     truth = test.states[:count, : steps + 1]
     controls = test.controls[:count, :steps]
-    alone = np.asarray(emulator.rollout(truth[:, 0], controls, may_diverge=True), float)
+    alone = emulate(emulator, truth[:, 0], controls)
     emulator_error = float(rollout_error(test.frame, alone, truth)[-1])
-    found = []
+    found = {}
     for threshold in THRESHOLDS:
         motions = [
             hybrid_rollout(emulator, test.system, states[0], held, threshold=threshold)
@@ -55,25 +60,8 @@ def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> tuple[Hybrid
         states = np.stack([motion.states for motion in motions])
         share = float(np.mean([motion.physics_share for motion in motions]))
         error = float(rollout_error(test.frame, states, truth)[-1])
-        found.append(HybridShare(threshold, share, error, emulator_error))
-    return tuple(found)
-
-
-@dataclass(frozen=True)
-class HybridGain:
-    """What turns with the physics were worth in one motion."""
-
-    physics_share: float
-    error: float
-    """Rms error all the way, over how far the physics gets from the start."""
-    emulator_error: float
-    """That of the emulator alone."""
-
-    def __str__(self) -> str:
-        return (
-            f"{self.physics_share:.0%} of the time by physics; error {self.error:.3g}, of the emulator alone "
-            f"{self.emulator_error:.3g} (over how far the motion gets)"
-        )
+        found[threshold] = HybridGain(share, error, emulator_error)
+    return found
 
 
 def hybrid_gain(
@@ -82,10 +70,10 @@ def hybrid_gain(
     """Return what the turns of `motion` were worth: it is held against the physics alone from the same start."""
     start = motion.states[0]
     truth = system.simulate_fastest(start[None], controls[None], emulator.dt).states
-    alone = np.asarray(emulator.rollout(start, controls, may_diverge=True), float)
+    alone = emulate(emulator, start[None], controls[None])
     frame = Frame.of(system.structure, emulator.dt)
     errors = [
-        float(root_mean_square(rollout_error(frame, states[None], truth)))
-        for states in (motion.states, alone)
+        float(root_mean_square(rollout_error(frame, states, truth)))
+        for states in (motion.states[None], alone)
     ]
     return HybridGain(motion.physics_share, *errors)

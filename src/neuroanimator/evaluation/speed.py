@@ -21,7 +21,6 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.emulator.c_emulator import CEmulator
 from neuroanimator.emulator.emulator import Emulator, program_of, rollout
 from neuroanimator.evaluation.accuracy import scheme_error
 from neuroanimator.evaluation.held_out import HeldOut
@@ -222,16 +221,11 @@ def interleaved(players: dict[str, Callable[[], Any]], repeats: int = REPEATS) -
 def emulator_players(emulator: Emulator) -> dict[str, Callable[[], Any]]:
     """Return functions that take `TIMED_SUPER_STEPS` super steps, compiled: in JAX, and in C where that can be had."""
     players: dict[str, Callable[[], Any]] = {IN_JAX: emulator_player(emulator)}
-    program = program_in_c(emulator)
+    program = program_of(emulator)
     if program is not None:
         start, controls = _timed_motion(emulator)
         players[IN_C] = partial(program.rollout, start, controls)
     return players
-
-
-def program_in_c(emulator: Emulator) -> CEmulator | None:
-    """Return the emulator in C; None where there is no such program, or where the backend is JAX."""
-    return program_of(emulator)
 
 
 def emulator_player(emulator: Emulator) -> Callable[[], None]:

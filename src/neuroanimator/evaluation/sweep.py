@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from neuroanimator.cores import core_count
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
+from neuroanimator.evaluation.accuracy import unseen_errors
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.speed import measure_emulator
 from neuroanimator.executor.executor import TRAINING_SECONDS, Executor
@@ -136,16 +134,10 @@ def run_sweep_task(task: SweepTask) -> Swept:
             generate(task.data, dataset)
         data = open_transitions(dataset, task.training.memory)
         emulator = train(data, task.training, path)
-        one_step, error = _errors(emulator, task.seconds)
+        seconds = max(task.seconds, emulator.dt)
+        test = held_out_runs(emulator, count=TEST_RUNS, seconds=seconds)
+        one_step, error = unseen_errors(emulator, test, seconds)
         return Swept(path.read_bytes(), one_step, error)
-
-
-def _errors(emulator: Emulator, seconds: float) -> tuple[float, float]:
-    """Return (one-step error, error after `seconds`) on unseen runs."""
-    test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
-    emulated = emulator.rollout(test.states[:, 0], test.controls, may_diverge=True)
-    errors = rollout_error(test.frame, np.asarray(emulated, float), test.states)
-    return float(root_mean_square(one_step_error(emulator, test))), float(errors[-1])
 
 
 def _timed(emulator: Emulator, swept: Swept, path: Path) -> SweepRow:

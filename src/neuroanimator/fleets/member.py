@@ -18,7 +18,7 @@ from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
+from neuroanimator.evaluation.accuracy import unseen_errors
 from neuroanimator.evaluation.held_out import held_out_runs, recorded_runs
 from neuroanimator.fleets.fleet_file import Member
 from neuroanimator.storage.places import Place, place_of
@@ -119,10 +119,4 @@ def _errors(emulator: Emulator, data: Dataset, seconds: float) -> tuple[float, f
         test = recorded_runs(emulator, data)
     else:
         test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
-    emulated = emulator.rollout(test.states[:, 0], test.controls, may_diverge=True)
-    errors = rollout_error(test.frame, np.asarray(emulated, float), test.states)
-    after = min(round(seconds / emulator.dt), len(errors)) - 1
-    error = float(errors[max(after, 0)])
-    if not np.isfinite(error):
-        error = float("inf")
-    return float(root_mean_square(one_step_error(emulator, test))), error
+    return unseen_errors(emulator, test, seconds)

@@ -10,7 +10,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -29,7 +28,6 @@ from neuroanimator.errors import ResourceError
 from neuroanimator.export.programs.c_file import check_gradients, check_steps, compiled_header
 from neuroanimator.export.programs.c_header import c_header, identifier, part_names
 from neuroanimator.export.programs.definition import definition_of
-from neuroanimator.export.programs.kept_headers import CheckedHeader, kept_header
 from neuroanimator.export.programs.vectors import (
     KEPT,
     make_gradient_vectors,
@@ -245,34 +243,6 @@ def test_an_emulator_of_a_body_that_is_pushed_can_be_a_header(
 @pytest.mark.parametrize("name", POLICIES)
 def test_every_policy_that_ships_can_be_a_header(name: str, tmp_path: Path):
     assert write_c_header(load_policy(name), tmp_path / "it.h").difference < 1e-3
-
-
-def test_a_header_is_made_once_a_machine_and_again_where_its_record_is_damaged(
-    shipped: Emulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    header = CheckedHeader("/* a header */\n", '{"vectors": []}', 1000, 1e-6)
-    made: list[str] = []
-
-    def header_of(emulator: Emulator, name: str) -> CheckedHeader:
-        def make() -> CheckedHeader:
-            made.append(name)
-            return header
-
-        return kept_header(emulator, definition_of(emulator), name, make)
-
-    assert header_of(shipped, "it") == header_of(shipped, "it") == header
-    assert made == ["it"]
-    (record,) = tmp_path.rglob("*.safetensors")
-    content = bytearray(record.read_bytes())
-    content[-3] ^= 1
-    record.write_bytes(content)
-    assert header_of(shipped, "it") == header
-    assert made == ["it", "it"]
-    header_of(shipped, "another")
-    header_of(shipped.in_strides(2), "it")
-    header_of(replace(shipped, network=jax.tree.map(lambda leaf: leaf + 1, shipped.network)), "it")
-    assert made == ["it", "it", "another", "it", "it"]
 
 
 def test_no_slope_is_compared_at_a_kink_where_rounding_decides_which_there_is():

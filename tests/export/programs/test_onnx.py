@@ -24,7 +24,6 @@ from neuroanimator.export.programs.definition import (
     Definition,
     Port,
     definition_of,
-    trusted_definition_of,
 )
 from neuroanimator.export.programs.numpy_file import numpy_bytes
 from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
@@ -141,7 +140,7 @@ def test_a_body_that_is_pushed_is_the_same_in_onnxruntime_at_any_batch(untrained
 
 
 def assert_same_in_onnxruntime(model: Emulator | Policy) -> None:
-    definition = trusted_definition_of(model)
+    definition = definition_of(model, has_trust=True)
     session = onnxruntime.InferenceSession(onnx_bytes(definition))
     emulator = model.emulator if isinstance(model, Policy) else model
     rng = np.random.default_rng(0)
@@ -202,7 +201,7 @@ def test_a_file_says_what_its_numbers_are_and_vectors_lie_beside_it(tmp_path: Pa
 
 def trust_outside(emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> dict:
     """Return the scores (B,) of states under controls by each runtime of a file, by its name."""
-    definition = trusted_definition_of(emulator)
+    definition = definition_of(emulator, has_trust=True)
     feeds = {"state": np.float32(states), "control": np.float32(controls)}
     content = onnx_bytes(definition)
     in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(definition)))
@@ -233,7 +232,7 @@ def test_what_is_no_number_or_too_large_is_trusted_nowhere():
 
 def test_scores_outside_are_the_emulators_wherever_an_input_lies():
     lander = load_emulator("lander-50")
-    definition = trusted_definition_of(lander)
+    definition = definition_of(lander, has_trust=True)
     vectors = make_vectors(definition, lander)
     states, controls = vectors.inputs["state"], vectors.inputs["control"]
     expected = lander.trust(states.astype(float), controls.astype(float))
@@ -248,14 +247,14 @@ def test_of_a_file_from_before_there_were_scores_there_is_none_which_is_said(tmp
     written = write_onnx(old, tmp_path / "old.onnx")
     assert "gives no trust: the file is from before there were scores" in written.summary()
     assert [output.name for output in onnx.load(written.path).graph.output] == ["next_state"]
-    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(trusted_definition_of(old))))
+    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(definition_of(old, has_trust=True))))
     assert in_numpy.step(old.rest, np.zeros(3)).shape == (6,)
     with pytest.raises(ValueError, match="no scores of trust"):
         in_numpy.trust(old.rest, np.zeros(3))
 
 
 def test_the_same_emulator_gives_the_same_bytes():
-    definition = trusted_definition_of(load_emulator("pendulum-50"))
+    definition = definition_of(load_emulator("pendulum-50"), has_trust=True)
     assert onnx_bytes(definition) == onnx_bytes(definition)
 
 

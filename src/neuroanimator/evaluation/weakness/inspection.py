@@ -13,7 +13,7 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.data.stored import StoredTransitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
-from neuroanimator.evaluation.accuracy import bounded, step_errors
+from neuroanimator.evaluation.accuracy import bounded, next_states, step_errors
 from neuroanimator.evaluation.component_errors import (
     ComponentError,
     ErrorSpread,
@@ -150,8 +150,8 @@ def _inspected(
     emulator: Emulator, test: HeldOut, data: Transitions | StoredTransitions | None
 ) -> Inspection:
     steps = test.transitions
-    emulated = emulator.rollout(steps.states, steps.controls[:, None], may_diverge=True)[:, 1]
-    errors = test.frame.difference(steps.next_states, np.asarray(emulated, float))
+    emulated = next_states(emulator, steps.states, steps.controls)
+    errors = test.frame.difference(steps.next_states, emulated)
     relative = test.relative(errors)
     sizes = step_errors(relative)
     runs = np.arange(len(steps.states)) // (len(steps.states) // len(test.states))

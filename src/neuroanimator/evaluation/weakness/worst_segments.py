@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
-from neuroanimator.evaluation.accuracy import bounded, root_mean_square
+from neuroanimator.evaluation.accuracy import bounded, emulate, root_mean_square
 from neuroanimator.evaluation.component_errors import change_names
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.readings import entry_names
@@ -68,7 +68,7 @@ def worst_segments(emulator: Emulator, test: HeldOut, count: int = SEGMENTS) -> 
     segments = runs * len(starts)
     physics = test.states[:, pieces].reshape(segments, steps + 1, test.states.shape[-1])
     controls = test.controls[:, pieces[:, :-1]].reshape(segments, steps, test.controls.shape[-1])
-    emulated = np.asarray(emulator.rollout(physics[:, 0], controls, may_diverge=True), float)
+    emulated = emulate(emulator, physics[:, 0], controls)
     relative = _relative(test, physics, emulated)
     errors = root_mean_square(relative, axis=(1, 2)).reshape(runs, len(starts))
     found = []

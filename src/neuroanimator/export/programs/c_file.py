@@ -19,16 +19,16 @@ from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_header import c_header, identifier
 from neuroanimator.export.programs.definition import Definition, definition_of
-from neuroanimator.export.programs.kept_headers import CheckedHeader, kept_header
+from neuroanimator.export.programs.exported_files import (
+    CheckedProgram,
+    ExportedFiles,
+    write_program,
+)
 from neuroanimator.export.programs.vectors import (
-    VECTORS_SUFFIX,
     Vectors,
     make_gradient_vectors,
     make_vectors,
-    vectors_text,
 )
-from neuroanimator.export.programs.written import Written
-from neuroanimator.storage.files import write_whole
 
 FLAGS = (("-O1", "-Wall", "-Wextra", "-Werror"),)
 """Flags a header is compiled with to be checked."""
@@ -43,8 +43,8 @@ Call = Callable[..., int | float | None]
 """A function of C that takes arrays and whole numbers, called by its name without the header's own."""
 
 
-def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
-    """Write `model` to `path`, held against JAX once on this machine, and test vectors beside it (`fish.vectors.json`).
+def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
+    """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
     Its functions begin with the file's name: `fish_step` in `fish.h`. The header says what they take. `licence` is
     named in it if there is one.
@@ -52,26 +52,13 @@ def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = ""
     Raises ResourceError without a C compiler, UnsupportedError for an operation there is no C for, and
     NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
     """
-    path = Path(path)
     compiler = _compiler()
     definition = definition_of(model, licence)
-    name = identifier(path.stem)
-    header = kept_header(model, definition, name, lambda: _checked(model, definition, name))
-    vectors_path = path.with_suffix(VECTORS_SUFFIX)
-    write_whole(vectors_path, header.vectors.encode("ascii"))
-    write_whole(path, header.text.encode("ascii"))
-    runtime = f"C by {compiler}"
-    return Written(
-        path, (vectors_path,), len(header.text), runtime, header.count, header.difference
-    )
-
-
-def _checked(model: Emulator | Policy, definition: Definition, name: str) -> CheckedHeader:
-    """Return the header of `model`, held against JAX."""
+    name = identifier(Path(path).stem)
     text = c_header(model, definition, name)
     functions, difference = check_functions(compiled_header(text, name), model, definition)
-    vectors = vectors_text(definition, functions)
-    return CheckedHeader(text, vectors, functions[definition.name].count, difference)
+    program = CheckedProgram(text.encode("ascii"), functions, f"C by {compiler}", difference)
+    return write_program(path, definition, program)
 
 
 def check_functions(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -14,19 +15,20 @@ import neuroanimator
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator, step
+from neuroanimator.emulator.trust_summary import NO_METER
 from neuroanimator.state.layout import Layout, Slice
 
 PHASE = Layout((Slice("phase", 1, "rad"),))
 """The clock of a policy."""
 
 TRUST = Layout((Slice("trust", 1, "1"),))
-"""How far an input lies from what training showed: 1 is the edge."""
+"""Distance of an input from what training showed: 1 is the edge."""
 
 LARGEST_SCORE = 1e30
 """A score that is higher counts as infinite: float32 ends soon after."""
 
 CONVENTIONS = "SI units, radians, Z up, right-handed, quaternions wxyz"
-"""What all numbers are in; docs/conventions.md says more."""
+"""Conventions of all numbers; docs/conventions.md says more."""
 
 
 class Port(NamedTuple):
@@ -41,22 +43,19 @@ class Definition:
     """A function in JAX, of one example, and what to know of it."""
 
     name: str
-    """What the function is called."""
+    """Name of the function."""
     function: Callable[..., tuple[Array, ...]]
     """Of one array for each of `inputs`; it returns one for each of `outputs`."""
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     facts: dict[str, Any]
     """What an engine may want to know, as JSON: the system, the super step, names, units and bounds."""
-
-    @property
-    def sizes(self) -> list[tuple[int]]:
-        """The shape of each input."""
-        return [(port.layout.size,) for port in self.inputs]
+    missing: str = ""
+    """Sentence on what an older model lacks, and how it gets it."""
 
     @property
     def output_names(self) -> list[str]:
-        """What the outputs are called."""
+        """Names of the outputs."""
         return [port.name for port in self.outputs]
 
     def fact_texts(self) -> dict[str, str]:
@@ -67,35 +66,46 @@ class Definition:
         return texts
 
 
-def emulator_definition(emulator: Emulator, licence: str = "") -> Definition:
-    """Return (state (S,), control (C,)) → next_state (S,), one super step later."""
+def definition_of(
+    model: Emulator | Policy, licence: str = "", *, has_trust: bool = False
+) -> Definition:
+    """Return what a program of `model` does; `licence` says under which terms its weights may be used.
 
-    def super_step(
-        state: Float[Array, " S"], control: Float[Array, " C"]
-    ) -> tuple[Float[Array, " S"]]:
-        return (step(emulator, state, control),)
-
-    inputs = (Port("state", emulator.state), Port("control", emulator.control))
-    outputs = (Port("next_state", emulator.state),)
-    facts = _facts("emulator", emulator, licence)
-    return Definition("step", super_step, inputs, outputs, facts)
-
-
-def trusted_definition(emulator: Emulator, licence: str = "") -> Definition:
-    """Return (state (S,), control (C,)) → (next_state (S,), trust (1,)): `emulator_definition` and `Emulator.trust`."""
-
-    def super_step(
-        state: Float[Array, " S"], control: Float[Array, " C"]
-    ) -> tuple[Float[Array, " S"], Float[Array, " 1"]]:
-        latent = emulator.encode(state)
-        following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
-        is_number = _are_below(state, MAX_MAGNITUDE) & _are_below(control, MAX_MAGNITUDE)
-        is_number &= _are_below(score, LARGEST_SCORE)
-        return emulator.decode(following), jnp.where(is_number, score, jnp.inf)[None]
-
-    definition = emulator_definition(emulator, licence)
+    An emulator: (state (S,), control (C,)) → next_state (S,), one super step later; with `has_trust` also trust (1,), if
+    it has a meter. A policy: (state (S,), phase (1,), command (4,)) → control (C,), for the super step that begins there;
+    the phase of its clock gains `phase_per_step` with every super step.
+    """
+    if isinstance(model, Policy):
+        return _policy_definition(model, licence)
+    definition = Definition(
+        name="step",
+        function=partial(_super_step, model),
+        inputs=(Port("state", model.state), Port("control", model.control)),
+        outputs=(Port("next_state", model.state),),
+        facts=_facts("emulator", model, licence),
+    )
+    if not has_trust:
+        return definition
+    if model.meter is None:
+        return replace(definition, missing=f"It gives no trust: {NO_METER}.")
     outputs = (*definition.outputs, Port("trust", TRUST))
-    return replace(definition, function=super_step, outputs=outputs)
+    return replace(definition, function=partial(_trusted_step, model), outputs=outputs)
+
+
+def _super_step(
+    emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> tuple[Float[Array, " S"]]:
+    return (step(emulator, state, control),)
+
+
+def _trusted_step(
+    emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> tuple[Float[Array, " S"], Float[Array, " 1"]]:
+    latent = emulator.encode(state)
+    following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
+    is_number = _are_below(state, MAX_MAGNITUDE) & _are_below(control, MAX_MAGNITUDE)
+    is_number &= _are_below(score, LARGEST_SCORE)
+    return emulator.decode(following), jnp.where(is_number, score, jnp.inf)[None]
 
 
 def _are_below(numbers: Float[Array, " *N"], limit: float) -> Bool[Array, ""]:
@@ -107,40 +117,30 @@ def _are_below(numbers: Float[Array, " *N"], limit: float) -> Bool[Array, ""]:
     return jnp.sum(is_below.astype(jnp.float32)) == numbers.size
 
 
-def policy_definition(policy: Policy, licence: str = "") -> Definition:
-    """Return (state (S,), phase (1,), command (4,)) → control (C,), for the super step that begins there.
-
-    The phase of the clock gains `phase_per_step` with every super step.
-    """
+def _policy_definition(policy: Policy, licence: str) -> Definition:
     emulator = policy.emulator
-
-    def answer(
-        state: Float[Array, " S"], phase: Float[Array, " 1"], command: Float[Array, " 4"]
-    ) -> tuple[Float[Array, " C"]]:
-        return (policy.control(emulator.encode(state), jnp.reshape(phase, ()), command),)
-
-    inputs = (Port("state", emulator.state), Port("phase", PHASE), Port("command", COMMAND))
     facts = _facts("policy", emulator, licence)
     facts["command"] = COMMAND.to_json()
     facts["command_low"] = list(policy.ranges.low)
     facts["command_high"] = list(policy.ranges.high)
     facts["phase_per_step"] = policy.tick
-    outputs = (Port("control", emulator.control),)
-    return Definition("control", answer, inputs, outputs, facts)
+    return Definition(
+        name="control",
+        function=partial(_answer, policy),
+        inputs=(Port("state", emulator.state), Port("phase", PHASE), Port("command", COMMAND)),
+        outputs=(Port("control", emulator.control),),
+        facts=facts,
+    )
 
 
-def definition_of(model: Emulator | Policy, licence: str = "") -> Definition:
-    """Return what a program of `model` does; `licence` says under which terms its weights may be used."""
-    if isinstance(model, Policy):
-        return policy_definition(model, licence)
-    return emulator_definition(model, licence)
-
-
-def trusted_definition_of(model: Emulator | Policy, licence: str = "") -> Definition:
-    """Return `definition_of`, with the score as another output of an emulator that has a meter."""
-    if isinstance(model, Emulator) and model.meter is not None:
-        return trusted_definition(model, licence)
-    return definition_of(model, licence)
+def _answer(
+    policy: Policy,
+    state: Float[Array, " S"],
+    phase: Float[Array, " 1"],
+    command: Float[Array, " 4"],
+) -> tuple[Float[Array, " C"]]:
+    latent = policy.emulator.encode(state)
+    return (policy.control(latent, jnp.reshape(phase, ()), command),)
 
 
 def _facts(kind: str, emulator: Emulator, licence: str) -> dict[str, Any]:

@@ -9,20 +9,20 @@ from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.c_file import write_c_header
+from neuroanimator.export.programs.exported_files import ExportedFiles
 from neuroanimator.export.programs.numpy_file import write_numpy
 from neuroanimator.export.programs.onnx_file import write_onnx
 from neuroanimator.export.programs.wasm_file import write_wasm
-from neuroanimator.export.programs.written import Written
 from neuroanimator.zoo import find_emulator, find_policy, licence_of
 
 WRITERS = {".h": write_c_header, ".wasm": write_wasm, ".onnx": write_onnx, ".npz": write_numpy}
-"""What writes a program, by how its file name ends."""
+"""Writers of programs, by the suffix of the file."""
 
 POLICY_ENDING = ".policy.safetensors"
-"""How the names of policies' files end."""
+"""End of the names of policies' files."""
 
 
-def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> list[Written]:
+def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> list[ExportedFiles]:
     """Write the emulator or policy `reference`, a name or a file, to each path; nothing if one of them is refused.
 
     A name means an emulator unless `is_policy`; a file called `.policy.safetensors` is one.

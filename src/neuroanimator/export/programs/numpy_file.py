@@ -19,17 +19,18 @@ from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
-from neuroanimator.codegen.decompositions import without_decompositions
-from neuroanimator.codegen.trace import Input, trace
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.export.programs import numpy_runtime
-from neuroanimator.export.programs.definition import Definition, trusted_definition_of
+from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.exported_files import (
+    CheckedProgram,
+    ExportedFiles,
+    write_program,
+)
 from neuroanimator.export.programs.onnx_graph import onnx_graph
-from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, make_vectors, save_vectors
-from neuroanimator.export.programs.written import Written, what_is_left_out
+from neuroanimator.export.programs.vectors import make_vectors
 from neuroanimator.state.pose_entries import describe_root
-from neuroanimator.storage.files import write_whole
 
 RUNTIME = "numpy_runtime.py"
 """The module that is written beside a file, under its name."""
@@ -48,43 +49,31 @@ NO_BODY = Body({}, {})
 """What draws a policy: nothing."""
 
 
-def write_numpy(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
+def write_numpy(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
     """Write `model` to `path`, after holding it against JAX, with `fish.py`, which runs it, and test vectors beside it.
 
     Raises UnsupportedError for an operation there is no operator for, and NeuroAnimatorError where the program does
     not do what JAX does; then nothing is written.
     """
-    path = Path(path)
-    definition = trusted_definition_of(model, licence)
+    definition = definition_of(model, licence, has_trust=True)
     content = numpy_bytes(definition, _body(model))
     vectors = make_vectors(definition, model)
-    computed = _run(content, [vectors.inputs[port.name] for port in definition.inputs])
+    runs = numpy_runtime.read(io.BytesIO(content))
+    computed = runs.run_all(*(vectors.inputs[port.name] for port in definition.inputs))
     runtime = f"NumPy {np.__version__}"
     difference = vectors.check(computed, f"The program in {runtime}")
+    program = CheckedProgram(content, {definition.name: vectors}, runtime, difference)
     module = (resources.files("neuroanimator.export.programs") / RUNTIME).read_bytes()
-    module_path = path.with_suffix(".py")
-    vectors_path = path.with_suffix(VECTORS_SUFFIX)
-    save_vectors(vectors_path, definition, {definition.name: vectors})
-    write_whole(module_path, module)
-    write_whole(path, content)
-    others = (module_path, vectors_path)
-    left_out = what_is_left_out(model)
-    return Written(
-        path, others, len(content), runtime, vectors.count, difference, left_out=left_out
-    )
+    return write_program(path, definition, program, {".py": module})
 
 
 def numpy_bytes(definition: Definition, body: Body = NO_BODY) -> bytes:
     """Return the .npz file of `definition` and of what draws its `body`, the same bytes each time."""
-    function = without_decompositions(definition.function)
-    inputs = [Input(shape) for shape in definition.sizes]
-    program = trace(lambda _, *arrays: function(*arrays), None, *inputs)
-    names = [port.name for port in definition.inputs]
-    graph = onnx_graph(program, names, definition.output_names)
+    graph = onnx_graph(definition)
     told = {
         "format": numpy_runtime.FORMAT,
         "facts": definition.facts,
-        "inputs": names,
+        "inputs": [port.name for port in definition.inputs],
         "output": definition.output_names[0],
         "more_outputs": definition.output_names[1:],
         "constants": list(graph.constants),
@@ -139,9 +128,3 @@ def _bones(skeleton: Skeleton) -> tuple[list[dict[str, Any]], dict[str, np.ndarr
             light = linear_of(shape.colour[:3]).tolist()
             row["shapes"].append({"array": name, "light": [*light, shape.colour[3]]})
     return rows, arrays
-
-
-def _run(content: bytes, inputs: list[np.ndarray]) -> dict[str, np.ndarray]:
-    """Return what the file computes, by name, read as users read it."""
-    model = numpy_runtime.read(io.BytesIO(content))
-    return model.run_all(*inputs)

@@ -8,21 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuroanimator.codegen.decompositions import without_decompositions
-from neuroanimator.codegen.trace import Input, trace
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.programs.definition import Definition, Port, trusted_definition_of
-from neuroanimator.export.programs.onnx_graph import FLOAT, onnx_graph
-from neuroanimator.export.programs.vectors import (
-    VECTORS_SUFFIX,
-    Arrays,
-    make_vectors,
-    save_vectors,
+from neuroanimator.export.programs.definition import Definition, Port, definition_of
+from neuroanimator.export.programs.exported_files import (
+    CheckedProgram,
+    ExportedFiles,
+    write_program,
 )
-from neuroanimator.export.programs.written import Written, what_is_left_out
-from neuroanimator.storage.files import write_whole
+from neuroanimator.export.programs.onnx_graph import FLOAT, onnx_graph
+from neuroanimator.export.programs.vectors import Arrays, make_vectors
 
 if TYPE_CHECKING:
     import onnx
@@ -37,7 +33,7 @@ BATCH = "batch"
 """Name of the first axis of every tensor."""
 
 
-def write_onnx(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
+def write_onnx(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
     """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
     An emulator is (state (B, S), control (B, C)) → next_state (B, S) and, if it has a meter, trust (B, 1), which
@@ -47,34 +43,19 @@ def write_onnx(model: Emulator | Policy, path: str | Path, licence: str = "") ->
     Raises ResourceError without the package onnx, UnsupportedError for an operation there is no operator for, and
     NeuroAnimatorError where the graph does not do what JAX does; then nothing is written.
     """
-    path = Path(path)
-    definition = trusted_definition_of(model, licence)
+    definition = definition_of(model, licence, has_trust=True)
     content = onnx_bytes(definition)
     vectors = make_vectors(definition, model)
     runtime, computed = run_onnx(content, vectors.inputs)
     difference = vectors.check(computed, f"The ONNX graph in {runtime}")
-    vectors_path = path.with_suffix(VECTORS_SUFFIX)
-    save_vectors(vectors_path, definition, {definition.name: vectors})
-    write_whole(path, content)
-    return Written(
-        path,
-        (vectors_path,),
-        len(content),
-        runtime,
-        vectors.count,
-        difference,
-        left_out=what_is_left_out(model),
-    )
+    program = CheckedProgram(content, {definition.name: vectors}, runtime, difference)
+    return write_program(path, definition, program)
 
 
 def onnx_bytes(definition: Definition) -> bytes:
     """Return the ONNX file of `definition`, which onnx' own checker has passed."""
     onnx = _import_onnx()
-    function = without_decompositions(definition.function)
-    inputs = [Input(shape) for shape in definition.sizes]
-    program = trace(lambda _, *arrays: function(*arrays), None, *inputs)
-    names = [port.name for port in definition.inputs]
-    graph = onnx_graph(program, names, definition.output_names)
+    graph = onnx_graph(definition)
     nodes = []
     for node in graph.nodes:
         attributes = dict(node.attributes)

@@ -1,4 +1,4 @@
-"""A program as a graph of ONNX operators, for many examples at once.
+"""A definition in JAX as a graph of ONNX operators, for many examples at once.
 
 Every tensor is (batch, N): whatever only moves numbers about within an example is a choice of columns.
 """
@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neuroanimator.codegen.decompositions import without_decompositions
 from neuroanimator.codegen.program import Addresses, Operation, Program, ordered_axes
-from neuroanimator.codegen.trace import UnsupportedError
+from neuroanimator.codegen.trace import Input, UnsupportedError, trace
+from neuroanimator.export.programs.definition import Definition
 
 OPERATORS = {
     "neg": "Neg", "sqrt": "Sqrt", "exp": "Exp", "log": "Log", "tanh": "Tanh", "logistic": "Sigmoid", "sin": "Sin",
@@ -76,15 +78,19 @@ class Graph:
     constants: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def onnx_graph(program: Program, inputs: list[str], outputs: list[str]) -> Graph:
-    """Return the graph of `program`: the named tensors (batch, N) of its inputs to those of its outputs.
+def onnx_graph(definition: Definition) -> Graph:
+    """Return the graph of `definition`: the named tensors (batch, N) of its inputs to those of its outputs.
 
     Raises UnsupportedError for operations there is no operator for.
     """
+    function = without_decompositions(definition.function)
+    inputs = [Input((port.layout.size,)) for port in definition.inputs]
+    program = trace(lambda _, *arrays: function(*arrays), None, *inputs)
+    outputs = definition.output_names
     writer = _Writer(program)
-    for name, addresses in zip(inputs, program.inputs, strict=True):
-        writer.place(addresses, name)
-    writer.size_of_batch(inputs[0])
+    for port, addresses in zip(definition.inputs, program.inputs, strict=True):
+        writer.place(addresses, port.name)
+    writer.size_of_batch(definition.inputs[0].name)
     for operation in program.operations:
         writer.write(operation)
     for name, addresses in zip(outputs, program.outputs, strict=True):

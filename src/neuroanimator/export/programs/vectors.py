@@ -6,9 +6,8 @@ A program that does not do the same with a thousand of them is not kept; some of
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -23,7 +22,6 @@ from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.state.layout import Bounds, Layout
-from neuroanimator.storage.files import write_whole
 
 MOTIONS = 24
 """Short random motions states are taken from."""
@@ -33,9 +31,6 @@ STEPS = 49
 
 COUNT = 1000
 """Inputs a program is held against JAX in: of those of the motions that are a test."""
-
-VECTORS_SUFFIX = ".vectors.json"
-"""How the name of the file ends that test vectors ship in, instead of the program's suffix."""
 
 KEPT = 50
 """Inputs that are written to a file."""
@@ -129,13 +124,8 @@ class Vectors:
         return _rounded(self.tolerance(output).max(axis=0))
 
 
-def save_vectors(path: Path, definition: Definition, functions: dict[str, Vectors]) -> None:
-    """Write the facts and the vectors of each function, by name, to `path` as JSON."""
-    write_whole(path, vectors_text(definition, functions).encode("ascii"))
-
-
-def vectors_text(definition: Definition, functions: dict[str, Vectors]) -> str:
-    """Return what `save_vectors` writes."""
+def vectors_text(definition: Definition, functions: Mapping[str, Vectors]) -> str:
+    """Return the facts and the vectors of each function, by name, as JSON."""
     content: dict[str, Any] = {"facts": definition.facts}
     for name, vectors in functions.items():
         content[name] = vectors.to_json()

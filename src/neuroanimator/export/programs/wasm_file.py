@@ -19,9 +19,11 @@ from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_file import check_functions
 from neuroanimator.export.programs.c_header import about, c_header, identifier
 from neuroanimator.export.programs.definition import Definition, definition_of
-from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, Vectors, save_vectors
-from neuroanimator.export.programs.written import Written
-from neuroanimator.storage.files import write_whole
+from neuroanimator.export.programs.exported_files import (
+    CheckedProgram,
+    ExportedFiles,
+    write_program,
+)
 
 if TYPE_CHECKING:
     import wasmtime
@@ -52,7 +54,7 @@ PAGE = 1 << 16
 """Bytes by which a module's memory grows."""
 
 
-def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
+def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
     """Write `model` to `path`, after holding it against JAX, with `fish.js`, `fish.d.ts` and test vectors beside it.
 
     The ES module says what there is to call. `licence` is named in it if there is one.
@@ -60,30 +62,22 @@ def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") ->
     Raises ResourceError without Zig and wasmtime, UnsupportedError for an operation there is no C for, and
     NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
     """
-    path = Path(path)
     definition = definition_of(model, licence)
-    name = identifier(path.stem)
-    content, (functions, difference) = checked_wasm(model, definition, name)
-    others = {
-        path.with_suffix(".js"): _filled("js", model, definition, name),
-        path.with_suffix(".d.ts"): _filled("d.ts", model, definition, name),
+    name = identifier(Path(path).stem)
+    callers = {
+        suffix: _filled(suffix, model, definition, name).encode("ascii")
+        for suffix in (".js", ".d.ts")
     }
-    vectors_path = path.with_suffix(VECTORS_SUFFIX)
-    save_vectors(vectors_path, definition, functions)
-    for other, text in others.items():
-        write_whole(other, text.encode("ascii"))
-    write_whole(path, content)
-    count = functions[definition.name].count
-    return Written(path, (*others, vectors_path), len(content), "wasmtime", count, difference)
+    return write_program(path, definition, checked_wasm(model, definition, name), callers)
 
 
-def checked_wasm(
-    model: Emulator | Policy, definition: Definition, name: str
-) -> tuple[bytes, tuple[dict[str, Vectors], float]]:
-    """Return the module, whose functions begin with `name`, and what `check_functions` says of it; errors as of `write_wasm`."""
+def checked_wasm(model: Emulator | Policy, definition: Definition, name: str) -> CheckedProgram:
+    """Return the module, whose functions begin with `name`; errors as of `write_wasm`."""
     runtime = import_wasmtime()
     content = wasm_bytes(model, definition, name)
-    return content, check_functions(Module(runtime, content, name).call, model, definition)
+    call = Module(runtime, content, name).call
+    functions, difference = check_functions(call, model, definition)
+    return CheckedProgram(content, functions, "wasmtime", difference)
 
 
 def wasm_bytes(model: Emulator | Policy, definition: Definition, name: str) -> bytes:
@@ -154,7 +148,7 @@ def _filled(suffix: str, model: Emulator | Policy, definition: Definition, name:
     facts = definition.facts
     emulator = model.emulator if isinstance(model, Policy) else model
     folder = resources.files("neuroanimator.export.programs")
-    text = (folder / f"{facts['kind']}.{suffix}").read_text(encoding="utf-8")
+    text = (folder / f"{facts['kind']}{suffix}").read_text(encoding="utf-8")
     loading = (folder / "loading.js").read_text(encoding="utf-8")
     values = {
         "about": about(definition),

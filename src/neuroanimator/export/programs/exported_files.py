@@ -1,0 +1,78 @@
+"""Files of an export: a program that was held against JAX, its test vectors and what calls it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from neuroanimator.export.programs.definition import Definition
+from neuroanimator.export.programs.vectors import Vectors, vectors_text
+from neuroanimator.storage.files import write_whole
+
+VECTORS_SUFFIX = ".vectors.json"
+"""Suffix of the file of test vectors, in the place of the program's."""
+
+
+@dataclass(frozen=True)
+class CheckedProgram:
+    """A program that does what JAX does."""
+
+    content: bytes
+    functions: Mapping[str, Vectors]
+    """The vectors each of its functions was checked on, by its name."""
+    runtime: str
+    """Name of the runtime it was checked in."""
+    difference: float
+    """Largest difference from JAX, in units of the outputs."""
+
+
+@dataclass(frozen=True)
+class ExportedFiles:
+    """An exported program, and the files beside it."""
+
+    path: Path
+    others: tuple[Path, ...]
+    """What calls it, and test vectors."""
+    size: int
+    """Size of the program [bytes]."""
+    runtime: str
+    checked: int
+    """Number of inputs it was checked on."""
+    difference: float
+    """Largest difference from JAX, in units of the outputs."""
+    missing: str = ""
+    """Sentence on what an older model lacks, and how it gets it."""
+
+    def summary(self) -> str:
+        """Return one line: what was written, its size, and how it was checked."""
+        others = ", ".join(path.name for path in self.others)
+        told = (
+            f"{self.path}: {self.size / 1e3:.0f} kB; in {self.runtime} {self.checked:,} inputs give what they give in "
+            f"JAX, to {self.difference:.0e} of the output's scale. Beside it: {others}."
+        )
+        return f"{told} {self.missing}" if self.missing else told
+
+
+def write_program(
+    path: str | Path,
+    definition: Definition,
+    program: CheckedProgram,
+    callers: Mapping[str, bytes] | None = None,
+) -> ExportedFiles:
+    """Write a program to `path`, beside it what calls it, by suffix, and test vectors (`fish.vectors.json`)."""
+    path = Path(path)
+    vectors = vectors_text(definition, program.functions).encode("ascii")
+    others = {**(callers or {}), VECTORS_SUFFIX: vectors}
+    for suffix, content in others.items():
+        write_whole(path.with_suffix(suffix), content)
+    write_whole(path, program.content)
+    return ExportedFiles(
+        path=path,
+        others=tuple(path.with_suffix(suffix) for suffix in others),
+        size=len(program.content),
+        runtime=program.runtime,
+        checked=program.functions[definition.name].count,
+        difference=program.difference,
+        missing=definition.missing,
+    )
