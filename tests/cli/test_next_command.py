@@ -1,4 +1,4 @@
-"""What is kept of a first command is enough for the next one: it needs no JAX, and writes the same bytes."""
+"""What is kept of a first command is enough for the next one: JAX traces nothing, and the same bytes are written."""
 
 from __future__ import annotations
 
@@ -11,19 +11,22 @@ import pytest
 
 RUN = "from neuroanimator.cli.main import main; main()"
 
-WITHOUT_JAX = f"import sys; sys.modules['jax'] = None; {RUN}"
-"""Whoever imports JAX fails."""
+TOLD = f"import jax; jax.config.update('jax_log_compiles', True); {RUN}"
+"""JAX tells on stderr what it traces and compiles."""
+
+TRACED = "Finished tracing"
+"""Beginning of the line on a function that was traced."""
 
 PATIENCE = 300
 """[s]"""
 
 
-def written(program: str, words: tuple[str, ...], folder: Path, cache: Path) -> dict[str, bytes]:
-    """Return the files that a command line leaves in `folder`, by name."""
+def written(words: tuple[str, ...], folder: Path, cache: Path) -> tuple[dict[str, bytes], bool]:
+    """Return (the files that a command line leaves in `folder`, by name, whether JAX traced anything)."""
     environment = os.environ | {"XDG_CACHE_HOME": str(cache), "NEUROANIMATOR_BACKEND": "auto"}
     folder.mkdir()
     done = subprocess.run(
-        [sys.executable, "-c", program, *words],
+        [sys.executable, "-c", TOLD, *words],
         capture_output=True,
         text=True,
         cwd=folder,
@@ -31,18 +34,20 @@ def written(program: str, words: tuple[str, ...], folder: Path, cache: Path) -> 
         timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    return files, TRACED in done.stderr
 
 
 def check_next_time(words: tuple[str, ...], folder: Path) -> None:
-    """Run a command line with nothing kept, then again where JAX cannot be imported."""
+    """Run a command line with nothing kept, then again."""
     cache = folder / "cache"
-    first = written(RUN, words, folder / "first", cache)
+    first, has_traced = written(words, folder / "first", cache)
     assert first
-    assert written(WITHOUT_JAX, words, folder / "next", cache) == first
+    assert has_traced
+    assert written(words, folder / "next", cache) == (first, False)
 
 
-def test_the_next_motion_needs_no_jax(tmp_path: Path):
+def test_the_next_motion_is_not_traced(tmp_path: Path):
     check_next_time(("animate", "pendulum", "--out", "swing.glb"), tmp_path)
 
 
@@ -57,5 +62,5 @@ def test_the_next_motion_needs_no_jax(tmp_path: Path):
     ],
     ids=" ".join,
 )
-def test_the_next_command_needs_no_jax(words: tuple[str, ...], tmp_path: Path):
+def test_the_next_command_is_not_traced(words: tuple[str, ...], tmp_path: Path):
     check_next_time(words, tmp_path)
