@@ -18,7 +18,8 @@ from jaxtyping import Float
 
 from neuroanimator import Emulator, load_emulator, load_system
 from neuroanimator.data.sampling import sample_control_runs
-from neuroanimator.emulator.emulator import rollout_latent
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.super_step import rollout_latent
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.machine import describe_machine
 from neuroanimator.systems.system import System
@@ -68,7 +69,8 @@ def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
     idle = emulator.bounds.idle
     minute = np.tile(idle, (round(PHYSICS_SECONDS / emulator.dt), 1))
     in_a_minute = moved(np.asarray(emulator.rollout(emulator.rest, minute), float)[1:])
-    latent, controls = emulator.encode_motion(emulator.rest, np.tile(idle, (BLOCK, 1)))
+    latent = emulator.encode(as_jax(emulator.rest))
+    controls = emulator.encode_control(as_jax(np.tile(idle, (BLOCK, 1))))
     first = np.asarray(_rollouts(emulator, latent[None], controls[None])[:, 0])
     furthest = 0.0
     current = jnp.asarray(first)
@@ -83,7 +85,7 @@ def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
 def driven(emulator: Emulator, system: System, steps: int) -> dict[str, float]:
     """Return how many motions under random controls stay finite and within the range of training, and how high."""
     rng = np.random.default_rng(SEED)
-    start, _ = emulator.encode_motion(emulator.rest, emulator.bounds.idle)
+    start = emulator.encode(as_jax(emulator.rest))
     current = jnp.tile(start, (STARTS, 1))
     is_alive = np.ones(STARTS, bool)
     is_inside = np.ones(STARTS, bool)

@@ -16,7 +16,8 @@ from trust_cases.task_motions import task_motions
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.emulator.artifact import load, read_metadata, save
+from neuroanimator.emulator.artifact import read_metadata, save
+from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.error_fitting import fit_error_bounds
@@ -52,7 +53,7 @@ MORE_TRIALS = {"lander": 2, "fish": 4, "dolphin": 4}
 def bound_shipped(system: str, substeps: int, size: str) -> None:
     """Give the emulator that ships the bounds of its errors; nothing else of its file changes."""
     path = shipped_path(system, substeps, size)
-    emulator = load(path)
+    emulator = load_emulator(path)
     is_usual = substeps == USUAL_SUBSTEPS and not size
     has_many = is_usual or system in ALWAYS_MANY
     more_runs = MORE_RUNS.get(system, 1)
@@ -71,7 +72,7 @@ def fit_shipped(system: str, substeps: int, size: str) -> None:
     path = shipped_path(system, substeps, size)
     recipe = (LARGE_RECIPES if size else RECIPES)[system]
     config = DatasetConfig(**{**recipe.data(system, substeps).model_dump(), **UNSEEN})
-    fitted = fit_trust(load(path), simulate_transitions(config))
+    fitted = fit_trust(load_emulator(path), simulate_transitions(config))
     save(fitted, path, read_metadata(path)["provenance"])
     print(path.name)
 

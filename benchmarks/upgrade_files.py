@@ -19,6 +19,7 @@ import jax
 
 from neuroanimator.control.policies.policy_file import blank_policy, policy_leaves
 from neuroanimator.emulator.description import blank
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_leaves
 from neuroanimator.storage.files import digest, read_tensors, write_tensors
 
@@ -107,7 +108,7 @@ def upgrade(path: Path) -> None:
         tree = jax.eval_shape(lambda: blank_policy(metadata))
         names = names_by_path(tree, policy_leaves)
     else:
-        tree = jax.eval_shape(lambda: blank(metadata))
+        tree = jax.eval_shape(lambda: blank(metadata, Emulator))
         names = names_by_path(tree, emulator_leaves)
     if set(tensors) == set(names.values()):
         print(f"{path.name}: in today's words already")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +50,7 @@ BEYOND_PUBLIC_NAMES = {
     "data.store",
     "emulator.arrays",
     "emulator.c_emulator",
-    "emulator.emulator",
+    "emulator.super_step",
     "emulator.spec",
     "emulator.verdict",
     "errors",
@@ -101,6 +102,16 @@ def test_a_stage_imports_only_stages_above_it():
             continue
         allowed = STAGES[: STAGES.index(stage) + 1]
         assert imported_stages(path) <= set(allowed), f"{path} imports downstream"
+
+
+def test_the_modules_of_the_emulator_import_each_other_one_way():
+    """Imports inside functions and for type checkers are counted, too."""
+    imported = {}
+    for path in SOURCE.glob("emulator/*.py"):
+        nodes = ast.walk(ast.parse(path.read_text()))
+        modules = [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
+        imported[f"neuroanimator.emulator.{path.stem}"] = modules
+    assert list(TopologicalSorter(imported).static_order())
 
 
 def test_the_core_knows_nothing_of_the_studio():

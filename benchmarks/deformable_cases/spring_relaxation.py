@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.emulator import Emulator, rollout_latent
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import rollout_latent
 from neuroanimator.state.reference_shape import flat_of, points_of
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.mass_spring import BodyState, advance

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
-from neuroanimator.emulator.emulator import rollout
+from neuroanimator.emulator.super_step import rollout
 from neuroanimator.evaluation.speed import compiled
 from runtimes_cases.case import (
     BATCH_STEPS,

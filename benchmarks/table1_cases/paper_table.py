@@ -17,7 +17,9 @@ from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.c_emulator import CEmulator
-from neuroanimator.emulator.emulator import Emulator, program_of, rollout
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.runner import program_of
+from neuroanimator.emulator.super_step import rollout
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.csv_table import quartiles
 from neuroanimator.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate

@@ -41,7 +41,7 @@ from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import MotionShape, ObjectiveForm
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import encode
-from neuroanimator.emulator.emulator import latent_size
+from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.export.programs.c_header import SharedConstants
 from neuroanimator.export.programs.wasm_file import Module, import_wasmtime
 

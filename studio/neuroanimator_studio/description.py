@@ -14,8 +14,8 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
 from neuroanimator.control.policies.policy import COMMAND
-from neuroanimator.emulator.emulator import latent_size
 from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.emulator.verdict import Verdict
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely

@@ -205,7 +205,7 @@ def test_any_entry_replaced_by_anything_is_read_or_refused(name: str):
             latent = latent[key]
         latent[path[-1]] = STRANGE[rng.integers(len(STRANGE))]
         try:
-            jax.eval_shape(lambda hostile=hostile: blank(hostile))
+            jax.eval_shape(lambda hostile=hostile: blank(hostile, Emulator))
         except FAULTS:
             refused += 1
     assert refused > 50

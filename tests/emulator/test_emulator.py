@@ -23,9 +23,9 @@ from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.data.store import Transitions
-from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network
+from neuroanimator.emulator.super_step import rollout
 from neuroanimator.storage.files import METADATA_KEY, _seal
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.training.initialise import build_emulator

@@ -13,7 +13,7 @@ import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError
 from neuroanimator.emulator import compiled
-from neuroanimator.emulator.emulator import step as plain_step
+from neuroanimator.emulator.super_step import step as plain_step
 
 SYSTEMS = ("fish", "lander", "pendulum", "truck")
 

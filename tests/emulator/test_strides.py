@@ -13,10 +13,10 @@ from neuroanimator import Emulator, TrainingConfig, load_emulator, load_system
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_control_runs
-from neuroanimator.emulator.artifact import load, read_metadata
+from neuroanimator.emulator.artifact import read_metadata
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.emulator.description import blank, describe
-from neuroanimator.emulator.emulator import MAX_STRIDES
+from neuroanimator.emulator.spec import MAX_STRIDES
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.held_out import make_test
@@ -62,7 +62,7 @@ def test_in_c_strides_are_those_of_jax():
 def test_strides_survive_a_file(tmp_path: Path):
     emulator = load_emulator("lander-25").in_strides(2)
     emulator.save(tmp_path / "it.safetensors")
-    loaded = load(tmp_path / "it.safetensors")
+    loaded = load_emulator(tmp_path / "it.safetensors")
     assert loaded.strides == 2
     assert "in 2 strides" in repr(loaded)
     controls = controls_for(emulator)
@@ -83,7 +83,7 @@ def test_there_are_not_too_many_strides():
     metadata = describe(emulator)
     for strides in (0, MAX_STRIDES + 1, "2", 1.5, True):
         with pytest.raises((ValueError, TypeError)):
-            blank(json.loads(json.dumps(metadata | {"strides": strides})))
+            blank(json.loads(json.dumps(metadata | {"strides": strides})), Emulator)
 
 
 def errors_of(*emulators: Emulator) -> list[float]:

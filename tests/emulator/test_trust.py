@@ -12,8 +12,8 @@ import pytest
 from neuroanimator import DatasetConfig, Emulator, NeuroAnimatorError, load_emulator
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
-from neuroanimator.emulator.emulator import trust
 from neuroanimator.emulator.networks.network import Units
+from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.state.body_frame import Frame

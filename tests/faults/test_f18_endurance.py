@@ -12,7 +12,7 @@ from tally import Tally
 from neuroanimator import load_emulator
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.emulator.c_emulator import c_emulator
-from neuroanimator.emulator.emulator import step
+from neuroanimator.emulator.super_step import step
 from neuroanimator.zoo import SHIPPED
 
 BLOCK = 10_000

@@ -17,7 +17,7 @@ from neuroanimator.control.synthesis.objective_file import read_objective
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.store import claim_folder, read_config, read_transitions
 from neuroanimator.definitions.carried import TABLES
-from neuroanimator.emulator.artifact import load
+from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.state.layout import Layout, Slice
@@ -146,7 +146,7 @@ def emulator(content: bytes) -> None:
         write_tensors(path, weights, metadata | changes)
     except ValueError:
         return
-    load(path)
+    load_emulator(path)
 
 
 def state(content: bytes) -> None:

@@ -194,7 +194,7 @@ def test_points_that_are_always_one_are_shown_once(robot):
 
 
 def test_contacts_go_through_the_file_and_through_c(robot, tmp_path: Path, fresh):
-    again = blank(described(fresh))
+    again = blank(described(fresh), Emulator)
     assert again.frame.contacts == fresh.frame.contacts
     fresh.save(tmp_path / "robot.safetensors")
     loaded = Emulator.load(tmp_path / "robot.safetensors")
@@ -223,7 +223,7 @@ def test_contacts_no_body_has_are_refused(spoiled, fresh):
     metadata = described(fresh)
     metadata["contacts"] = {**metadata["contacts"], **spoiled}
     with pytest.raises(ValueError, match="contacts"):
-        blank(metadata)
+        blank(metadata, Emulator)
 
 
 def test_what_has_no_ground_and_no_stops_shows_nothing(robot):

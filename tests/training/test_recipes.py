@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from neuroanimator.emulator.artifact import load, read_metadata
+from neuroanimator.emulator.artifact import read_metadata
+from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.training import recipes
 from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, Recipe, cook
 from neuroanimator.zoo import LARGE, SHIPPED, shipped_path
@@ -24,7 +25,7 @@ def test_strides_make_up_every_super_step_that_ships():
 def test_a_large_emulator_is_what_its_recipe_makes(system: str, substeps: int):
     path = shipped_path(system, substeps, "large")
     recipe = LARGE_RECIPES[system]
-    emulator = load(path)
+    emulator = load_emulator(path)
     assert emulator.strides == recipe.strides(substeps)
     assert emulator.network.widths == recipe.widths
     dataset = read_metadata(path)["provenance"]["dataset"]
@@ -38,5 +39,5 @@ def test_a_recipe_with_strides_makes_one_emulator(tmp_path: Path, monkeypatch: p
     emulator, path = cook("pendulum", 50, tmp_path, size="large")
     assert path.name == "pendulum-50-large.emulator.safetensors"
     assert (emulator.substeps, emulator.strides) == (50, 2)
-    assert load(path).strides == 2
+    assert load_emulator(path).strides == 2
     assert read_metadata(path)["provenance"]["training"]["updates"] == 250

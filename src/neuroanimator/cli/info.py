@@ -12,7 +12,6 @@ from neuroanimator.backend import backend_in_words
 from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
 from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.data.stored import open_to_measure
-from neuroanimator.emulator.artifact import load
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.trust_summary import UNJUDGED
@@ -98,7 +97,7 @@ def _read(file: str) -> tuple[dict[str, Any], Rows]:
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
 
     path = find_emulator(file)
-    emulator = load(path)
+    emulator = Emulator.load(path)
     tensors, metadata = read_tensors(path, "emulator")
     network = metadata["network"]
     widths = "x".join(map(str, network["widths"]))

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.emulator.description import FORMAT, blank, describe
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.description import FORMAT, Made, blank, describe
+from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.tensors import emulator_leaves, emulator_tensors, with_tensors
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.jax_settings import keep_programs
@@ -25,14 +25,14 @@ MAX_FAULT = 300
 """Characters of an error that are shown, at most."""
 
 
-def save(emulator: Emulator, path: Path, provenance: dict[str, Any] | None = None) -> None:
+def save(emulator: SuperStep, path: Path, provenance: dict[str, Any] | None = None) -> None:
     """Write `emulator`; `provenance` says what it was trained on and how (any JSON)."""
     metadata = describe(emulator)
     metadata["provenance"] = provenance or {}
     write_tensors(path, emulator_tensors(emulator), metadata)
 
 
-def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any]) -> None:
+def check_readable(emulator: SuperStep, folder: Path, provenance: dict[str, Any]) -> None:
     """Write `emulator` to a file in `folder`, read it back and remove it: before a training, not after it.
 
     Raises ArgumentError for whatever `load` would refuse, such as a state that is too long.
@@ -40,7 +40,7 @@ def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any])
     trial = folder / TRIAL_NAME
     try:
         save(emulator, trial, provenance)
-        load(trial)
+        load(trial, type(emulator))
     except BadFileError as error:
         raise ArgumentError(
             f"Such an emulator could not be read back once it is trained: {error}"
@@ -49,13 +49,13 @@ def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any])
         trial.unlink(missing_ok=True)
 
 
-def load(path: Path) -> Emulator:
-    """Return the emulator at `path`, every name, text, shape and number checked."""
+def load(path: Path, kind: type[Made]) -> Made:
+    """Return the emulator at `path`, of the class `kind`, every name, text, shape and number checked."""
     keep_programs()
     tensors, metadata = read_tensors(path, "emulator")
     check_format(path, metadata.get("format"), FORMAT, MAKER)
     try:
-        emulator = with_tensors(blank(metadata), emulator_leaves, tensors)
+        emulator = with_tensors(blank(metadata, kind), emulator_leaves, tensors)
         check_arrays(emulator)
     except FAULTS as error:
         raise BadFileError(
@@ -64,7 +64,7 @@ def load(path: Path) -> Emulator:
     return emulator
 
 
-def check_arrays(emulator: Emulator) -> None:
+def check_arrays(emulator: SuperStep) -> None:
     """Refuse weights that make every prediction NaN: ranges without an inside, numbers divided by nothing."""
     if not (np.asarray(emulator.domain.low) <= np.asarray(emulator.domain.high)).all():
         raise ValueError("domain: wanted low below high")

@@ -10,7 +10,7 @@ import ctypes
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from importlib import resources
 from typing import Any
 
@@ -26,8 +26,8 @@ from neuroanimator.cores import in_parts
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
-from neuroanimator.emulator.emulator import Emulator, latent_size
 from neuroanimator.emulator.probes import Probes, probes_of
+from neuroanimator.emulator.super_step import SuperStep, latent_size
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.storage.files import canonical_json, digest
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
@@ -38,70 +38,67 @@ FEWEST_LANES = 4
 STEPS_OF_THREAD = 512
 """With fewer super steps, waking a thread takes longer than they do."""
 
-Program = Callable[[Emulator], CProgram]
+Program = Callable[[Any], CProgram]
 """What writes a program."""
 
 
 def super_step(
-    emulator: Emulator, latent: Float[Array, " I"], control: Float[Array, " C"]
+    emulator: SuperStep, latent: Float[Array, " I"], control: Float[Array, " C"]
 ) -> tuple[Float[Array, " I"], Float[Array, " S"]]:
     """Return (the latent state one super step later, the state it stands for)."""
     following = emulator.step_latent(latent, emulator.encode_control(control))
     return following, emulator.decode(following)
 
 
-def encode(emulator: Emulator, state: Float[Array, " S"]) -> Float[Array, " I"]:
+def encode(emulator: SuperStep, state: Float[Array, " S"]) -> Float[Array, " I"]:
     """Return the latent state."""
     return emulator.encode(state)
 
 
 def super_step_trusted(
-    emulator: Emulator, latent: Float[Array, " I"], control: Float[Array, " C"]
+    emulator: SuperStep, latent: Float[Array, " I"], control: Float[Array, " C"]
 ) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, ""]]:
     """Return what `super_step` does, and how far its input lies from what training showed."""
     following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
     return following, emulator.decode(following), score
 
 
-def c_program(emulator: Emulator) -> CProgram:
-    """Return the program of single motions: `step`, `rollout`, `rollout_trusted` and `trust` of `rollout.c`.
+def c_program(emulator: SuperStep) -> CProgram:
+    """Return the program of single motions: `step`, `rollout`, `rollout_trusted` and `trust` of `rollout.c`."""
+    functions = {"super_step": super_step, "super_step_trusted": super_step_trusted}
+    return _program(emulator, functions, "rollout.c", is_wide=False)
+
+
+def c_program_of_lanes(emulator: SuperStep) -> CProgram:
+    """Return the program of sixteen motions side by side: `rollouts` of `rollouts.c`."""
+    return _program(emulator, {"super_step_lanes": super_step}, "rollouts.c", is_wide=True)
+
+
+def _program(
+    emulator: SuperStep, super_steps: dict[str, Callable[..., Any]], template: str, *, is_wide: bool
+) -> CProgram:
+    """Return `encode` and `super_steps` in C, then the functions of `template` that call them.
 
     Only numbers and names of our own are written: none of the text an emulator carries reaches a compiler.
     """
-    latent, control, state = _inputs(emulator, is_wide=False)
-    constants = Constants()
-    write = partial(c_function, constants=constants)
-    functions = [
-        write("encode", encode, emulator, [state]),
-        write("super_step", super_step, emulator, [latent, control]),
-        write("super_step_trusted", super_step_trusted, emulator, [latent, control]),
-    ]
-    texts = [function.text for function in functions]
-    return CProgram(_library(emulator, texts, "rollout.c"), constants.data(), {})
-
-
-def c_program_of_lanes(emulator: Emulator) -> CProgram:
-    """Return the program of sixteen motions side by side: `rollouts` of `rollouts.c`."""
-    latent, control, _ = _inputs(emulator, is_wide=True)
+    latent, control, _ = _inputs(emulator, is_wide=is_wide)
     _, _, state = _inputs(emulator, is_wide=False)
     constants = Constants()
-    write = partial(c_function, constants=constants)
-    functions = [
-        write("encode", encode, emulator, [state]),
-        write("super_step_lanes", super_step, emulator, [latent, control]),
-    ]
+    functions = [c_function("encode", encode, emulator, [state], constants)]
+    for name, function in super_steps.items():
+        functions.append(c_function(name, function, emulator, [latent, control], constants))
     texts = [function.text for function in functions]
-    return CProgram(_library(emulator, texts, "rollouts.c"), constants.data(), {})
+    return CProgram(_library(emulator, texts, template), constants.data(), {})
 
 
-def _inputs(emulator: Emulator, *, is_wide: bool) -> tuple[Input, Input, Input]:
+def _inputs(emulator: SuperStep, *, is_wide: bool) -> tuple[Input, Input, Input]:
     """Return what a latent state, a control and a state are."""
     latent = Input((latent_size(emulator),), is_wide)
     control = Input((emulator.control.size,), is_wide)
     return latent, control, Input((emulator.state.size,), is_wide)
 
 
-def _library(emulator: Emulator, functions: list[str], template: str) -> str:
+def _library(emulator: SuperStep, functions: list[str], template: str) -> str:
     """Return the text of a library: generated functions, then those of `template` that call them."""
     latent, control, state = _inputs(emulator, is_wide=False)
     sizes = {"STATE": state, "CONTROL": control, "LATENT": latent}
@@ -142,16 +139,12 @@ class CEmulator:
         return state.shape == (self._state_size,) and control.shape == (self._control_size,)
 
     def takes_rollout(self, state: np.ndarray, controls: np.ndarray) -> bool:
-        """Return whether these are of the shapes `rollout` takes."""
-        has_controls = controls.ndim == 2 and controls.shape[1] == self._control_size
-        return has_controls and state.shape == (self._state_size,)
-
-    def takes_rollouts(self, states: np.ndarray, controls: np.ndarray) -> bool:
-        """Return whether these are of the shapes `rollouts` takes, of one motion or more."""
-        if controls.ndim != 3 or not len(controls):
+        """Return whether these are of the shapes `rollout` takes: one motion, or a batch of one or more."""
+        if state.ndim not in (1, 2) or controls.ndim != state.ndim + 1 or not len(state):
             return False
-        has_states = states.shape == (len(controls), self._state_size)
-        return has_states and controls.shape[2] == self._control_size
+        sizes = (state.shape[-1], controls.shape[-1])
+        is_of_sizes = sizes == (self._state_size, self._control_size)
+        return is_of_sizes and state.shape[:-1] == controls.shape[:-2]
 
     def step(
         self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]
@@ -164,9 +157,11 @@ class CEmulator:
         return following, bool(is_sound)
 
     def rollout(
-        self, state: Float[np.ndarray, " S"], controls: Float[np.ndarray, "T C"]
-    ) -> tuple[Float[np.ndarray, "T+1 S"], bool]:
-        """Return (the trajectory from `state`, it included, whether it is sound)."""
+        self, state: Float[np.ndarray, "*B S"], controls: Float[np.ndarray, "*B T C"]
+    ) -> tuple[Float[np.ndarray, "*B T+1 S"], bool]:
+        """Return (the trajectory from `state`, it included, whether it is sound), of one motion or of a batch."""
+        if state.ndim == 2:
+            return self.rollouts(state, controls)
         steps = len(controls)
         states = np.empty((steps + 1, self._state_size), np.float32)
         is_sound = self._rollout(
@@ -220,9 +215,13 @@ class CEmulator:
         in_parts(run, count, smallest=max(1, STEPS_OF_THREAD // max(1, steps)))
         return motions, scores
 
-    def trust(self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]) -> float:
-        """Return how far `state` and `control` lie from what training showed."""
-        return self._trust(self._constants_at, address(state), address(control))
+    def trust(
+        self, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
+    ) -> Float[np.ndarray, " N"]:
+        """Return how far each state with its control lies from what training showed."""
+        pairs = zip(states, controls, strict=True)
+        scores = [self._trust(self._constants_at, address(s), address(c)) for s, c in pairs]
+        return np.array(scores, np.float32)
 
 
 def _rollouts(
@@ -275,7 +274,7 @@ _known: Remembered[CEmulator | None] = Remembered()
 """The program of each emulator."""
 
 
-def c_emulator(emulator: Emulator) -> CEmulator | None:
+def c_emulator(emulator: SuperStep) -> CEmulator | None:
     """Return the emulator as compiled C, remembered as long as it lives.
 
     None where there is no C compiler, no C for what the emulator does, or where JAX is transforming it. A program that
@@ -289,28 +288,25 @@ def c_emulator(emulator: Emulator) -> CEmulator | None:
     program = load_checked(emulator, c_program, _check)
     result = None
     if program is not None:
-        lanes = _Lanes(weakref.ref(emulator))
+        lanes = _lanes_of(weakref.ref(emulator))
         result = CEmulator(program, lanes, emulator.state.size, emulator.control.size)
     return _known.keep(result, emulator)
 
 
-class _Lanes:
-    """The program of sixteen motions side by side of an emulator, loaded when it is first asked for."""
+def _lanes_of(emulator: weakref.ref[SuperStep]) -> Callable[[], LoadedProgram | None]:
+    """Return what loads the program of sixteen motions side by side, when it is first called."""
 
-    def __init__(self, emulator: weakref.ref[Emulator]) -> None:
-        self._emulator = emulator
-        self._is_loaded = False
-        self._program: LoadedProgram | None = None
+    @cache
+    def load() -> LoadedProgram | None:
+        living = emulator()
+        if living is None:
+            return None
+        return load_checked(living, c_program_of_lanes, _check_lanes)
 
-    def __call__(self) -> LoadedProgram | None:
-        emulator = self._emulator()
-        if not self._is_loaded and emulator is not None:
-            self._program = load_checked(emulator, c_program_of_lanes, _check_lanes)
-            self._is_loaded = True
-        return self._program
+    return load
 
 
-def facts_of_emulator(emulator: Emulator) -> list[str]:
+def facts_of_emulator(emulator: SuperStep) -> list[str]:
     """Return what an emulator does, in words and numbers: all that its programs depend on besides the package's code.
 
     What is known of its errors changes nothing of what it does.
@@ -320,7 +316,7 @@ def facts_of_emulator(emulator: Emulator) -> list[str]:
 
 
 def load_checked(
-    emulator: Emulator, write: Program, check: Callable[[Probes, LoadedProgram], None]
+    emulator: SuperStep, write: Program, check: Callable[[Probes, LoadedProgram], None]
 ) -> LoadedProgram | None:
     """Return what `write` writes, compiled, and checked on its first use on this machine.
 
@@ -341,8 +337,7 @@ def _check(probes: Probes, program: LoadedProgram) -> None:
     in_c = CEmulator(program, lambda: None, probes.states.shape[1], probes.controls.shape[1])
     pairs = list(zip(probes.states, probes.controls, strict=True))
     probes.compare(np.stack([in_c.step(state, control)[0] for state, control in pairs]))
-    scores = [in_c.trust(state, control) for state, control in pairs]
-    probes.compare_trust(np.array(scores, np.float32))
+    probes.compare_trust(in_c.trust(probes.states, probes.controls))
 
 
 def _check_lanes(probes: Probes, program: LoadedProgram) -> None:

@@ -25,7 +25,7 @@ from neuroanimator.codegen.trace import Input
 from neuroanimator.cores import in_parts
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
-from neuroanimator.emulator.compiled import call_compiled, is_traced
+from neuroanimator.emulator.compiled import call_compiled, is_traced, of_rows
 from neuroanimator.emulator.probes import BORDERLINE, Expected, compiled_quickly, rounded
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
@@ -112,18 +112,8 @@ def call_rows(
     inputs = tuple(as_float32(array) for array in inputs)
     if in_c is not None:
         return in_c(*inputs)
-    outputs = call_compiled(_of_rows(function), module, *inputs)
+    outputs = call_compiled(of_rows(function), module, *inputs)
     return [_as_rows(np.array(output, np.float32)) for output in outputs]
-
-
-@cache
-def _of_rows(function: Function) -> Function:
-    """Return the function of many rows, always the same one."""
-
-    def of_rows(module: Any, *inputs: Array) -> tuple[Array, ...]:
-        return jax.vmap(function, (None, *[0] * len(inputs)))(module, *inputs)
-
-    return of_rows
 
 
 def _is_float32(module: Any) -> bool:
@@ -169,7 +159,7 @@ def _check(
     function: Function, module: Any, inputs: Sequence[Float[np.ndarray, "N _"]], in_c: CRows
 ) -> None:
     """Raise WrongProgramError unless C does to every row what JAX does, to within rounding."""
-    in_jax = compiled_quickly(_of_rows(function))
+    in_jax = compiled_quickly(of_rows(function))
     nearby = [rounded(array) for array in inputs]
     exact = [np.asarray(output) for output in in_jax(module, *inputs)]
     rerun = [np.asarray(output) for output in in_jax(module, *nearby)]

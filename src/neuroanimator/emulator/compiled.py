@@ -8,25 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
-from neuroanimator.emulator.arrays import as_float32, is_plain
-from neuroanimator.emulator.checks import (
-    MAX_CONTROL,
-    MAX_MAGNITUDE,
-    check_motion,
-    check_numbers,
-)
-from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.layout import Layout
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 PROGRAMS = 256
@@ -132,70 +122,18 @@ def _program(function: Callable[..., Any], form: Form) -> Program:
     return Program(jax.jit(run, inline=True))
 
 
+@cache
+def of_rows(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function`, of a module and arrays, as one of rows of these arrays: always the same one."""
+
+    def run_rows(module: Any, *rows: Array) -> Any:
+        return jax.vmap(function, (None, *[0] * len(rows)))(module, *rows)
+
+    return run_rows
+
+
 def as_numpy(numbers: Array) -> Float[AnyArray, " ..."]:
     """Return an array of JAX as one of NumPy; as it is inside somebody's `jax.jit`, `grad` or `vmap`."""
     if isinstance(numbers, jax.core.Tracer):
         return numbers
     return np.array(numbers)
-
-
-class Step:
-    """A super step to call: from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`."""
-
-    def __init__(
-        self,
-        function: Callable[..., Array],
-        program_of: Callable[[Any], Any],
-        emulator: Any,
-    ):
-        """`function` (emulator, state, control) → the next state; `program_of` (emulator) does it in C, or is None."""
-        self._function = function
-        self._program_of = program_of
-        self._emulator = emulator
-        self.__name__ = "step"
-        self.__doc__ = type(self).__call__.__doc__
-
-    def __repr__(self) -> str:
-        emulator = self._emulator
-        shapes = f"state ({emulator.state.size},), control ({emulator.control.size},)"
-        return f"step({shapes}) of {emulator!r}"
-
-    def __call__(self, state: ArrayLike, control: ArrayLike) -> Float[AnyArray, " S"]:
-        """Return the state (S,) one super step after `state` (S,) under `control` (C,).
-
-        Of arrays of JAX it is one of JAX, and differentiable; of all else it is one of NumPy, computed by the `backend`.
-
-        Raises ArgumentError for wrong shapes, and of arrays that are not JAX's for what `rollout` refuses.
-        """
-        emulator = self._emulator
-        if is_plain(state) and is_plain(control):
-            program = self._program_of(emulator)
-            if program is not None and program.takes_step(state, control):
-                following, is_sound = program.step(as_float32(state), as_float32(control))
-                if is_sound:
-                    return following
-        is_for_jax = isinstance(state, jax.Array) or isinstance(control, jax.Array)
-        state = self._checked(state, emulator.state, "state", MAX_MAGNITUDE)
-        control = self._checked(control, emulator.control, "control", MAX_CONTROL)
-        if is_for_jax:
-            return call_compiled(self._function, emulator, state, control)
-        program = self._program_of(emulator)
-        if program is None:
-            following = as_numpy(call_compiled(self._function, emulator, state, control))
-        else:
-            following, _ = program.step(state, control)
-        if not isinstance(following, jax.core.Tracer):
-            check_motion(np.stack([state, following]), emulator.state)
-        return following
-
-    def _checked(self, vector: ArrayLike, layout: Layout, label: str, most: float) -> Any:
-        shape = (layout.size,)
-        if isinstance(vector, jax.Array) and np.shape(vector) == shape:
-            return vector  # Looking at its numbers would wait for them, and a tracer has none.
-        if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
-            raise ArgumentError(
-                f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
-                "For many at once use jax.vmap(emulator.step), or rollout."
-            )
-        dtype = self._emulator.normaliser.change_scale.dtype
-        return check_numbers(vector, layout, label, most, dtype)

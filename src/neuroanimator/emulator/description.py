@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
-from neuroanimator.emulator.emulator import MAX_STRIDES, Emulator
 from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
 from neuroanimator.emulator.error_bounds import KINDS, ErrorBounds, blank_bounds
 from neuroanimator.emulator.features import Features
@@ -19,9 +18,10 @@ from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.shape_modes import ShapeModes
-from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.emulator.spec import MAX_STRIDES, EmulatorSpec
+from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.trust import TrustMeter
-from neuroanimator.emulator.verdict import ValidationErrors, blank_errors
+from neuroanimator.emulator.verdict import blank_errors
 from neuroanimator.parsing.names import check_system_name
 from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.body_frame import Frame
@@ -41,6 +41,9 @@ from neuroanimator.text import quoted
 
 FORMAT = 5
 """The version of the file format, raised whenever an older reader would misunderstand a file."""
+
+Made = TypeVar("Made", bound=SuperStep)
+"""Class of the emulator that is made of a description."""
 
 MAX_SUBSTEPS = 1000
 """Most physics steps in a super step: as many as a definition or a dataset may ask for."""
@@ -64,51 +67,41 @@ MAX_DISTANCE = 1e6
 """Largest coordinate of a probe [m]."""
 
 
-def describe(emulator: Emulator) -> dict[str, Any]:
-    """Return the metadata that, with the tensors, makes up the emulator."""
-    return {
+def describe(emulator: SuperStep) -> dict[str, Any]:
+    """Return the metadata that, with the tensors, makes up the emulator.
+
+    What an emulator does not have is left out: files from before there was any stay what they are.
+    """
+    described = {
         "kind": "emulator",
         "format": FORMAT,
         **_describe_spec(emulator.spec),
         "modes": emulator.encoding.to_json(),
         "frame": _describe_frame(emulator.frame),
-        **_describe_contacts(emulator.frame),
         "features": _describe_features(emulator.features),
         "network": _describe_network(emulator.network),
-        **_describe_strides(emulator.strides),
-        **_describe_meter(emulator.meter),
-        **_describe_errors(emulator.calibration),
-        **_describe_validation(emulator.validation),
     }
+    if emulator.frame.contacts is not None:
+        described["contacts"] = emulator.frame.contacts.to_json()
+    if emulator.strides > 1:
+        described["strides"] = emulator.strides
+    meter = emulator.meter
+    if meter is not None:
+        described["trust"] = [meter.odd.shape[1], meter.even.shape[1]]
+    if emulator.calibration is not None:
+        described["errors"] = _describe_errors(emulator.calibration)
+    if emulator.validation is not None:
+        described["validation"] = True
+    return described
 
 
-def _describe_meter(meter: TrustMeter | None) -> dict[str, list[int]]:
-    """Return the meter's directions if there is one: files from before there were any stay what they are."""
-    return {} if meter is None else {"trust": [meter.odd.shape[1], meter.even.shape[1]]}
-
-
-def _describe_errors(bounds: ErrorBounds | None) -> dict[str, Any]:
-    """Return the shape of the error bounds if there are any: files from before there were stay what they are."""
-    if bounds is None:
-        return {}
+def _describe_errors(bounds: ErrorBounds) -> dict[str, Any]:
     return {
-        "errors": {
-            "kinds": len(bounds.weights),
-            "levels": list(bounds.levels),
-            "steps": bounds.steps,
-            "numbers": len(bounds.unit),
-        }
+        "kinds": len(bounds.weights),
+        "levels": list(bounds.levels),
+        "steps": bounds.steps,
+        "numbers": len(bounds.unit),
     }
-
-
-def _describe_validation(errors: ValidationErrors | None) -> dict[str, bool]:
-    """Return that there are errors of validation if there are: files from before there were stay what they are."""
-    return {} if errors is None else {"validation": True}
-
-
-def _describe_strides(strides: int) -> dict[str, int]:
-    """Return the strides if there is more than one: files from before there were any stay what they are."""
-    return {"strides": strides} if strides > 1 else {}
 
 
 def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
@@ -140,11 +133,6 @@ def _describe_frame(frame: Frame) -> dict[str, Any]:
     }
 
 
-def _describe_contacts(frame: Frame) -> dict[str, Any]:
-    """Return the contacts if there are any: files from before there were stay what they are."""
-    return {} if frame.contacts is None else {"contacts": frame.contacts.to_json()}
-
-
 def _describe_features(features: Features) -> dict[str, Any]:
     return {
         "rows": features.angles.shape[0],
@@ -164,7 +152,7 @@ def _describe_network(network: Network) -> dict[str, Any]:
     }
 
 
-def blank(metadata: dict[str, Any]) -> Emulator:
+def blank(metadata: dict[str, Any], kind: type[Made]) -> Made:
     """Return an emulator of the described structure with zeros for weights.
 
     Raises one of `artifact.FAULTS` for whatever no emulator has.
@@ -192,7 +180,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     if "trust" in metadata:
         meter = _meter(metadata["trust"], network)
     has_validation = flag(metadata.get("validation", False), "validation")
-    return Emulator(
+    return kind(
         frame=frame,
         features=features,
         normaliser=normaliser,

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.codegen.kept import WrongProgramError
-from neuroanimator.emulator.emulator import Emulator, rollout, step, trust
+from neuroanimator.emulator.super_step import SuperStep, rollout, step, trust
 from neuroanimator.state.arrays import as_rows
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
@@ -101,7 +101,7 @@ class Probes:
     trust: Expected
 
     @classmethod
-    def of(cls, emulator: Emulator) -> Probes:
+    def of(cls, emulator: SuperStep) -> Probes:
         """Return the probes of `emulator`."""
         rng = np.random.default_rng(0)
         shape = (MOTIONS, STEPS, emulator.control.size)
@@ -148,7 +148,7 @@ _one_at_a_time = threading.Lock()
 """JAX on a CPU was seen to wait for ever where two threads computed probes: besides, one computes them for both."""
 
 
-def probes_of(emulator: Emulator) -> Probes:
+def probes_of(emulator: SuperStep) -> Probes:
     """Return the probes of `emulator`, remembered as long as it lives."""
     with _one_at_a_time:
         known = _known.of(emulator)

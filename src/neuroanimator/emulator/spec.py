@@ -8,6 +8,9 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
 
+MAX_STRIDES = 16
+"""Maximum number of strides in a super step: each is compiled one by one."""
+
 
 class EmulatorSpec(eqx.Module):
     """What an emulator stands for: fixed facts, no weights."""

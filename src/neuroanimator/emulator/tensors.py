@@ -11,14 +11,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import prefixed
+from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.text import quoted
 
 
-def emulator_leaves(emulator: Emulator) -> dict[str, Any]:
+def emulator_leaves(emulator: SuperStep) -> dict[str, Any]:
     """Return every array of `emulator` by its name in files."""
-    return {
+    leaves = {
         "features.angles": emulator.features.angles,
         "normaliser.feature_mean": emulator.normaliser.plain_mean,
         "normaliser.feature_scale": emulator.normaliser.plain_scale,
@@ -29,37 +29,21 @@ def emulator_leaves(emulator: Emulator) -> dict[str, Any]:
         "domain.high": emulator.domain.high,
         **prefixed("modes", emulator.encoding.leaves()),
         **prefixed("network", emulator.network.leaves()),
-        **_meter_leaves(emulator),
-        **_calibration_leaves(emulator),
-        **_validation_leaves(emulator),
     }
-
-
-def _meter_leaves(emulator: Emulator) -> dict[str, Any]:
     meter = emulator.meter
-    if meter is None:
-        return {}
-    return {"trust.odd": meter.odd, "trust.even": meter.even, "trust.even_mean": meter.even_mean}
-
-
-def _calibration_leaves(emulator: Emulator) -> dict[str, Any]:
+    if meter is not None:
+        named = {"odd": meter.odd, "even": meter.even, "even_mean": meter.even_mean}
+        leaves |= prefixed("trust", named)
     bounds = emulator.calibration
-    if bounds is None:
-        return {}
-    return {
-        "errors.unit": bounds.unit,
-        "errors.weights": bounds.weights,
-        "errors.centre": bounds.centre,
-    }
+    if bounds is not None:
+        named = {"unit": bounds.unit, "weights": bounds.weights, "centre": bounds.centre}
+        leaves |= prefixed("errors", named)
+    if emulator.validation is not None:
+        leaves |= prefixed("validation", emulator.validation.leaves())
+    return leaves
 
 
-def _validation_leaves(emulator: Emulator) -> dict[str, Any]:
-    if emulator.validation is None:
-        return {}
-    return prefixed("validation", emulator.validation.leaves())
-
-
-def emulator_tensors(emulator: Emulator) -> dict[str, np.ndarray]:
+def emulator_tensors(emulator: SuperStep) -> dict[str, np.ndarray]:
     """Return every array of `emulator` by its name in files, for NumPy."""
     return to_numpy(emulator_leaves(emulator))
 

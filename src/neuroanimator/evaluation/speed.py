@@ -21,7 +21,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.emulator.emulator import Emulator, program_of, rollout
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.runner import program_of
+from neuroanimator.emulator.super_step import rollout
 from neuroanimator.evaluation.accuracy import scheme_error
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.speed_function import (

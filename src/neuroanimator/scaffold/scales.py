@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.emulator.emulator import MAX_MAGNITUDE
+from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import BadFileError
 

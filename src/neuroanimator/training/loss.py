@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.emulator import Emulator, rollout_latent
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import rollout_latent
 
 
 def squared_error(

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.emulator.emulator import Emulator, rollout_latent
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import rollout_latent
 
 SIDE_BY_SIDE = 256
 """Number of descents at a time."""

@@ -15,7 +15,7 @@ from neuroanimator.control.descent.gradient_check import (
     gradient_trust,
 )
 from neuroanimator.control.descent.parametrisation import EachStep
-from neuroanimator.emulator.emulator import rollout
+from neuroanimator.emulator.super_step import rollout
 
 STEPS = 10
 REST = np.zeros(6)

@@ -16,8 +16,9 @@ from neuroanimator.codegen.program import WIDTH
 from neuroanimator.control.descent.defects import step_with_defect
 from neuroanimator.emulator.c_emulator import load_checked
 from neuroanimator.emulator.compiled import is_traced
-from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import Probes, compiled_quickly
+from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 LINK = "link"

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.objective.terms import as_weight
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.emulator.emulator import Emulator, trust
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray

@@ -13,6 +13,7 @@ from neuroanimator.emulator.artifact import (
 )
 from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.description import blank, describe
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks import MAX_LAYER
 from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.tensors import (
@@ -91,7 +92,7 @@ def blank_policy(metadata: dict[str, Any]) -> Policy:
         if not low < high:
             raise ValueError("ranges: wanted low below high for every command")
     widths = listed(metadata["widths"], "widths", _checked_width)
-    return make_policy(blank(metadata["emulator"]), ranges, widths, None)
+    return make_policy(blank(metadata["emulator"], Emulator), ranges, widths, None)
 
 
 def _checked_width(width: Any, label: str) -> int:

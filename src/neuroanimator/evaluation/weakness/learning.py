@@ -14,7 +14,6 @@ from jaxtyping import Float, Int
 from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.store import Transitions, windows_of
 from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.emulator.artifact import load
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import Emulator
@@ -97,7 +96,7 @@ class Learner:
     ) -> Emulator:
         """Return `emulator` trained on with the runs of all rounds so far; it is written to `path`, or read from there."""
         try:
-            return load(path)
+            return Emulator.load(path)
         except BadFileError:  # there is none yet, or it is damaged
             new = cut_windows(join_runs(samples))
             weights = np.concatenate([self._weights(emulator, runs) for runs in samples])

@@ -15,7 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, scattered
 from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.emulator.emulator import Emulator, step
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import step
 from neuroanimator.evaluation.accuracy import step_errors
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.config import RUN_LENGTH, ImprovementConfig

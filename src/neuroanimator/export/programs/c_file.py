@@ -13,8 +13,9 @@ import numpy as np
 from neuroanimator.compiler.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.emulator.emulator import Emulator, trust
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import BORDERLINE
+from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_header import c_header, identifier

@@ -23,7 +23,8 @@ from neuroanimator.codegen.trace import Input
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.c_emulator import encode, super_step, super_step_trusted
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
-from neuroanimator.emulator.emulator import Emulator, latent_size, step
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import latent_size, step
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.state.layout import Layout
 from neuroanimator.text import printable

@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Float
 import neuroanimator
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
-from neuroanimator.emulator.emulator import Emulator, step
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import step
 from neuroanimator.emulator.trust_summary import NO_METER
 from neuroanimator.state.layout import Layout, Slice
 

@@ -14,7 +14,8 @@ import numpy as np
 from neuroanimator.compiler.build import CompilerError
 from neuroanimator.compiler.wasm import wasm_module
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_file import check_functions
 from neuroanimator.export.programs.c_header import about, c_header, identifier

@@ -1,0 +1,272 @@
+"""The definition of a super step in JAX: frame → features → normaliser → network → the state after it."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.emulator.domain import Domain
+from neuroanimator.emulator.encoding import Encoding
+from neuroanimator.emulator.error_bounds import ErrorBounds
+from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.networks.network import Network, Units
+from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.emulator.trust import TrustMeter
+from neuroanimator.emulator.verdict import ValidationErrors
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.structure import Structure
+
+UNROLL = 4
+"""Number of super steps compiled into one loop body: 10 % faster than one; eight gain nothing more."""
+
+
+class SuperStep(eqx.Module):
+    """A super step s + change(s, u) (SIGGRAPH 98, eq. 7) as JAX computes it; `Emulator` is one that can be called."""
+
+    frame: Frame
+    features: Features
+    normaliser: Normaliser
+    network: Network
+    domain: Domain
+    spec: EmulatorSpec
+    encoding: Encoding
+    """What the latent state is in which super steps are made."""
+    meter: TrustMeter | None = None
+    """Tells how far an input lies from what training showed; None in files from before there was one."""
+    calibration: ErrorBounds | None = None
+    """How far rollouts go astray; None where nobody measured it: see `error_bounds`."""
+    validation: ValidationErrors | None = None
+    """How far one super step goes astray where it was trained; None in files from before training told it."""
+
+    # Equinox makes a pytree of every method that is looked up: for tens of microseconds, and `jax.jit` cannot hash it.
+    __getattribute__ = object.__getattribute__
+
+    @property
+    def system(self) -> str:
+        """Name of the system."""
+        return self.spec.system
+
+    @property
+    def state(self) -> Layout:
+        """Named parts and units of a state (S,)."""
+        return self.spec.state
+
+    @property
+    def control(self) -> Layout:
+        """Named parts and units of a control (C,)."""
+        return self.spec.control
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lowest and highest value of every control."""
+        return self.spec.bounds
+
+    @property
+    def rest(self) -> Float[np.ndarray, " S"]:
+        """A state of rest, as a new array: motions begin there if nothing else is said."""
+        return np.array(self.spec.rest)
+
+    @property
+    def dt(self) -> float:
+        """Time one super step covers [s]."""
+        return self.spec.dt
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps one super step stands for."""
+        return self.spec.substeps
+
+    @property
+    def strides(self) -> int:
+        """Number of times the network is asked in a super step: see `in_strides`."""
+        return self.spec.strides
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Bones to draw a state with."""
+        return self.spec.skeleton
+
+    @property
+    def rates(self) -> tuple[tuple[int, int], ...]:
+        """(i, j) where state entry j is the time derivative of entry i."""
+        return self.spec.rates
+
+    @property
+    def gait(self) -> Gait | None:
+        """How the system moves along if nothing else is said; None where it has no such way."""
+        return self.spec.gait
+
+    @property
+    def definition(self) -> str:
+        """JSON text the system can be made from again; empty for one that comes with the package."""
+        return self.spec.definition
+
+    @property
+    def state_structure(self) -> Structure:
+        """What a pose needs to know of states: their segments, or the mass points they are of."""
+        return self.encoding.state_structure(self.frame.segments)
+
+    def step_latent(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> Float[Array, " I"]:
+        """Return `step` of a latent state under a latent control: those of `encode` and `encode_control`.
+
+        A deformable body's shape and speed, and the numbers a network is shown of any other state, are kept within
+        what training showed.
+        """
+        following = self.step_latent_unbounded(latent, control)
+        return self.encoding.bounded(following, self.features, self.domain)
+
+    def step_latent_unbounded(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> Float[Array, " I"]:
+        """Return what the network makes of `latent`: `step_latent` before anything is kept within bounds."""
+        for _ in range(self.strides):
+            latent, _, _ = self.stride_and_units(latent, control)
+        return latent
+
+    def stride_and_units(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> tuple[Float[Array, " I"], Units, Float[Array, " K"]]:
+        """Return (the latent state one stride later, the network's units, how far features lie beyond their ranges)."""
+        raw = self.raw_features(latent, control)
+        shown = self.domain.clip(raw)
+        odd, even = self.features.streams(latent, self.normaliser.forward(shown))
+        units = self.network.units(odd, even)
+        change = self.normaliser.inverse(self.network.answers(units, odd, even))
+        return self.frame.apply(latent, change, control), units, raw - shown
+
+    def _score(self, units: Units, beyond: Float[Array, " K"]) -> Float[Array, ""]:
+        """Return the score of what the network makes of an input, whose features lie `beyond` their ranges.
+
+        The network is not shown that, so that it is counted here: in standard deviations of the features, or
+        in margins of their ranges where there is no meter.
+        """
+        if self.meter is None:
+            return _root(jnp.sum((beyond / self.domain.margin) ** 2))
+        outside = jnp.sum((beyond / self.normaliser.plain_scale) ** 2)
+        return _root(self.meter.squared(units) + outside)
+
+    def step_latent_trusted(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> tuple[Float[Array, " I"], Float[Array, ""]]:
+        """Return (`step_latent`, the score of its input: see `Emulator.trust`); of several strides the highest."""
+        following, units, beyond = self.stride_and_units(latent, control)
+        score = self._score(units, beyond)
+        for _ in range(self.strides - 1):
+            following, units, beyond = self.stride_and_units(following, control)
+            score = jnp.maximum(score, self._score(units, beyond))
+        return self.encoding.bounded(following, self.features, self.domain), score
+
+    def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
+        """Return the latent states (..., I) in which super steps are made: of a deformable body few numbers."""
+        return self.encoding.encode(state)
+
+    def decode(self, latent: Float[AnyArray, "*B I"]) -> Float[AnyArray, "*B S"]:
+        """Return the states (..., S) of `latent` (..., I)."""
+        return self.encoding.decode(latent)
+
+    def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
+        """Return the latent controls (..., C), as `step_latent` takes them."""
+        return self.encoding.encode_control(control)
+
+    def raw_features(
+        self, latent: Float[AnyArray, "*B I"], control: Float[AnyArray, "*B C"]
+    ) -> Float[AnyArray, "*B K"]:
+        """Return (..., K) what the network sees besides sines and cosines, not yet normalised.
+
+        Neither the position nor the heading is among it. `latent` and `control` are encoded.
+        """
+        local = self.frame.local(latent)
+        felt = self.frame.felt_control(latent, control)
+        return self.features.plain_of(latent, local, felt)
+
+    def raw_features_of(
+        self, state: Float[AnyArray, "*B S"], control: Float[AnyArray, "*B C"]
+    ) -> Float[AnyArray, "*B K"]:
+        """Return `raw_features` (..., K) of a state (..., S) and a control (..., C) as the system has them."""
+        return self.raw_features(self.encode(state), self.encode_control(control))
+
+
+def _root(square: Float[Array, ""]) -> Float[Array, ""]:
+    """Return the square root; its gradient at 0 is 0, not without bounds, so that scores may be penalised."""
+    is_positive = square > 0
+    return jnp.where(is_positive, jnp.sqrt(jnp.where(is_positive, square, 1.0)), 0.0)
+
+
+def step(
+    emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> Float[Array, " S"]:
+    """Return the state one super step after `state`. For use inside jit, grad and vmap."""
+    latent = emulator.encode(state)
+    following = emulator.step_latent(latent, emulator.encode_control(control))
+    return emulator.decode(following)
+
+
+def trust(
+    emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> Float[Array, ""]:
+    """Return the score of `state` under `control`: see `Emulator.trust`. For use inside jit, grad and vmap."""
+    latent = emulator.encode(state)
+    return emulator.step_latent_trusted(latent, emulator.encode_control(control))[1]
+
+
+def rollout(
+    emulator: SuperStep,
+    state: Float[Array, " S"],
+    controls: Float[Array, "T C"],
+    *,
+    unroll: int = UNROLL,
+) -> Float[Array, "T+1 S"]:
+    """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
+    start = emulator.encode(state)
+    latent = rollout_latent(emulator, start, emulator.encode_control(controls), unroll=unroll)
+    return jnp.concatenate([state[None], emulator.decode(latent)])
+
+
+def rollout_latent(
+    emulator: SuperStep,
+    latent: Float[Array, " I"],
+    controls: Float[Array, "T C"],
+    *,
+    is_bounded: bool = True,
+    unroll: int = UNROLL,
+) -> Float[Array, "T I"]:
+    """Return the latent states after `latent`, one for each of the latent `controls`; the start is not included.
+
+    Training follows the network alone (`is_bounded` false): what bounds do to a stray body teaches nothing.
+    """
+    make_step = emulator.step_latent if is_bounded else emulator.step_latent_unbounded
+
+    def super_step(latent: Array, control: Array) -> tuple[Array, Array]:
+        following = make_step(latent, control)
+        return following, following
+
+    return jax.lax.scan(super_step, latent, controls, unroll=unroll)[1]
+
+
+def rollout_trusted(
+    emulator: SuperStep, state: Float[Array, " S"], controls: Float[Array, "T C"]
+) -> tuple[Float[Array, "T+1 S"], Float[Array, " T"]]:
+    """Return (`rollout`, the score of each super step). For use inside jit, grad and vmap."""
+
+    def super_step(latent: Array, control: Array) -> tuple[Array, tuple[Array, Array]]:
+        following, score = emulator.step_latent_trusted(latent, control)
+        return following, (following, score)
+
+    start = emulator.encode(state)
+    _, (latent, scores) = jax.lax.scan(super_step, start, emulator.encode_control(controls))
+    return jnp.concatenate([state[None], emulator.decode(latent)]), scores
+
+
+def latent_size(emulator: SuperStep) -> int:
+    """Return the length of a latent state."""
+    return emulator.encoding.layout.size
