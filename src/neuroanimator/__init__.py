@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         travel,
     )
     from neuroanimator.control.objective.goals import goal, is_reached, reach_state
-    from neuroanimator.control.objective.objective import CostTerm, Objective
+    from neuroanimator.control.objective.objective import CostTerm, Objective, StateTerm
     from neuroanimator.control.objective.obstacles import avoid
     from neuroanimator.control.objective.trusted import stay_trusted
     from neuroanimator.control.policies.pilot import Pilot
@@ -111,6 +111,7 @@ _HOMES = {
     "write_report": "evaluation.report",
     "Objective": "control.objective.objective",
     "CostTerm": "control.objective.objective",
+    "StateTerm": "control.objective.objective",
     "goal": "control.objective.goals",
     "reach_state": "control.objective.goals",
     "is_reached": "control.objective.goals",
@@ -194,6 +195,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     # Control: what a motion should achieve.
     "Objective",
     "CostTerm",
+    "StateTerm",
     "goal",
     "reach_state",
     "is_reached",

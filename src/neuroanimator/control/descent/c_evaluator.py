@@ -3,7 +3,6 @@
     z → controls → chain of super steps → what the objective's terms observe of latent states → residuals r,  J = |r|²/2
 
 Derivatives go along sixteen tangents of z at a time, or back from sixteen residuals at a time, whichever is less work.
-Costs that are any JAX function are left to JAX.
 """
 
 from __future__ import annotations
@@ -21,13 +20,21 @@ from neuroanimator.codegen.c_map import (
     MapStruct,
     callers,
     check_maps,
+    facts_computed,
     facts_of,
     judge_of,
     program_of_maps,
 )
-from neuroanimator.codegen.kept import FLAGS, LoadedProgram, aligned, load_program
+from neuroanimator.codegen.kept import (
+    FLAGS,
+    LoadedProgram,
+    aligned,
+    has_code_in_sources,
+    load_program,
+)
 from neuroanimator.codegen.program import WIDTH
 from neuroanimator.codegen.rooms import Rooms
+from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.control.descent.chain import link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
@@ -39,12 +46,12 @@ from neuroanimator.control.objective.c_objective import (
     ObjectiveStruct,
     c_objective,
 )
-from neuroanimator.control.objective.objective import is_ours
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import compiled_quickly
 from neuroanimator.jax_later import Array
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
+from neuroanimator.terminal import warn_once
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
 """The C that calls the maps of a problem."""
@@ -192,7 +199,7 @@ def _library() -> ctypes.CDLL | None:
 
 
 def c_evaluator(problem: Problem) -> CEvaluator | None:
-    """Return the evaluator of `problem` in C; None where there is none, for costs that are any JAX function too."""
+    """Return the evaluator of `problem` in C; None where there is none."""
     steps = problem.parametrisation.steps
     scale = as_float32(problem.control_scale)
     objective = c_objective(problem.objective, problem.emulator, steps, scale)
@@ -215,12 +222,19 @@ def controls_map(parametrisation: Parametrisation) -> CMap | None:
     known = _known.of(parametrisation)
     if known is not UNKNOWN:
         return known
-    if not is_ours(parametrisation):
-        return _known.keep(None, parametrisation)
-    about = "\n".join([CONTROLS, *facts_of(parametrisation)])
-    definitions = {CONTROLS: controls_definition(parametrisation)}
-    make = partial(program_of_maps, definitions, len(NO_NUMBERS))
-    program = load_program(about, make, partial(_check_controls, definitions[CONTROLS]))
+    definition = controls_definition(parametrisation)
+    make = partial(program_of_maps, {CONTROLS: definition}, len(NO_NUMBERS))
+    try:
+        if has_code_in_sources(parametrisation):
+            facts = facts_of(parametrisation)
+        else:
+            facts = facts_computed(definition, len(NO_NUMBERS))
+        about = "\n".join([CONTROLS, *facts])
+        program = load_program(about, make, partial(_check_controls, definition))
+    except UnsupportedError as error:
+        name = type(parametrisation).__name__
+        warn_once(f"{name}: {error} JAX is used instead of C, which takes longer.")
+        program = None
     if program is None:
         return _known.keep(None, parametrisation)
     in_c = CMap(program, CONTROLS, NO_NUMBERS)

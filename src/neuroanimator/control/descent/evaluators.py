@@ -36,7 +36,7 @@ def _controls_in_jax(
 
 
 def evaluator_of(problem: Problem) -> Evaluator:
-    """Return what evaluates `problem`, by the `backend`; costs that are any JAX function are left to JAX."""
+    """Return what evaluates `problem`, by the `backend`."""
     if backend() != "jax":
         # With it comes the generator, which JAX does without.
         from neuroanimator.control.descent.c_evaluator import c_evaluator

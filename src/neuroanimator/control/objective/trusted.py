@@ -19,9 +19,9 @@ WEIGHT = 10.0
 
 
 class StayTrusted(Module):
-    """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`: a cost of one's own, descended through JAX.
+    """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`; a function, so its curvature is not known.
 
-    Like any cost it is of states, whoever made them: the physics' as well as the emulator's.
+    Like any cost it is of states, those of the physics as well as the emulator's.
     """
 
     emulator: Emulator
