@@ -42,7 +42,7 @@ BEYOND_PUBLIC_NAMES = {
     "control.descent.problem",
     "control.objective.c_objective",
     "control.objective.goals",
-    "control.objective.terms",
+    "control.objective.moments",
     "control.policies.policy",
     "control.synthesis.synthesise",
     "data.generate",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.control.objective.terms import as_weight
+from neuroanimator.control.objective.arguments import as_weight
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator, trust
 from neuroanimator.emulator.trust import EDGE
