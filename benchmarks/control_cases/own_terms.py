@@ -12,8 +12,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator import Objective, load_emulator, load_system
 from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.evaluator import Evaluator, evaluator_of
 from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.tasks.solver import Solver

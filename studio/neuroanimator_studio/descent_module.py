@@ -25,10 +25,8 @@ from neuroanimator.codegen.trace import Input
 from neuroanimator.compiler.build import CompilerError
 from neuroanimator.compiler.wasm import wasm_module
 from neuroanimator.control.descent.c_evaluator import CALLERS, CONTROLS, controls_definition
-from neuroanimator.control.descent.chain import LINK, link_definition
-from neuroanimator.control.descent.defects import find_defects, still_frame
-from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator
-from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.defects import LINK, find_defects, link_definition, still_frame
+from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, evaluator_of
 from neuroanimator.control.descent.methods import (
     CONVERGED,
     DAMPINGS,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
@@ -353,3 +354,23 @@ def random_lanes(rng: np.random.Generator, count: int) -> Lanes:
 
 NOTHING = aligned_room(WIDTH)
 """Stands for a tape of lanes where there is none."""
+
+
+class WorkspacePool:
+    """Memory that generated C works in, kept from call to call: each call has one workspace to itself, on any thread."""
+
+    def __init__(self, size: int):
+        self._size = size
+        self._free: list[Float[np.ndarray, " N"]] = []
+
+    @contextmanager
+    def acquire(self) -> Iterator[int]:
+        """Yield the address of `size` floats, aligned for the widest register."""
+        try:
+            workspace = self._free.pop()
+        except IndexError:
+            workspace = aligned(np.zeros(self._size, np.float32))
+        try:
+            yield workspace.ctypes.data
+        finally:
+            self._free.append(workspace)

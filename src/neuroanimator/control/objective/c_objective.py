@@ -20,6 +20,7 @@ from neuroanimator.codegen.c_map import (
     CMap,
     MapDefinition,
     MapStruct,
+    WorkspacePool,
     callers,
     check_maps,
     facts_computed,
@@ -36,7 +37,6 @@ from neuroanimator.codegen.kept import (
     load_program,
 )
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.rooms import Rooms
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
 from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.control.objective.objective import (
@@ -171,14 +171,14 @@ class CObjective:
         return (TermStruct * len(structs))(*structs)
 
     @cached_property
-    def _rooms(self) -> Rooms:
-        return Rooms(self.library.room_of_objective(ctypes.addressof(self.struct)))
+    def _workspaces(self) -> WorkspacePool:
+        return WorkspacePool(self.library.room_of_objective(ctypes.addressof(self.struct)))
 
     def cost(self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]) -> float:
         """Return J of a motion."""
         motion = (states.ctypes.data, controls.ctypes.data)
-        with self._rooms.borrowed() as room:
-            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, room)
+        with self._workspaces.acquire() as workspace:
+            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, workspace)
 
     def cost_and_slopes(
         self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]
@@ -186,8 +186,8 @@ class CObjective:
         """Return (J, (how it changes with the states, how it changes with the controls))."""
         slopes = (np.empty_like(states), np.empty_like(controls))
         arrays = [array.ctypes.data for array in (states, controls, *slopes)]
-        with self._rooms.borrowed() as room:
-            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, room)
+        with self._workspaces.acquire() as workspace:
+            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, workspace)
         return cost, slopes
 
 
