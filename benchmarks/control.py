@@ -2,6 +2,7 @@
 
 python benchmarks/control.py tasks                      every task through the emulator, and its baselines
 python benchmarks/control.py descents                   every way of descending on every task
+python benchmarks/control.py own                        cost terms of one's own beside the package's
 python benchmarks/control.py tasks --quick              fewer trials: minutes; writes no file
 python benchmarks/control.py tasks --tasks truck-park   these tasks alone; writes no file
 """
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 from control_cases.control_plot import draw_runs
 from control_cases.control_table import DIGITS, QUICK, THOROUGH, measure_tasks
+from control_cases.own_terms import own_rows
 
 from neuroanimator import DescentOptions, descend, load_emulator, load_system
 from neuroanimator.control.descent.methods import METHODS
@@ -32,6 +34,9 @@ from neuroanimator.terminal import print_table
 Rows = list[dict[str, Any]]
 ITERATIONS = (20, 100)
 """Maximum numbers of iterations of a descent."""
+
+ROUNDS = 200
+"""Number of times evaluations with cost terms of one's own are timed."""
 
 TRIALS = 12
 """Number of trials over which medians are taken."""
@@ -122,7 +127,7 @@ def chosen_tasks(names: str | None) -> list[Task]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("part", choices=("tasks", "descents"))
+    parser.add_argument("part", choices=("tasks", "descents", "own"))
     parser.add_argument("--tasks", help="only these, such as fish-turn,truck-park")
     parser.add_argument("--quick", action="store_true", help="fewer trials; writes no file")
     parser.add_argument("--plot", type=Path, help="also draw how J fell, as a PNG (tasks)")
@@ -132,8 +137,11 @@ def main() -> None:
     if options.part == "tasks":
         rows = task_rows(tasks, options.quick, options.plot)
         printed = [{key: row[key] for key in PRINTED} for row in rows]
-    else:
+    elif options.part == "descents":
         rows = descent_rows(tasks, options.quick)
+        printed = rows
+    else:
+        rows = own_rows(tasks, 20 if options.quick else ROUNDS)
         printed = rows
     if not options.quick and not options.tasks:
         write_csv(RESULTS / f"control_{options.part}.csv", rows)

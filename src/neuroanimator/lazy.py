@@ -2,25 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from importlib import import_module
+import ast
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module, resources
 from typing import Any
 
+EVERYTHING = "*"
+"""Stands for all names of a module that are in its `__all__`."""
 
-def lazy_names(
-    package: str, homes: Mapping[str, str]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+
+def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the `__getattr__` and the `__dir__` of a package whose names live in modules of it.
 
-    `homes` says in which module, relative to `package`, each name is.
+    Its `__init__.pyi` imports them, as type checkers read it.
     """
 
     def load(name: str) -> Any:
-        if name not in homes:
+        if name == "__all__":
+            return list_names()
+        home = None
+        if not name.startswith("_"):
+            home = _imports(package).get(name) or _homes(package).get(name)
+        if home is None:
             raise AttributeError(f"{package} has no '{name}'")
-        return getattr(import_module(f"{package}.{homes[name]}"), name)
+        return getattr(import_module(home), name)
 
     def list_names() -> list[str]:
-        return sorted(homes)
+        return sorted(_homes(package))
 
     return load, list_names
+
+
+@cache
+def _imports(package: str) -> dict[str, str]:
+    """Return the module from which each name is imported in the stub of a package."""
+    stub = (resources.files(package) / "__init__.pyi").read_text(encoding="utf-8")
+    found = {}
+    for node in ast.parse(stub).body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {alias.name: str(node.module) for alias in node.names}
+    return found
+
+
+@cache
+def _homes(package: str) -> dict[str, str]:
+    """Return the module of each name; one that gives everything is imported to learn its names."""
+    found = dict(_imports(package))
+    generous = found.pop(EVERYTHING, None)
+    if generous is not None:
+        found |= dict.fromkeys(import_module(generous).__all__, generous)
+    return found

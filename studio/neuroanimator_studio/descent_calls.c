@@ -11,7 +11,7 @@ NA_ALIGNED float descent_defects[STEPS * DEFECT];
 static const na_term descent_terms[] = {@terms@};
 
 static const na_problem descent_problem = {
-    {descent_terms, @count@, @residuals@, @efforts@, STEPS, STATE},
+    {descent_terms, @count@, @residuals@, @efforts@, STEPS, STATE, @looked_at@, @values@},
     @controls@,
     @link@,
     DEFECT,

@@ -22,14 +22,12 @@ from neuroanimator import Emulator, NeuroAnimatorError, Objective
 from neuroanimator.codegen.c_function import c_function
 from neuroanimator.codegen.c_map import FORMS, MapDefinition, c_map, callers
 from neuroanimator.codegen.c_text import c_number
-from neuroanimator.codegen.trace import Input, UnsupportedError
+from neuroanimator.codegen.trace import Input
 from neuroanimator.compiler.build import CompilerError
 from neuroanimator.compiler.wasm import wasm_module
 from neuroanimator.control.descent.c_evaluator import CALLERS, CONTROLS, controls_definition
-from neuroanimator.control.descent.chain import LINK, link_definition
-from neuroanimator.control.descent.defects import find_defects, still_frame
-from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator
-from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.defects import LINK, find_defects, link_definition, still_frame
+from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, evaluator_of
 from neuroanimator.control.descent.methods import (
     CONVERGED,
     DAMPINGS,
@@ -38,7 +36,7 @@ from neuroanimator.control.descent.methods import (
     MIN_DAMPING,
 )
 from neuroanimator.control.descent.problem import Problem
-from neuroanimator.control.objective.c_objective import MotionShape, ObjectiveForm
+from neuroanimator.control.objective.c_objective import ObjectiveForm
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import encode
 from neuroanimator.emulator.super_step import latent_size
@@ -150,16 +148,7 @@ class PageDescent:
 
     def moved(self, values: dict[str, Any]) -> Problem:
         """Return the problem with other values of what may be moved, by name."""
-        numbers = self.moved_numbers(values)
-        used = 0
-
-        def leaf_of(leaf: Any) -> np.ndarray:
-            nonlocal used
-            some = numbers[used : used + np.size(leaf)]
-            used += np.size(leaf)
-            return some.reshape(np.shape(leaf))
-
-        objective = jax.tree.map(leaf_of, self.problem.objective)
+        objective = self.form.with_numbers(self.moved_numbers(values))
         return replace(self.problem, objective=objective)
 
     def moved_numbers(self, values: dict[str, Any]) -> Float[np.ndarray, " P"]:
@@ -175,20 +164,13 @@ class PageDescent:
     @cached_property
     def form(self) -> ObjectiveForm:
         """The objective without its numbers."""
-        emulator = self.problem.emulator
-        shape = MotionShape(
-            self.problem.parametrisation.steps,
-            emulator.state.size,
-            emulator.control.size,
-            emulator.dt,
-        )
-        encoding = None if emulator.encoding.is_identity else emulator.encoding
-        return ObjectiveForm(self.problem.objective, shape, encoding)
+        problem = self.problem
+        return ObjectiveForm.of(problem.objective, problem.emulator, problem.parametrisation.steps)
 
     @cached_property
     def numbers(self) -> Float[np.ndarray, " P"]:
         """The numbers of the objective as they are at first."""
-        return self.form.numbers(as_float32(self.problem.control_scale))
+        return self.form.numbers(self.problem.objective, as_float32(self.problem.control_scale))
 
     def facts(self) -> dict[str, Any]:
         """Return what a page must know, as JSON."""
@@ -238,9 +220,6 @@ def descent_module(descent: PageDescent) -> bytes:
 def descent_text(descent: PageDescent) -> str:
     """Return the C program of `descent`."""
     problem = descent.problem
-    objective = problem.objective
-    if not objective.is_ours:
-        raise UnsupportedError("a cost of one's own")
     emulator = problem.emulator
     form = descent.form
     defect = int(np.shape(problem.defects)[1])
@@ -282,7 +261,9 @@ def descent_text(descent: PageDescent) -> str:
         "numbers": ", ".join(c_number(number) for number in descent.numbers.tolist()),
         "rows": "\n".join(_rows(form)),
         "terms": ", ".join(_terms(form, structs)),
-        "count": str(len(form.terms)),
+        "count": str(len(form.views)),
+        "looked_at": str(form.controls),
+        "values": str(len(problem.objective.functions)),
         "residuals": structs["residuals"],
         "efforts": structs["efforts"],
         "controls": structs[CONTROLS],
@@ -327,19 +308,18 @@ def _struct(
 
 
 def _rows(form: ObjectiveForm) -> Iterator[str]:
-    """Yield an array for each term: which states of a motion it looks at."""
-    for number, term in enumerate(form.terms):
-        rows = ", ".join(str(row) for row in form.rows(term))
+    """Yield an array for each cost: the states of a motion it looks at."""
+    for number, view in enumerate(form.views):
+        rows = ", ".join(str(row) for row in view.rows)
         yield f"static const long descent_rows_{number}[] = {{{rows}}};"
 
 
 def _terms(form: ObjectiveForm, structs: dict[str, str]) -> Iterator[str]:
-    """Yield `na_term` of each term in C."""
-    for number, term in enumerate(form.terms):
+    """Yield `na_term` of each cost in C."""
+    for number, view in enumerate(form.views):
         of_state = structs[f"state_{number}"]
         of_latent = structs.get(f"latent_{number}", of_state)
-        count = len(form.rows(term))
-        yield f"{{{of_latent}, {of_state}, descent_rows_{number}, {count}}}"
+        yield f"{{{of_latent}, {of_state}, descent_rows_{number}, {len(view.rows)}}}"
 
 
 def check_module(module: Module, descent: PageDescent) -> None:

@@ -29,7 +29,7 @@ from neuroanimator.control.descent.parametrisation import (
     Steered,
 )
 from neuroanimator.control.objective.goals import goal_start, goal_state, reach_goal
-from neuroanimator.control.objective.terms import Moments
+from neuroanimator.control.objective.moments import Moments
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem

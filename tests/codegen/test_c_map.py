@@ -13,13 +13,13 @@ from jaxtyping import Array
 from neuroanimator.codegen.c_map import (
     CMap,
     MapDefinition,
+    WorkspacePool,
     check_maps,
     judge_of,
     program_of_maps,
 )
 from neuroanimator.codegen.kept import FLAGS, LoadedProgram, WrongProgramError, aligned
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.rooms import Rooms
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
@@ -76,8 +76,8 @@ def test_more_or_fewer_than_sixteen_rows_are_computed_one_for_one():
 
 
 def test_rooms_are_lent_to_one_at_a_time_and_used_again():
-    rooms = Rooms(3)
-    with rooms.borrowed() as first, rooms.borrowed() as second:
+    rooms = WorkspacePool(3)
+    with rooms.acquire() as first, rooms.acquire() as second:
         assert first != second
-    with rooms.borrowed() as third:
+    with rooms.acquire() as third:
         assert third in (first, second)

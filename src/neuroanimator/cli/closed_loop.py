@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.animation.gauges import drawable
-from neuroanimator.cli.control_words import start_in_words, time_rows
+from neuroanimator.cli.control_output import start_in_words, time_rows
 from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.export.csv_file import write_table

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from neuroanimator.cli.closed_loop import run_closed_loop
-from neuroanimator.cli.control_words import start_in_words, time_rows
+from neuroanimator.cli.control_output import start_in_words, time_rows
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.goals import find_goal, goal_start, is_reached, usual_goal
 from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file

@@ -22,6 +22,9 @@ from neuroanimator.codegen.program import (
 )
 from neuroanimator.codegen.trace import Input, trace
 
+MAX_STACK = 2**22
+"""Maximum number of bytes of a function's arrays on the stack, half of what threads have; larger ones are the thread's."""
+
 
 def prelude() -> str:
     """Return what every file of such functions begins with: types and elementary functions."""
@@ -37,8 +40,6 @@ class CFunction:
     """Floats that the forward part leaves for the backward part."""
     wide_tape: int = 0
     """Registers of lanes that it leaves."""
-    scratch: int = 0
-    """Bytes it needs on the stack."""
 
 
 class LatePart(NamedTuple):
@@ -69,7 +70,7 @@ def c_function(
     input is. With late inputs there are several functions: `name_forward(k, early inputs, t, tv, early outputs)`, and
     for each part of `late` a `name_part(k, t, tv, its inputs, its outputs)` that goes on from the tape `t`, and `tv` of
     lanes; the first `values` outputs, of which there may be none, are the early ones. Without `late` there is one such
-    part, `backward`. Nothing is kept between calls, so threads may share them. What `is_public` can be called from
+    part, `backward`. Nothing is read that an earlier call left, so threads may share them. What `is_public` can be called from
     outside the library.
 
     Raises UnsupportedError for what there is no C for, such as loops.
@@ -81,11 +82,11 @@ def c_function(
     late_inputs = [number for number, entry in enumerate(inputs) if entry.is_late]
     if not late_inputs:
         whole = _Part(program, inputs, early_inputs, everything, is_late=False)
-        lines, scratch = whole.write(f"{linkage}void {name}", tapes=())
-        return CFunction("\n".join(lines) + "\n", scratch=scratch)
+        lines = whole.write(f"{linkage}void {name}", tapes=())
+        return CFunction("\n".join(lines) + "\n")
     tapes = ("float *NA_RESTRICT t", "float *NA_RESTRICT tv")
     forward = _Part(program, inputs, early_inputs, everything[:values], is_late=False)
-    lines, most_scratch = forward.write(f"{linkage}void {name}_forward", tapes)
+    lines = forward.write(f"{linkage}void {name}_forward", tapes)
     read_only = tuple(f"const {tape}" for tape in tapes)
     late_outputs = everything[values:]
     for part in late or [LatePart("backward", len(late_inputs), len(late_outputs))]:
@@ -94,14 +95,11 @@ def c_function(
         late_inputs = late_inputs[part.inputs :]
         late_outputs = late_outputs[part.outputs :]
         going_on = _Part(program, inputs, own_inputs, own_outputs, is_late=True)
-        more, scratch = going_on.write(f"{linkage}void {name}_{part.name}", read_only)
-        lines += more
-        most_scratch = max(most_scratch, scratch)
+        lines += going_on.write(f"{linkage}void {name}_{part.name}", read_only)
     return CFunction(
         "\n".join(lines) + "\n",
         tape=program.sizes.get(TAPE, 0),
         wide_tape=program.sizes.get(TAPE | WIDE, 0),
-        scratch=most_scratch,
     )
 
 
@@ -116,14 +114,13 @@ class _Part:
     outputs: range
     is_late: bool
 
-    def write(self, declared: str, tapes: tuple[str, ...]) -> tuple[list[str], int]:
-        """Return (the function's lines, bytes of the arrays it declares)."""
+    def write(self, declared: str, tapes: tuple[str, ...]) -> list[str]:
+        """Return the function's lines."""
         body = list(fused(self._body(Writer(self.program))))  # it may take more room
-        arrays, scratch = self._arrays()
         names = [*("k", "t", "tv")[: 1 + len(tapes)], *self._empty()]
         unused = "".join(f"(void){name}; " for name in names)
         head = f"{declared}({', '.join(self._parameters(tapes))}) {{"
-        return [head, *arrays, unused, *body, "}"], scratch
+        return [head, *self._arrays(), unused, *body, "}"]
 
     def _empty(self) -> list[str]:
         """Return the parameters that have no numbers, such as the control of what nothing drives."""
@@ -138,17 +135,19 @@ class _Part:
         between = [*tapes, *xs] if self.is_late else [*xs, *tapes]
         return ["const float *NA_RESTRICT k", *between, *ys]
 
-    def _arrays(self) -> tuple[list[str], int]:
-        lines = []
+    def _arrays(self) -> list[str]:
+        declared = []
         scratch = 0
         for space in (EARLY, WIDE):
             number = space | (LATE if self.is_late else EARLY)
             size = self.program.sizes.get(number, 0)
             if size:
                 lanes = "LANES * " if space else ""
-                lines.append(f"NA_ALIGNED float {SPACES[number]}[{lanes}{size}];")
+                declared.append(f"NA_ALIGNED float {SPACES[number]}[{lanes}{size}];")
                 scratch += FLOAT_BYTES * size * (WIDTH if space else 1)
-        return lines, scratch
+        if scratch > MAX_STACK:
+            declared = [f"static __thread {array}" for array in declared]
+        return declared
 
     def _operations(self) -> list[Operation]:
         """Return what this part computes: the early part all that is early, a late one what its own outputs depend on."""

@@ -6,27 +6,27 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from typing import Any, NamedTuple
 
 import jax
+import jax.extend.core as jaxprs
 import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import CFunction, LatePart, c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, aligned
 from neuroanimator.codegen.program import WIDTH, Constants
-from neuroanimator.codegen.trace import Input, UnsupportedError
+from neuroanimator.codegen.trace import Input, constant_array
 from neuroanimator.storage.files import digest
-
-MOST_SCRATCH = 2**22
-"""Bytes a function may need on the stack: half of what threads have."""
 
 TOLERANCE = 1e-3
 """Tolerance of numbers, over the largest of their array: both sum float32 in orders of their own."""
+
 
 Lanes = Float[np.ndarray, "_ 16"]
 
@@ -56,6 +56,42 @@ def facts_of(module: Any) -> list[str]:
     """Return what a module, whose arrays are constants of a program, is made of: its structure and its numbers."""
     numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(jax.tree.leaves(module))}
     return [str(jax.tree.structure(module)), digest(numbers)]
+
+
+def facts_computed(definition: MapDefinition, numbers: int) -> list[str]:
+    """Return what a map of so many numbers and its derivatives compute, traced: their operations and constant arrays.
+
+    For functions whose code is not the package's: their names say nothing of what they compute.
+    """
+    function, module, inputs = definition
+
+    def with_derivatives(numbers: Array, x: Array, of_y: Array) -> Any:
+        # Traced with rules of its own for derivatives, which the operations of y alone would not show.
+        y, pull = jax.vjp(partial(function, module, numbers), x)
+        return y, *pull(of_y)
+
+    sizes = (numbers, inputs, definition.outputs(numbers))
+    traced = jax.make_jaxpr(with_derivatives)(
+        *(jax.ShapeDtypeStruct((size,), np.float32) for size in sizes)
+    )
+    arrays = {str(number): array for number, array in enumerate(_arrays_of(traced))}
+    return [str(traced), digest(arrays)]
+
+
+def _arrays_of(traced: Any) -> Iterator[np.ndarray]:
+    """Yield the constant arrays of a traced function and of those nested in it."""
+    if isinstance(traced, jaxprs.ClosedJaxpr):
+        yield from map(constant_array, traced.consts)
+        traced = traced.jaxpr
+    for eqn in traced.eqns:
+        for atom in eqn.invars:
+            if isinstance(atom, jaxprs.Literal):
+                yield np.asarray(atom.val)
+        for parameter in eqn.params.values():
+            several = parameter if isinstance(parameter, tuple | list) else (parameter,)
+            for nested in several:
+                if isinstance(nested, jaxprs.ClosedJaxpr | jaxprs.Jaxpr):
+                    yield from _arrays_of(nested)
 
 
 def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constants) -> CFunction:
@@ -93,8 +129,6 @@ def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constan
     )
     wide = [Input((numbers,)), Input((inputs,), is_wide=True)]
     in_lanes = c_function(f"{name}_lanes", function, module, wide, constants, is_public=True)
-    if max(differentiated.scratch, in_lanes.scratch) > MOST_SCRATCH:
-        raise UnsupportedError(f"{name} of so many numbers")
     return CFunction(differentiated.text + in_lanes.text, tape=differentiated.tape)
 
 
@@ -320,3 +354,23 @@ def random_lanes(rng: np.random.Generator, count: int) -> Lanes:
 
 NOTHING = aligned_room(WIDTH)
 """Stands for a tape of lanes where there is none."""
+
+
+class WorkspacePool:
+    """Memory that generated C works in, kept from call to call: each call has one workspace to itself, on any thread."""
+
+    def __init__(self, size: int):
+        self._size = size
+        self._free: list[Float[np.ndarray, " N"]] = []
+
+    @contextmanager
+    def acquire(self) -> Iterator[int]:
+        """Yield the address of `size` floats, aligned for the widest register."""
+        try:
+            workspace = self._free.pop()
+        except IndexError:
+            workspace = aligned(np.zeros(self._size, np.float32))
+        try:
+            yield workspace.ctypes.data
+        finally:
+            self._free.append(workspace)

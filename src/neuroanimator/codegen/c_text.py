@@ -69,6 +69,12 @@ MIN_ROWS_PER_PART = 4
 WORTH_A_LOOP = 3
 """Minimum number of equal stretches, one behind the other, that are written as a loop."""
 
+MANY_LOOPS = 16
+"""Minimum number of loops of one operation among which sequences that repeat themselves are looked for."""
+
+MAX_GROUP = 16
+"""Maximum number of loops in such a sequence."""
+
 DIGITS = 9
 """Digits that tell every float32 from the next; C++ before 2017 reads no hexadecimal ones."""
 
@@ -87,6 +93,15 @@ class Loop(NamedTuple):
     """How far each column is on within a repetition: 0 or 1."""
     repeats: int
     length: int
+    outer: tuple[int, ...] = ()
+    """How far each column is on at every repetition of the group of statements it belongs to; empty for one alone."""
+
+
+class Group(NamedTuple):
+    """Several loops, one behind the other, `repeats` times."""
+
+    loops: list[Loop]
+    repeats: int
 
 
 @dataclass
@@ -168,10 +183,66 @@ class Writer:
     ) -> Iterator[str]:
         """Yield loops over the stretches in which all inputs (N,) are neighbours, or one and the same."""
         is_wide = is_any_wide(output)
-        for loop in self._loops([*inputs, output]):
-            terms = [self._term(loop, column) for column in range(len(inputs))]
-            statement = f"{self._term(loop, len(inputs))} = {formula.format(*terms)};"
-            yield self._looped(loop, statement, is_wide=is_wide)
+        for group in self._groups(list(self._loops([*inputs, output]))):
+            statements = []
+            for loop in group.loops:
+                terms = [self._term(loop, column) for column in range(len(inputs))]
+                statement = f"{self._term(loop, len(inputs))} = {formula.format(*terms)};"
+                statements.append(self._looped(loop, statement, is_wide=is_wide))
+            if group.repeats == 1:
+                yield from statements
+            else:
+                yield f"for (int g = 0; g < {group.repeats}; g++) {{ {' '.join(statements)} }}"
+
+    def _groups(self, loops: list[Loop]) -> Iterator[Group]:
+        """Yield `loops` in their order, sequences that repeat themselves as one group."""
+        number = 0
+        while number < len(loops):
+            period = 1
+            repeats = 1
+            if len(loops) >= MANY_LOOPS:
+                counts = {
+                    size: self._repeats(loops, number, size) for size in range(1, MAX_GROUP + 1)
+                }
+                period = max(counts, key=lambda size: size * counts[size])
+                repeats = counts[period]
+            if repeats < WORTH_A_LOOP:
+                yield Group([loops[number]], 1)
+                number += 1
+                continue
+            group = []
+            for loop, following in zip(loops[number:], loops[number + period :], strict=False):
+                if len(group) < period:
+                    group.append(loop._replace(outer=self._apart(loop, following)))
+            yield Group(group, repeats)
+            number += period * repeats
+
+    def _repeats(self, loops: list[Loop], first: int, period: int) -> int:
+        """Return how often the `period` loops from `first` on come, one group behind the other, equally far apart."""
+        steps = []
+        for number in range(first, len(loops) - period):
+            step = self._apart(loops[number], loops[number + period])
+            is_first = number < first + period
+            if step is None or not (is_first or step == steps[(number - first) % period]):
+                return (number - first) // period + 1
+            if is_first:
+                steps.append(step)
+        return (len(loops) - first) // period
+
+    def _apart(self, loop: Loop, other: Loop) -> tuple[int, ...] | None:
+        """Return how far each column of another loop is on; None unless it is like the first one."""
+        if loop[1:] != other[1:]:
+            return None
+        literals = self.program.constants.literals
+        steps = []
+        for before, now in zip(loop.first, other.first, strict=True):
+            step = _ahead(now) - _ahead(before)
+            if before // SPACE != now // SPACE or (
+                step and (before in literals or now in literals)
+            ):
+                return None
+            steps.append(step)
+        return tuple(steps)
 
     def _looped(self, loop: Loop, statement: str, *, is_wide: bool) -> str:
         """Return `statement` within the loops it takes."""
@@ -307,6 +378,11 @@ class Writer:
                 terms.append(product % places)
             columns = [rows[:, entry] for entry in range(count) for rows in inputs]
             yield from self._elementwise(" + ".join(terms), columns, output)
+        elif 0 < count <= 2 * FEW and len(inputs) == 1 and len(output) >= MANY_LOOPS:
+            yield from self.copied(inputs[0][:, 0], output)
+            formula = rule[1].format("{1}", s="{0}")
+            for entry in range(1, count):
+                yield from self._elementwise(formula, [output, inputs[0][:, entry]], output)
         else:
             for row in range(len(output)):
                 vectors = [rows[row] for rows in inputs]
@@ -553,6 +629,8 @@ def _index(loop: Loop, column: int) -> str:
         text += f" + {stride} * j"
     if loop.length > 1 and loop.steps[column]:
         text += " + i"
+    if loop.outer and loop.outer[column]:
+        text += f" + {loop.outer[column]} * g"
     return text
 
 

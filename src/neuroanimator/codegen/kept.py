@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.codegen.program import ALIGNMENT
-from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.compiler.compiler import compiled_library, compiler_facts
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.storage.files import read_tensors, write_tensors
@@ -37,6 +37,14 @@ FLAGS = (
 
 SOURCES = ("codegen", "emulator", "state", "control", "animation", "export", "gym")
 """Folders of the package whose code says what a program does: when it changes, programs are made anew."""
+
+
+def has_code_in_sources(thing: Any) -> bool:
+    """Return whether the code of an object's class is in `SOURCES`: the class's name then says what it computes."""
+    return type(thing).__module__.startswith(
+        tuple(f"neuroanimator.{folder}." for folder in SOURCES)
+    )
+
 
 SUFFIXES = (".py", ".c", ".h")
 """How the names of files with code end."""
@@ -74,13 +82,11 @@ def load_program(
 ) -> LoadedProgram | None:
     """Return the program that `about` says all of, made by `make` and passed by `check` once on this machine.
 
-    None where nothing can be compiled, and where `make` raises UnsupportedError. `check` raises WrongProgramError for a
-    program that is wrong: such a one is not kept, which is said once.
+    None where nothing can be compiled. `check` raises WrongProgramError for a program that is wrong: such a one is not
+    kept, which is said once. What `make` raises goes through, such as UnsupportedError.
     """
     try:
         return _load(about, make, check)
-    except UnsupportedError:
-        return None
     except WrongProgramError as error:
         warn_once(f"{error} JAX is used instead of C.")
         return None

@@ -178,6 +178,12 @@ class Program:
         """Return the operations that `outputs` depend on."""
         return list(reversed(list(self._needed_by(outputs))))
 
+    def read(self) -> list[np.ndarray]:
+        """Return for each input, in its shape, which of its entries operations or outputs read."""
+        read = [addresses for operation in self.operations for addresses in operation.inputs]
+        addresses = np.concatenate([some.ravel() for some in [*read, *self.outputs]])
+        return [np.isin(entries, addresses) for entries in self.inputs]
+
     def _needed_by(self, outputs: list[Addresses]) -> Iterator[Operation]:
         """Yield them, the last one first."""
         needed = {space: np.zeros(size, bool) for space, size in self.sizes.items()}

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.extend.core as jaxprs
+import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.codegen.program import (
@@ -77,6 +78,13 @@ def trace(
     return program
 
 
+def constant_array(constant: Any) -> np.ndarray:
+    """Return a constant of a traced function; UnsupportedError for keys of random numbers, which are no numbers."""
+    if jnp.issubdtype(constant.dtype, jax.dtypes.extended):
+        raise UnsupportedError("random_bits")
+    return np.asarray(constant)
+
+
 @dataclass(frozen=True)
 class _Known:
     """A value that is known before the program runs."""
@@ -103,7 +111,7 @@ class _Tracer:
         }
 
     def run(self, closed: jaxprs.ClosedJaxpr, weights: list[_Known]) -> None:
-        constants = [_Known(np.asarray(constant), False) for constant in closed.consts]
+        constants = [_Known(constant_array(constant), False) for constant in closed.consts]
         outputs = self._jaxpr(closed.jaxpr, constants, [*weights, *self.program.inputs])
         self.program.outputs = [self._addresses(output) for output in outputs]
 
@@ -128,7 +136,7 @@ class _Tracer:
         inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
         if inner is not None and name not in LOOPS_AND_BRANCHES:
             if isinstance(inner, jaxprs.ClosedJaxpr):
-                constants = [_Known(np.asarray(constant), False) for constant in inner.consts]
+                constants = [_Known(constant_array(constant), False) for constant in inner.consts]
                 return self._jaxpr(inner.jaxpr, constants, inputs)
             return self._jaxpr(inner, [], inputs)
         if all(isinstance(operand, _Known) for operand in inputs):
@@ -136,7 +144,7 @@ class _Tracer:
             numbers = [operand.numbers for operand in inputs]
             # Not by JAX, which would compile a program for it.
             moved = MOVES[name](numbers, eqn.params) if name in MOVES else _bind(eqn, numbers)
-            return [_Known(np.asarray(result), is_literal) for result in moved]
+            return [_Known(constant_array(result), is_literal) for result in moved]
         if name in MOVES:
             addresses = [self._addresses(operand) for operand in inputs]
             return [np.asarray(result) for result in MOVES[name](addresses, eqn.params)]

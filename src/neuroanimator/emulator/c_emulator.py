@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, load_program
 from neuroanimator.codegen.program import WIDTH, Constants
-from neuroanimator.codegen.trace import Input
+from neuroanimator.codegen.trace import Input, UnsupportedError
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.cores import in_parts
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
@@ -329,7 +329,10 @@ def load_checked(
     def check_it(program: LoadedProgram) -> None:
         check(probes_of(emulator), program)
 
-    return load_program("\n".join(facts), partial(write, emulator), check_it)
+    try:
+        return load_program("\n".join(facts), partial(write, emulator), check_it)
+    except UnsupportedError:
+        return None
 
 
 def _check(probes: Probes, program: LoadedProgram) -> None:

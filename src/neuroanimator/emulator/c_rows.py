@@ -21,7 +21,7 @@ from neuroanimator.backend import backend
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
 from neuroanimator.codegen.program import Constants
-from neuroanimator.codegen.trace import Input
+from neuroanimator.codegen.trace import Input, UnsupportedError
 from neuroanimator.cores import in_parts
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
@@ -96,7 +96,10 @@ def c_rows(
     def check(program: LoadedProgram) -> None:
         _check(function, module, inputs(), CRows(program))
 
-    program = load_program("\n".join([name, *about()]), make, check)
+    try:
+        program = load_program("\n".join([name, *about()]), make, check)
+    except UnsupportedError:
+        program = None
     return _known.keep(None if program is None else CRows(program), module, name)
 
 

@@ -15,9 +15,9 @@ from neuroanimator.control.objective.costs import (
     stand_up,
 )
 from neuroanimator.control.objective.goals import goal_state, is_reached, reach_goal
+from neuroanimator.control.objective.moments import Moments
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.obstacles import Zone, avoid, distances, footprint, zone_rows
-from neuroanimator.control.objective.terms import Moments
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.rotation import facing
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem

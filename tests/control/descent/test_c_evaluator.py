@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,16 +12,22 @@ from jaxtyping import Array, Float
 
 import neuroanimator as na
 from neuroanimator.compiler.compiler import find_compiler
-from neuroanimator.control.descent.c_evaluator import c_evaluator
+from neuroanimator.control.descent.c_evaluator import c_evaluator, controls_in_c
 from neuroanimator.control.descent.defects import find_defects
 from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.descent.evaluators import controls_of
+from neuroanimator.control.descent.evaluator import Evaluator, controls_of
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation, Spline
 from neuroanimator.control.descent.problem import Problem
-from neuroanimator.control.objective.objective import CostTerm, objective_cost
+from neuroanimator.control.objective.c_objective import ObjectiveForm
+from neuroanimator.control.objective.objective import (
+    CostFunction,
+    CostTerm,
+    StateTerm,
+    objective_cost,
+)
 from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.errors import ArgumentError
 from neuroanimator.storage.private_folder import kept_folder
 from neuroanimator.tasks.all_tasks import TASKS
 
@@ -170,28 +176,198 @@ def test_defects_controls_and_costs_are_those_of_jax(
 
 
 def quiet(trajectory: Trajectory) -> Float[Array, ""]:
-    """A cost of a user's own."""
-    return jnp.sum(trajectory.states**2)
+    """A cost of a user's own, of states and controls together."""
+    power = trajectory.controls[1:, :1] * trajectory.states[2:, :1]
+    return 0.1 * jnp.sum(jnp.cos(trajectory.states) * trajectory.states) + jnp.sum(power)
 
 
-class Quiet(CostTerm):
-    """A term of a user's own: its code is not part of what a kept program is known by."""
+class Powerful(CostTerm):
+    """A term of a user's own, of states and controls together."""
+
+    weight: Float[Array, ""]
+    scale: Float[Array, ""]
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        power = trajectory.controls[:, :1] * trajectory.states[1:, -1:]
+        return jnp.concatenate([jnp.sin(self.scale * trajectory.states[:, 1]), power.ravel()])
+
+
+class Gentle(CostTerm):
+    """A term of a user's own, of controls alone."""
+
+    weight: Float[Array, ""]
+    of_controls = True
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        return jnp.tanh(trajectory.controls / trajectory.control_scale).ravel()
+
+
+class Seldom(StateTerm):
+    """A term of a user's own that looks at the start, one state on the way, and the end."""
 
     weight: Float[Array, ""]
 
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return [0, 2, -1]
+
+    def observe(self, state: Float[Array, "*B S"]) -> Float[Array, "*B S"]:
+        return jnp.maximum(state, 0.05)
+
+    def compare(self, observed: Float[Array, "K S"], dt: float) -> Float[Array, " R"]:
+        return (observed[1:] - observed[:1]).ravel() / dt
+
+
+class SeldomOtherwise(Seldom):
+    """The same, which compares other states than it says."""
+
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        return trajectory.states.ravel()
+        return jnp.sin(trajectory.states[3])
 
 
-@pytest.mark.parametrize("cost", [quiet, Quiet(jnp.ones(()))], ids=["function", "term"])
-def test_costs_of_a_users_own_are_left_to_jax(emulator: na.Emulator, cost: object):
-    asked = na.Objective.of(na.effort(0.1), cost)  # pyright: ignore[reportArgumentType]
-    assert c_evaluator(problem(emulator, asked)) is None
+ONE = jnp.ones(())
+OWN: dict[str, tuple[CostTerm | CostFunction, ...]] = {
+    "function": (quiet,),
+    "all together": (quiet, Powerful(ONE, ONE), Gentle(2 * ONE), Seldom(ONE), SeldomOtherwise(ONE)),
+}
 
 
-def test_a_map_too_large_for_the_stack_is_left_to_jax(
-    emulator: na.Emulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def with_own(emulator: na.Emulator, *costs: CostTerm | CostFunction, steps: int = STEPS) -> Problem:
+    return problem(
+        emulator, na.Objective.of(na.effort(0.1), *costs), EachStep.of(steps, emulator.bounds)
+    )
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_costs_of_ones_own_run_in_c_and_are_those_of_jax(emulator: na.Emulator, kind: str):
+    posed = with_own(emulator, *OWN[kind])
+    zs = np.random.default_rng(0).normal(size=(19, posed.parametrisation.size))
+    found = in_c(posed)
+    expected = JaxEvaluator(posed)
+    assert_close(found.costs(zs), expected.costs(zs))
+    assert_close(found.costs(zs[:2]), expected.costs(zs[:2]))
+    for mine, wanted in zip(found.gradients(zs[:2]), expected.gradients(zs[:2]), strict=True):
+        assert_close(mine, wanted)
+    for mine, wanted in zip(
+        found.quadratic_models(zs[:1])[0], expected.quadratic_models(zs[:1])[0], strict=True
+    ):
+        assert_close(np.array(mine), np.array(wanted))
+
+
+def form_of(posed: Problem) -> ObjectiveForm:
+    return ObjectiveForm.of(posed.objective, posed.emulator, posed.parametrisation.steps)
+
+
+def test_other_numbers_of_a_term_of_ones_own_need_no_other_program(emulator: na.Emulator):
+    one = with_own(emulator, Powerful(ONE, ONE))
+    other = with_own(emulator, Powerful(3 * ONE, 0.5 * ONE))
+    assert form_of(one) == form_of(other)
+    assert form_of(one).about() == form_of(other).about()
+
+
+def height(times: float, power: int) -> CostFunction:
+    numbers = jnp.full(3, times)
+
+    def cost(trajectory: Trajectory) -> Float[Array, ""]:
+        return jnp.sum(numbers) * jnp.sum(trajectory.states**power)
+
+    return cost
+
+
+def term_of(slope: float) -> CostTerm:
+    """Return a term of a class that is made anew, of the same name, with a derivative of its own."""
+
+    @jax.custom_jvp
+    def same(x: Float[Array, " N"]) -> Float[Array, " N"]:
+        return x
+
+    same.defjvp(lambda x, changes: (x[0], slope * changes[0]))
+
+    class Cost(CostTerm):
+        weight: Float[Array, ""]
+
+        def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+            return same(trajectory.states[-1])
+
+    return Cost(ONE)
+
+
+def test_a_program_is_known_by_what_costs_of_ones_own_compute(emulator: na.Emulator):
+    def about(cost: CostTerm | CostFunction) -> str:
+        return form_of(with_own(emulator, cost, steps=3)).about()
+
+    known = about(height(1.0, 2))
+    assert about(height(1.0, 2)) == known
+    assert about(height(2.0, 2)) != known
+    assert about(height(1.0, 3)) != known
+    assert about(term_of(1.0)) == about(term_of(1.0))
+    assert about(term_of(1.0)) != about(term_of(2.0))
+    assert form_of(with_own(emulator, term_of(1.0))) != form_of(with_own(emulator, term_of(1.0)))
+
+
+def test_of_whole_motions_only_what_a_cost_computes_with_is_observed(emulator: na.Emulator):
+    def cost(trajectory: Trajectory) -> Float[Array, ""]:
+        return jnp.sum(trajectory.states[5:, 2] ** 2)
+
+    (view,) = form_of(with_own(emulator, cost)).views
+    assert view.rows.tolist() == [5, 6, 7, 8, 9]
+    assert view.entries is not None
+    assert view.entries.tolist() == [2]
+    assert not view.has_controls
+
+
+def highest(trajectory: Trajectory) -> Float[Array, ""]:
+    """A cost with a position that is computed: there is no C for that."""
+    return trajectory.states[jnp.argmax(trajectory.states[:, 0]), 0]
+
+
+def noisy(trajectory: Trajectory) -> Float[Array, ""]:
+    noise = jax.random.normal(jax.random.key(0), trajectory.states.shape)
+    return jnp.sum(noise * trajectory.states)
+
+
+@pytest.mark.parametrize("cost", [highest, noisy])
+def test_a_cost_there_is_no_c_for_is_left_to_jax_and_that_is_said(
+    emulator: na.Emulator, cost: CostFunction, capfd: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr("neuroanimator.codegen.c_map.MOST_SCRATCH", 10)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert c_evaluator(problem(emulator, objective())) is None
+    assert c_evaluator(with_own(emulator, cost)) is None
+    (line,) = capfd.readouterr().err.splitlines()
+    assert f"Objective(Effort, {cost.__name__}): No code can be written" in line
+    assert "JAX is used instead of C" in line
+
+
+class Bent(EachStep):
+    """Controls of a user's own."""
+
+    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+        return self.middle + jnp.sin(z.reshape(self.steps, -1)) * self.half
+
+
+def test_controls_of_ones_own_run_in_c(emulator: na.Emulator):
+    bent = Bent.of(STEPS, emulator.bounds)
+    zs = np.random.default_rng(0).normal(size=(2, bent.size)).astype(np.float32)
+    found = controls_in_c(bent, zs)
+    assert found is not None
+    assert_close(found, np.stack([bent.controls(jnp.asarray(z)) for z in zs]))
+
+
+def test_a_term_that_looks_beyond_the_motion_is_refused(emulator: na.Emulator):
+    class Late(Seldom):
+        def rows(self, steps: int, dt: float) -> list[int]:
+            return [12]
+
+    with pytest.raises(ArgumentError, match="Late looks at state 12 of a motion with states 0 to"):
+        na.descend(emulator, na.Objective.of(Late(ONE)), emulator.rest, steps=STEPS)
+
+
+def test_what_is_too_large_for_the_stack_runs_in_c_as_well(
+    emulator: na.Emulator, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("neuroanimator.codegen.c_function.MAX_STACK", 10)
+    posed = with_own(emulator, height(1.0, 2), steps=3)
+    assert "static __thread" in form_of(posed).write().text
+    zs = np.random.default_rng(0).normal(size=(2, posed.parametrisation.size))
+    assert_close(in_c(posed).costs(zs), JaxEvaluator(posed).costs(zs))
+    for mine, wanted in zip(
+        in_c(posed).gradients(zs), JaxEvaluator(posed).gradients(zs), strict=True
+    ):
+        assert_close(mine, wanted)

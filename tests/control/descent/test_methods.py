@@ -76,6 +76,15 @@ def test_the_bottom_of_a_bowl_is_found(name: str, sweeps: int, bowl: Bowl):
 
 
 @pytest.mark.parametrize("name", sorted(METHODS))
+def test_whether_a_start_is_done_is_pythons_own_truth(name: str, bowl: Bowl):
+    method = METHODS[name]
+    progress = [method.begin(bowl.centre), method.begin(np.zeros(SIZE))]
+    for _ in range(5):
+        progress = advance(method, bowl, progress, progress[1].sweeps + 1)
+        assert {type(one.is_done) for one in progress} == {bool}
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
 def test_starts_side_by_side_come_to_what_they_come_to_alone(name: str, bowl: Bowl):
     method = METHODS[name]
     guesses = np.random.default_rng(0).normal(size=(4, SIZE))

@@ -20,8 +20,8 @@ from neuroanimator.control.descent.options import DEFAULT_ITERATIONS
 from neuroanimator.control.descent.parametrisation import EachStep, Periodic, Spline
 from neuroanimator.control.objective import costs
 from neuroanimator.control.objective.goals import is_reached, reach_goal, usual_goal
+from neuroanimator.control.objective.moments import Moments
 from neuroanimator.control.objective.obstacles import Zone, avoid
-from neuroanimator.control.objective.terms import Moments
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.control.synthesis.objective_file import KINDS, ObjectiveFile, read_objective
 from neuroanimator.control.synthesis.progress import watching
@@ -30,7 +30,9 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
 
-TUTORIAL = Path(__file__).parents[3] / "docs" / "tutorials" / "my-objective.md"
+DOCS = Path(__file__).parents[3] / "docs"
+TUTORIAL = DOCS / "tutorials" / "my-objective.md"
+REFERENCE = DOCS / "reference" / "control.md"
 
 
 @functools.cache
@@ -131,7 +133,11 @@ def test_the_tutorial_says_what_is_true(tmp_path: Path):
     text = TUTORIAL.read_text()
     wanted = read(tmp_path, text.split("```toml\n")[1].split("```")[0], "fish")
     assert isinstance(wanted.make_parametrisation(60, 0.05), Periodic)
-    rows = {row.split("`")[1]: row for row in text.splitlines() if row.startswith("| `")}
+
+
+def test_the_reference_lists_every_kind_and_its_arguments():
+    lines = REFERENCE.read_text().splitlines()
+    rows = {row.split("`")[1]: row for row in lines if row.startswith("| `")}
     assert {*rows} == {*KINDS}
     for kind, row in rows.items():
         taken = {name for name in inspect.signature(KINDS[kind]).parameters if name != "system"}

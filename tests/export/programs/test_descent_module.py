@@ -10,7 +10,7 @@ import wasmtime
 
 import neuroanimator as na
 from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.evaluator import evaluator_of
 from neuroanimator.control.descent.parametrisation import Spline
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.wasm_file import Module

@@ -3,7 +3,6 @@
     z → controls → chain of super steps → what the objective's terms observe of latent states → residuals r,  J = |r|²/2
 
 Derivatives go along sixteen tangents of z at a time, or back from sixteen residuals at a time, whichever is less work.
-Costs that are any JAX function are left to JAX.
 """
 
 from __future__ import annotations
@@ -19,17 +18,25 @@ from neuroanimator.codegen.c_map import (
     CMap,
     MapDefinition,
     MapStruct,
+    WorkspacePool,
     callers,
     check_maps,
+    facts_computed,
     facts_of,
     judge_of,
     program_of_maps,
 )
-from neuroanimator.codegen.kept import FLAGS, LoadedProgram, aligned, load_program
+from neuroanimator.codegen.kept import (
+    FLAGS,
+    LoadedProgram,
+    aligned,
+    has_code_in_sources,
+    load_program,
+)
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.rooms import Rooms
+from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.compiler.compiler import compiled_library
-from neuroanimator.control.descent.chain import link_of
+from neuroanimator.control.descent.defects import link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
@@ -39,11 +46,11 @@ from neuroanimator.control.objective.c_objective import (
     ObjectiveStruct,
     c_objective,
 )
-from neuroanimator.control.objective.objective import is_ours
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import compiled_quickly
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
+from neuroanimator.terminal import warn_once
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
 """The C that calls the maps of a problem."""
@@ -98,7 +105,7 @@ class CEvaluator(Evaluator):
         )
         self._struct = struct
         self._problem = ctypes.addressof(struct)
-        self._rooms = Rooms(library.room_of_problem(self._problem))
+        self._workspaces = WorkspacePool(library.room_of_problem(self._problem))
         self._begin_at(problem.start)
 
     def _begin_at(self, state: Float[Array | np.ndarray, " S"]) -> None:
@@ -110,9 +117,9 @@ class CEvaluator(Evaluator):
             self._latent = as_float32(self._emulator.encode(start))
         self._observed = np.zeros(self._objective.residuals.inputs, np.float32)
         if self._objective.looks_at_start:
-            with self._rooms.borrowed() as room:
+            with self._workspaces.acquire() as workspace:
                 self._library.observe_start(
-                    self._problem, start.ctypes.data, self._observed.ctypes.data, room
+                    self._problem, start.ctypes.data, self._observed.ctypes.data, workspace
                 )
         begin = (self._latent, self._observed, self._defects)
         self._begin_struct = BeginStruct(*(array.ctypes.data for array in begin))
@@ -126,9 +133,14 @@ class CEvaluator(Evaluator):
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
         rows = as_float32(zs)
         costs = np.empty(len(rows))
-        with self._rooms.borrowed() as room:
+        with self._workspaces.acquire() as workspace:
             self._library.costs(
-                self._problem, self._begin, rows.ctypes.data, len(rows), costs.ctypes.data, room
+                self._problem,
+                self._begin,
+                rows.ctypes.data,
+                len(rows),
+                costs.ctypes.data,
+                workspace,
             )
         return costs
 
@@ -138,10 +150,10 @@ class CEvaluator(Evaluator):
         rows = as_float32(zs)
         costs = np.empty(len(rows))
         slopes = np.empty(rows.shape, np.float32)
-        with self._rooms.borrowed() as room:
+        with self._workspaces.acquire() as workspace:
             for number, (z, slope) in enumerate(zip(rows, slopes, strict=True)):
                 costs[number] = self._library.gradient(
-                    self._problem, self._begin, z.ctypes.data, slope.ctypes.data, room
+                    self._problem, self._begin, z.ctypes.data, slope.ctypes.data, workspace
                 )
         return costs, slopes.astype(float)
 
@@ -152,8 +164,8 @@ class CEvaluator(Evaluator):
         curvature = np.empty((len(z), len(z)), np.float32)
         slope = np.empty(len(z), np.float32)
         arrays = [array.ctypes.data for array in (z, curvature, slope)]
-        with self._rooms.borrowed() as room:
-            cost = self._library.quadratic_model(self._problem, self._begin, *arrays, room)
+        with self._workspaces.acquire() as workspace:
+            cost = self._library.quadratic_model(self._problem, self._begin, *arrays, workspace)
         return QuadraticModel(curvature, slope.astype(float), cost)
 
     def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
@@ -162,8 +174,8 @@ class CEvaluator(Evaluator):
         controls = np.empty((shape.steps, shape.control), np.float32)
         latents = np.empty((shape.steps + 1, len(self._latent)), np.float32)
         arrays = [array.ctypes.data for array in (z, controls, latents)]
-        with self._rooms.borrowed() as room:
-            self._library.motion(self._problem, self._begin, *arrays, room)
+        with self._workspaces.acquire() as workspace:
+            self._library.motion(self._problem, self._begin, *arrays, workspace)
         states = latents
         if self._objective.encoding is not None:
             states = self._emulator.decode(latents)
@@ -191,7 +203,7 @@ def _library() -> ctypes.CDLL | None:
 
 
 def c_evaluator(problem: Problem) -> CEvaluator | None:
-    """Return the evaluator of `problem` in C; None where there is none, for costs that are any JAX function too."""
+    """Return the evaluator of `problem` in C; None where there is none."""
     steps = problem.parametrisation.steps
     scale = as_float32(problem.control_scale)
     objective = c_objective(problem.objective, problem.emulator, steps, scale)
@@ -214,12 +226,19 @@ def controls_map(parametrisation: Parametrisation) -> CMap | None:
     known = _known.of(parametrisation)
     if known is not UNKNOWN:
         return known
-    if not is_ours(parametrisation):
-        return _known.keep(None, parametrisation)
-    about = "\n".join([CONTROLS, *facts_of(parametrisation)])
-    definitions = {CONTROLS: controls_definition(parametrisation)}
-    make = partial(program_of_maps, definitions, len(NO_NUMBERS))
-    program = load_program(about, make, partial(_check_controls, definitions[CONTROLS]))
+    definition = controls_definition(parametrisation)
+    make = partial(program_of_maps, {CONTROLS: definition}, len(NO_NUMBERS))
+    try:
+        if has_code_in_sources(parametrisation):
+            facts = facts_of(parametrisation)
+        else:
+            facts = facts_computed(definition, len(NO_NUMBERS))
+        about = "\n".join([CONTROLS, *facts])
+        program = load_program(about, make, partial(_check_controls, definition))
+    except UnsupportedError as error:
+        name = type(parametrisation).__name__
+        warn_once(f"{name}: {error} JAX is used instead of C, which takes longer.")
+        program = None
     if program is None:
         return _known.keep(None, parametrisation)
     in_c = CMap(program, CONTROLS, NO_NUMBERS)

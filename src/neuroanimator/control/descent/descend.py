@@ -11,8 +11,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.defects import no_defects
-from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.descent.evaluators import controls_of, evaluator_of
+from neuroanimator.control.descent.evaluator import Evaluator, controls_of, evaluator_of
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
 from neuroanimator.control.descent.options import DescentOptions, check_steps
 from neuroanimator.control.descent.parametrisation import Parametrisation

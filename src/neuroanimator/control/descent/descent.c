@@ -2,6 +2,8 @@
 
        z -> controls -> chain of super steps, a defect added to each -> what is observed of latent states -> residuals
 
+   Residuals may depend on the controls, too, and values that are no squares may be added to J: see `objective.c`.
+
    A motion is kept in rows, one for each state: the latent state, then the control that leads on from it. */
 
 typedef struct {
@@ -103,15 +105,16 @@ static void move(const na_problem *problem, const na_begin *begin, const float *
     }
 }
 
-/* Residuals of the motion of `z`, and all tapes, in the room; returns J. */
+/* Residuals of the motion of `z`, ones in the place of values, and all tapes, in the room; returns J. */
 static double judge(const na_problem *problem, const na_begin *begin, const float *z, const na_room *room) {
     const na_objective *objective = &problem->objective;
     const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
     move(problem, begin, z, room);
     observe(objective, 0, begin->observed, room->rows, problem->link.inputs, room->term_tapes, room->observed);
+    memcpy(room->observed + observed_size(objective), room->controls, objective->controls * sizeof(float));
     map_forward(residuals, room->observed, room->residuals_tape, room->off);
     map_forward(efforts, room->controls, room->efforts_tape, room->off + residuals->outputs);
-    return half_squares(room->off, residuals->outputs + efforts->outputs);
+    return sum_up(objective, room->off, 1);
 }
 
 /* Lanes `to` (N,) += `matrix` (N, M) times lanes `from` (M,), where `along` and `across` say how far its rows and its
@@ -206,6 +209,8 @@ static void pull_residuals(const na_problem *problem, const na_room *room, const
         if (result != row)
             for (long n = 0; n < latent * width; n++) row[n] += result[n];
     }
+    const float *of_controls = room->observed16 + observed_size(objective) * width;
+    for (long n = 0; n < objective->controls * width; n++) room->controls16[n] += of_controls[n];
     map_backward(&problem->controls, room->controls_tape, room->controls16, room->z16, width);
 }
 
@@ -236,8 +241,8 @@ static void pull_rows(
     }
 }
 
-/* Lanes `off16`: how the residuals of states change with tangents of the latent states, which begin at `rows` and are
-   `stride` lanes apart. */
+/* Lanes `off16`: how the residuals of states change with tangents `controls16`, and with those of the latent states, which
+   begin at `rows` and are `stride` lanes apart. */
 static void push_observed(const na_problem *problem, const na_room *room, const float *rows, long stride) {
     const na_objective *objective = &problem->objective;
     const long latent = problem->link.outputs;
@@ -255,19 +260,24 @@ static void push_observed(const na_problem *problem, const na_room *room, const 
                 map_push(map, tapes, row, observed);
         }
     }
+    memcpy(observed, room->controls16, objective->controls * LANES * sizeof(float));
     map_push(&objective->residuals, room->residuals_tape, room->observed16, room->off16);
+}
+
+static void randomise(float *numbers, long count, unsigned *bits) {
+    for (long n = 0; n < count; n++) {
+        *bits = *bits * 1664525u + 1013904223u; /* Numerical Recipes' generator. */
+        numbers[n] = (float)(*bits >> 8) * 0x1p-23f - 1.0f;
+    }
 }
 
 /* Which residuals of states change at all, `lives`: of a body that stays within its bounds, out of obstacles and upright,
    few do. Those that sixteen random tangents of every state leave as they are do not. Returns how many there are. */
 static long find_lives(const na_problem *problem, const na_room *room) {
-    const long residuals = problem->objective.residuals.outputs;
-    const long count = (problem->link.outputs + problem->objective.steps + 1) * LANES;
+    const long residuals = squares_of_states(&problem->objective);
     unsigned bits = 1;
-    for (long n = 0; n < count; n++) {
-        bits = bits * 1664525u + 1013904223u; /* Numerical Recipes' generator. */
-        room->random[n] = (float)(bits >> 8) * 0x1p-23f - 1.0f;
-    }
+    randomise(room->random, (problem->link.outputs + problem->objective.steps + 1) * LANES, &bits);
+    randomise(room->controls16, problem->objective.controls * LANES, &bits);
     /* Each state begins a number further on in these, so that no two have the same tangents. */
     push_observed(problem, room, room->random, 1);
     long lives = 0;
@@ -349,7 +359,7 @@ static void sum_squares(
     }
 }
 
-/* J near `z` (Z,): `curvature` (Z, Z), `slope` (Z,), and J itself, which is returned. */
+/* J near `z` (Z,): `curvature` (Z, Z), to which values add nothing, `slope` (Z,), and J itself, which is returned. */
 double quadratic_model(
     const na_problem *problem, const na_begin *begin, const float *z, float *curvature, float *slope, float *memory
 ) {
@@ -374,6 +384,11 @@ double quadratic_model(
     for (long r = 0; r < lives; r++) room.live[r] = room.off[room.lives[r]];
     memcpy(room.live + lives, room.off + residuals, efforts * sizeof(float));
     sum_squares(room.jacobian, room.live, lives + efforts, size, curvature, slope);
+    if (problem->objective.values) {
+        memset(room.off, 0, squares_of_states(&problem->objective) * sizeof(float));
+        pull_residuals(problem, &room, room.off, 1);
+        for (long i = 0; i < size; i++) slope[i] += room.z16[i];
+    }
     return cost;
 }
 
@@ -432,12 +447,10 @@ static void costs_in_lanes(
             else
                 for (long n = 0; n < map->outputs * LANES; n++) observed[n] = of_start[n / LANES];
     }
+    memcpy(observed, room->controls16, objective->controls * LANES * sizeof(float));
     map_lanes(residuals, room->observed16, room->off16);
     map_lanes(efforts, room->controls16, room->off16 + residuals->outputs * LANES);
-    double sums[LANES] = {0};
-    for (long r = 0; r < residuals->outputs + efforts->outputs; r++)
-        for (long l = 0; l < LANES; l++) sums[l] += (double)room->off16[r * LANES + l] * room->off16[r * LANES + l];
-    for (long l = 0; l < count; l++) costs[l] = sums[l] / 2;
+    for (long l = 0; l < count; l++) costs[l] = sum_up(objective, room->off16 + l, LANES);
 }
 
 /* Of so few z, one after the other is faster than side by side. */

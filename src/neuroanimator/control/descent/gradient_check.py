@@ -13,11 +13,13 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.backend import backend
+from neuroanimator.codegen.kept import has_code_in_sources
 from neuroanimator.control.descent.c_evaluator import c_evaluator
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
-from neuroanimator.control.objective.objective import Objective, cost_and_slopes, is_ours
+from neuroanimator.control.objective.c_objective import is_known_by_name
+from neuroanimator.control.objective.objective import Objective, cost_and_slopes
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
@@ -151,7 +153,8 @@ def _precise_controls(
     parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
 ) -> Float[np.ndarray, "K T C"]:
     """Return the controls of each z in float64."""
-    if is_ours(parametrisation):
+    # The package's own are written for NumPy too.
+    if has_code_in_sources(parametrisation):
         return np.stack([parametrisation.controls(z) for z in zs])
     with jax.enable_x64(True):
         return np.asarray(_controls_of(parametrisation, zs))
@@ -165,7 +168,7 @@ def _precise_costs(
     dt: float,
 ) -> Float[np.ndarray, " K"]:
     """Return J of each motion in float64."""
-    if not objective.is_ours:
+    if not is_known_by_name(objective):
         with jax.enable_x64(True):
             return np.asarray(_costs(objective, states, controls, control_scale, dt))
     costs = []

@@ -138,7 +138,7 @@ class GaussNewton(Method):
         is_finite = bool(np.isfinite(model.slope).all())
         # The first step finds the damping's scale; small falls after it, or none at any damping, are the end.
         is_small = is_better and least - cost < CONVERGED * least and not start.is_first
-        is_stuck = not is_better and dampings[-1] >= MAX_DAMPING
+        is_stuck = not is_better and float(dampings[-1]) >= MAX_DAMPING
         following = replace(
             start,
             least=least,

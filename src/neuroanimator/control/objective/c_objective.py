@@ -1,49 +1,70 @@
-"""An objective in generated C: what its terms observe of single states, the residuals of that, and those of the controls.
+"""An objective in generated C: what its costs observe of single states, the residuals of that, and those of the controls.
 
-The program is known by the objective's form: its numbers (weights, goals, tolerances) go in with every call, so that
-another goal of the same kind needs no other program. Costs that are any JAX function are left to JAX.
+A cost of whole motions observes the entries of states it computes with. The program is known by the objective's form:
+its numbers (weights, goals, tolerances) go in with every call, so that another goal of the same kind needs no other
+program. The package's costs are known by their names, all others by what they compute.
 """
 
 from __future__ import annotations
 
 import ctypes
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
-from typing import Any
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property, lru_cache, partial
+from typing import Any, NamedTuple, TypeGuard
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from neuroanimator.codegen.c_map import (
     CMap,
     MapDefinition,
     MapStruct,
+    WorkspacePool,
     callers,
     check_maps,
+    facts_computed,
     facts_of,
     judge_of,
     program_of_maps,
 )
-from neuroanimator.codegen.kept import FLAGS, CProgram, LoadedProgram, aligned, load_program
+from neuroanimator.codegen.kept import (
+    FLAGS,
+    CProgram,
+    LoadedProgram,
+    aligned,
+    has_code_in_sources,
+    load_program,
+)
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.rooms import Rooms
+from neuroanimator.codegen.trace import Input, UnsupportedError, trace
 from neuroanimator.compiler.compiler import compiled_library
-from neuroanimator.control.objective.objective import Objective, StateTerm
+from neuroanimator.control.objective.objective import (
+    CostFunction,
+    CostTerm,
+    Objective,
+    StateTerm,
+    checked_rows,
+)
 from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.probes import compiled_quickly
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
+from neuroanimator.terminal import warn_once
 
 CALLER = ("neuroanimator.control.objective", "objective.c")
 """The C that calls the maps of an objective."""
 
 NOISE = 0.1
 """Distance from rest, in every number, of the states at which maps are compared with JAX."""
+
+FORMS = 64
+"""Maximum number of forms whose programs are remembered."""
 
 START = 0
 """The row of a motion that is its start."""
@@ -83,12 +104,14 @@ class ObjectiveStruct(ctypes.Structure):
         ("efforts", MapStruct),
         ("steps", ctypes.c_long),
         ("state", ctypes.c_long),
+        ("controls", ctypes.c_long),
+        ("values", ctypes.c_long),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class CTerm:
-    """A term that looks at states."""
+    """What one cost observes of states."""
 
     of_latent: CMap
     """(Numbers, latent state) → what it observes of that."""
@@ -115,9 +138,13 @@ class CObjective:
     """Of the latent states that are observed; None where these are the states themselves."""
     terms: tuple[CTerm, ...]
     residuals: CMap
-    """(Numbers, what all terms observed) → residuals of the terms that look at states."""
+    """(Numbers, what all costs observed, perhaps controls) → residuals of what looks at states, then values of functions."""
     efforts: CMap
     """(Numbers, controls) → residuals of the terms that look at controls alone."""
+    controls: int
+    """How many controls `residuals` looks at."""
+    values: int
+    """How many values of functions are among what `residuals` returns."""
 
     @property
     def looks_at_start(self) -> bool:
@@ -134,6 +161,8 @@ class CObjective:
             self.efforts.struct(),
             self.shape.steps,
             self.shape.state,
+            self.controls,
+            self.values,
         )
 
     @cached_property
@@ -142,14 +171,14 @@ class CObjective:
         return (TermStruct * len(structs))(*structs)
 
     @cached_property
-    def _rooms(self) -> Rooms:
-        return Rooms(self.library.room_of_objective(ctypes.addressof(self.struct)))
+    def _workspaces(self) -> WorkspacePool:
+        return WorkspacePool(self.library.room_of_objective(ctypes.addressof(self.struct)))
 
     def cost(self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]) -> float:
         """Return J of a motion."""
         motion = (states.ctypes.data, controls.ctypes.data)
-        with self._rooms.borrowed() as room:
-            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, room)
+        with self._workspaces.acquire() as workspace:
+            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, workspace)
 
     def cost_and_slopes(
         self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]
@@ -157,8 +186,8 @@ class CObjective:
         """Return (J, (how it changes with the states, how it changes with the controls))."""
         slopes = (np.empty_like(states), np.empty_like(controls))
         arrays = [array.ctypes.data for array in (states, controls, *slopes)]
-        with self._rooms.borrowed() as room:
-            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, room)
+        with self._workspaces.acquire() as workspace:
+            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, workspace)
         return cost, slopes
 
 
@@ -178,82 +207,163 @@ def _library() -> ctypes.CDLL | None:
     return library
 
 
+class View(NamedTuple):
+    """The part of a motion that one cost looks at."""
+
+    rows: Int[np.ndarray, " K"]
+    """States of the motion."""
+    entries: Int[np.ndarray, " O"] | None = None
+    """Entries of these states, for a cost of whole motions; None for a term that observes states itself."""
+    has_controls: bool = False
+    """Whether it looks at the controls too."""
+
+
+Cost = CostTerm | CostFunction
+
+
 @dataclass(frozen=True)
 class ObjectiveForm:
-    """An objective without its numbers, and the motions it judges."""
+    """An objective without its numbers, and the motions it judges; forms are equal if their programs are.
 
-    objective: Objective
-    """With terms that look at states and terms of controls, and no functions."""
+    The costs that look at states are the terms but for those of controls alone, then the functions.
+    """
+
+    objective: Objective = field(compare=False)
+    """One of this form."""
+    emulator: Emulator = field(compare=False)
+    """One whose motions are of this shape."""
     shape: MotionShape
-    encoding: Encoding | None
-    """Of latent states; None where these are the states themselves."""
+    identity: Hashable
+    """What the costs and the encoding are in this process."""
+
+    @classmethod
+    def of(cls, objective: Objective, emulator: Emulator, steps: int) -> ObjectiveForm:
+        """Return the form of an objective that judges motions of `steps` super steps."""
+        shape = MotionShape(steps, emulator.state.size, emulator.control.size, emulator.dt)
+        encoding = () if emulator.encoding.is_identity else id(emulator.encoding)
+        return cls(objective, emulator, shape, (_identity(objective), encoding))
 
     @property
-    def terms(self) -> list[StateTerm]:
-        """The terms that look at states."""
-        return [term for term in self.objective.terms if isinstance(term, StateTerm)]
+    def encoding(self) -> Encoding | None:
+        """The encoding of latent states; None where these are the states themselves."""
+        return None if self.emulator.encoding.is_identity else self.emulator.encoding
 
     @property
     def sizes(self) -> list[int]:
-        """How many numbers each array of the objective has; then how many controls have a scale."""
-        return [np.size(leaf) for leaf in jax.tree.leaves(self.objective)] + [self.shape.control]
+        """How many numbers each array of the terms has; then how many controls have a scale."""
+        return [np.size(array) for array in numbers_of(self.objective)] + [self.shape.control]
 
-    def numbers(self, scale: Float[np.ndarray, " C"]) -> Float[np.ndarray, " P"]:
-        """Return what goes in with every call: the arrays of the objective, then the `scale` of controls."""
-        flat = [np.ravel(leaf) for leaf in jax.tree.leaves(self.objective)]
+    def numbers(
+        self, objective: Objective, scale: Float[np.ndarray, " C"]
+    ) -> Float[np.ndarray, " P"]:
+        """Return what goes in with every call: the arrays of an objective of this form, then the `scale` of controls."""
+        flat = [np.ravel(array) for array in numbers_of(objective)]
         return aligned(np.concatenate([*flat, scale]).astype(np.float32))
+
+    def with_numbers(self, numbers: Float[AnyArray, " P"]) -> Objective:
+        """Return the objective of this form that has these `numbers`."""
+        used = 0
+
+        def placed(leaf: Any) -> Any:
+            nonlocal used
+            if not is_number(leaf):
+                return leaf
+            some = numbers[used : used + np.size(leaf)]
+            used += np.size(leaf)
+            return some.reshape(np.shape(leaf))
+
+        return replace(self.objective, terms=jax.tree.map(placed, self.objective.terms))
 
     def about(self) -> str:
         """Return all that the program depends on."""
-        shapes = [np.shape(leaf) for leaf in jax.tree.leaves(self.objective)]
-        facts = ["objective", str(jax.tree.structure(self.objective)), str(shapes), str(self.shape)]
+        facts = ["objective", str(self.shape)]
+        if is_known_by_name(self.objective):
+            shapes = [np.shape(array) for array in numbers_of(self.objective)]
+            facts += [str(jax.tree.structure(self.objective)), str(shapes)]
+        else:
+            for definition in self.definitions().values():
+                facts += facts_computed(definition, sum(self.sizes))
         if self.encoding is not None:
             facts += facts_of(self.encoding)
         return "\n".join(facts)
 
-    def rows(self, term: StateTerm) -> list[int]:
-        """Return which states of a motion `term` looks at."""
-        return term.rows(self.shape.steps, self.shape.dt)
+    def _costs(self, numbers: Float[AnyArray, " P"]) -> list[Cost]:
+        """Return the costs that look at states, with these `numbers`."""
+        objective = self.with_numbers(numbers)
+        of_states, _ = objective.apart()
+        return [*of_states.terms, *objective.functions]
 
-    def observed_size(self, term: StateTerm) -> int:
-        """Return how many numbers `term` observes of a state."""
-        state = jax.ShapeDtypeStruct((self.shape.state,), np.float32)
-        (size,) = jax.eval_shape(term.observe, state).shape
-        return size
+    @cached_property
+    def views(self) -> list[View]:
+        """What each cost looks at."""
+        costs = self._costs(np.zeros(sum(self.sizes), np.float32))
+        return [self._view(number, cost) for number, cost in enumerate(costs)]
+
+    def _view(self, number: int, cost: Cost) -> View:
+        if observes_states(cost):
+            return View(checked_rows(cost, self.shape.steps, self.shape.dt))
+        return self._view_of_motion(number)
+
+    def _view_of_motion(self, number: int) -> View:
+        """Return what a cost of whole motions computes with."""
+        shape = self.shape
+
+        def judge(_: None, numbers: Array, states: Array, controls: Array) -> Array:
+            cost = self._costs(numbers)[number]
+            return _judged(cost, Trajectory(states, controls, self._scale(numbers), shape.dt))
+
+        inputs = ((sum(self.sizes),), (shape.steps + 1, shape.state), (shape.steps, shape.control))
+        _, of_states, of_controls = trace(judge, None, *map(Input, inputs)).read()
+        # One number at least: of none there is no map.
+        of_states[START, 0] |= not of_states.any()
+        rows = np.flatnonzero(of_states.any(axis=1))
+        entries = np.flatnonzero(of_states.any(axis=0))
+        return View(rows, entries, bool(of_controls.any()))
+
+    @cached_property
+    def observed_sizes(self) -> list[int]:
+        """How many numbers each cost observes of a state."""
+        inputs = ((sum(self.sizes),), (self.shape.state,))
+        arrays = [jax.ShapeDtypeStruct(shape, np.float32) for shape in inputs]
+        sizes = []
+        for number in range(len(self.views)):
+            (size,) = jax.eval_shape(partial(self._observe, number, None), *arrays).shape
+            sizes.append(size)
+        return sizes
+
+    def _scale(self, numbers: Float[AnyArray, " P"]) -> Float[AnyArray, " C"]:
+        return numbers[len(numbers) - self.shape.control :]
+
+    @property
+    def controls(self) -> int:
+        """Numbers of the controls of a motion, if a cost of states looks at them too; 0 otherwise."""
+        has_controls = any(view.has_controls for view in self.views)
+        return self.shape.steps * self.shape.control * has_controls
 
     def definitions(self) -> dict[str, MapDefinition]:
         """Return every map by its name."""
         result = {}
         observed = 0
-        for number, term in enumerate(self.terms):
+        for number, view in enumerate(self.views):
             of_state = partial(self._observe, number)
             result[f"state_{number}"] = MapDefinition(of_state, None, self.shape.state)
             if self.encoding is not None:
                 of_latent = partial(self._observe_latent, number)
                 latent = self.encoding.layout.size
                 result[f"latent_{number}"] = MapDefinition(of_latent, self.encoding, latent)
-            observed += len(self.rows(term)) * self.observed_size(term)
-        result["residuals"] = MapDefinition(self._residuals, None, observed)
+            observed += len(view.rows) * self.observed_sizes[number]
+        result["residuals"] = MapDefinition(self._residuals, None, observed + self.controls)
         controls = self.shape.steps * self.shape.control
         result["efforts"] = MapDefinition(self._efforts, None, controls)
         return result
 
-    def _judge(self, numbers: Float[Array, " P"]) -> tuple[Objective, Float[Array, " C"]]:
-        """Return the objective with these numbers, and the scale of the controls."""
-        *parts, scale = jnp.split(numbers, np.cumsum(self.sizes)[:-1])
-        remaining = iter(parts)
-        objective = jax.tree.map(
-            lambda leaf: next(remaining).reshape(np.shape(leaf)), self.objective
-        )
-        return objective, scale
-
-    def _state_terms(self, numbers: Float[Array, " P"]) -> list[StateTerm]:
-        return replace(self, objective=self._judge(numbers)[0]).terms
-
     def _observe(
         self, number: int, _: None, numbers: Float[Array, " P"], state: Float[Array, " S"]
     ) -> Float[Array, " O"]:
-        return self._state_terms(numbers)[number].observe(state)
+        cost = self._costs(numbers)[number]
+        if observes_states(cost):
+            return cost.observe(state)
+        return state[self.views[number].entries]
 
     def _observe_latent(
         self,
@@ -267,54 +377,60 @@ class ObjectiveForm:
     def _residuals(
         self, _: None, numbers: Float[Array, " P"], observed: Float[Array, " N"]
     ) -> Float[Array, " R"]:
-        """Return the residuals of the terms that look at states, as `Objective.residuals` does."""
-        terms = self._state_terms(numbers)
-        shapes = [(len(self.rows(term)), self.observed_size(term)) for term in terms]
-        ends = np.cumsum([math.prod(shape) for shape in shapes])
+        """Return the residuals of the terms that look at states, then the values of the functions."""
+        shape = self.shape
+        controls = jnp.zeros((shape.steps, shape.control))
+        if self.controls:
+            controls = observed[len(observed) - self.controls :].reshape(controls.shape)
         parts = []
-        for term, shape, flat in zip(terms, shapes, jnp.split(observed, ends[:-1]), strict=True):
-            residuals = term.compare(flat.reshape(shape), self.shape.dt)
-            parts.append(jnp.sqrt(term.weight) * residuals)
+        used = 0
+        costs = zip(self._costs(numbers), self.views, self.observed_sizes, strict=True)
+        for cost, view, size in costs:
+            count = len(view.rows) * size
+            seen = observed[used : used + count].reshape(len(view.rows), size)
+            used += count
+            if observes_states(cost):
+                parts.append(jnp.sqrt(cost.weight) * cost.compare(seen, shape.dt))
+                continue
+            assert view.entries is not None
+            states = jnp.zeros((shape.steps + 1, shape.state))
+            states = states.at[np.ix_(view.rows, view.entries)].set(seen)
+            motion = Trajectory(states, controls, self._scale(numbers), shape.dt)
+            parts.append(_judged(cost, motion))
         return jnp.concatenate(parts)
 
     def _efforts(
         self, _: None, numbers: Float[Array, " P"], controls: Float[Array, " N"]
     ) -> Float[Array, " Q"]:
         """Return the residuals of the terms that look at controls alone."""
-        objective, scale = self._judge(numbers)
         still = jnp.zeros((self.shape.steps + 1, self.shape.state))
         held = controls.reshape(self.shape.steps, self.shape.control)
-        motion = Trajectory(still, held, scale, self.shape.dt)
-        return objective.apart()[1].residuals(motion)
+        motion = Trajectory(still, held, self._scale(numbers), self.shape.dt)
+        return self.with_numbers(numbers).apart()[1].residuals(motion)
 
     def write(self) -> CProgram:
         """Return the program of all maps."""
         return program_of_maps(self.definitions(), sum(self.sizes))
 
-    def check(
-        self,
-        rest: Float[np.ndarray, " S"],
-        encode: Callable[[np.ndarray], np.ndarray],
-        numbers: Float[np.ndarray, " P"],
-        program: LoadedProgram,
-    ) -> None:
-        """Compare all maps with JAX: at states about `rest`, what is observed of them, and random controls."""
+    def check(self, program: LoadedProgram) -> None:
+        """Compare all maps with JAX: at states about rest, what is observed of them, and random controls."""
         rng = np.random.default_rng(0)
+        numbers = self.numbers(self.objective, as_float32(self.emulator.bounds.magnitude))
         definitions = self.definitions()
         maps = {name: CMap(program, name, numbers) for name in definitions}
         noise = rng.normal(size=(WIDTH, self.shape.state))
-        states = (rest + NOISE * noise).astype(np.float32)
+        states = (self.emulator.rest + NOISE * noise).astype(np.float32)
+        latents = np.asarray(self.emulator.encode(states), np.float32)
+        controls = rng.normal(size=(WIDTH, maps["efforts"].inputs)).astype(np.float32)
         observed = []
-        points = {}
-        for number, term in enumerate(self.terms):
+        points = {"efforts": controls}
+        for number, view in enumerate(self.views):
             points[f"state_{number}"] = states
-            points[f"latent_{number}"] = encode(states)
+            points[f"latent_{number}"] = latents
             seen = maps[f"state_{number}"].of_rows(states)
-            for _ in self.rows(term):
+            for _ in view.rows:
                 observed.append(rng.permutation(seen))
-        points["residuals"] = np.concatenate(observed, axis=1)
-        controls = rng.normal(size=(WIDTH, maps["efforts"].inputs))
-        points["efforts"] = controls.astype(np.float32)
+        points["residuals"] = np.concatenate([*observed, controls[:, : self.controls]], axis=1)
         functions = [one.with_numbers(numbers) for one in definitions.values()]
         judge = compiled_quickly(judge_of(functions))
         check_maps(list(maps.values()), judge, [points[name] for name in maps])
@@ -325,15 +441,64 @@ class ObjectiveForm:
         if library is None:
             return None
         terms = []
-        for number, term in enumerate(self.terms):
+        for number, view in enumerate(self.views):
             of_state = CMap(program, f"state_{number}", numbers)
             of_latent = of_state
             if self.encoding is not None:
                 of_latent = CMap(program, f"latent_{number}", numbers)
-            terms.append(CTerm(of_latent, of_state, np.array(self.rows(term), np.dtype("long"))))
+            terms.append(CTerm(of_latent, of_state, view.rows.astype("long")))
         residuals = CMap(program, "residuals", numbers)
         efforts = CMap(program, "efforts", numbers)
-        return CObjective(library, self.shape, self.encoding, tuple(terms), residuals, efforts)
+        return CObjective(
+            library,
+            self.shape,
+            self.encoding,
+            tuple(terms),
+            residuals,
+            efforts,
+            self.controls,
+            len(self.objective.functions),
+        )
+
+
+def observes_states(cost: Cost) -> TypeGuard[StateTerm]:
+    """Return whether a cost looks at single states, each for itself, and not at whole motions."""
+    return isinstance(cost, StateTerm) and type(cost).residuals is StateTerm.residuals
+
+
+def _judged(cost: Cost, motion: Trajectory) -> Float[Array, " R"]:
+    """Return the weighted residuals of a term, or the value of a function."""
+    if isinstance(cost, CostTerm):
+        return jnp.sqrt(cost.weight) * cost.residuals(motion)
+    return jnp.reshape(cost(motion), (1,))
+
+
+def is_number(leaf: Any) -> bool:
+    """Return whether a leaf of a term goes in with every call; all else is part of the program."""
+    return isinstance(leaf, float) or getattr(leaf, "dtype", np.dtype(object)).kind == "f"
+
+
+def numbers_of(objective: Objective) -> list[Any]:
+    """Return the arrays of the terms that are their numbers."""
+    return [leaf for leaf in jax.tree.leaves(objective.terms) if is_number(leaf)]
+
+
+def is_known_by_name(objective: Objective) -> bool:
+    """Return whether the names of all costs say what they compute, for their code is the package's."""
+    has_numbers_alone = all(map(is_number, jax.tree.leaves(objective.terms)))
+    is_ours = all(map(has_code_in_sources, objective.terms))
+    return is_ours and has_numbers_alone and not objective.functions
+
+
+def _identity(objective: Objective) -> Hashable:
+    """Return what an objective is but for its numbers, in this process."""
+    shapes = []
+    for leaf in jax.tree.leaves(objective.terms):
+        shapes.append(np.shape(leaf) if is_number(leaf) else id(leaf))
+    if is_known_by_name(objective):
+        return str(jax.tree.structure(objective)), *shapes
+    functions = map(id, objective.functions)
+    return jax.tree_util.tree_structure(objective.terms), *shapes, *functions
 
 
 _known: Remembered[CObjective | None] = Remembered()
@@ -345,34 +510,31 @@ def c_objective(
 ) -> CObjective | None:
     """Return `objective` in C for motions of so many super steps, whose controls count as full effort at `scale`.
 
-    None where there is no such program: without a compiler, for costs that are any JAX function, and for terms that
-    are not the package's own. A program that does not do what JAX does about the emulator's rest is refused, which is
-    said once.
+    None where there is no such program: without a compiler, without a cost that looks at states, and, which is said
+    once, for costs there is no C for and where the program does not do what JAX does about the emulator's rest.
     """
-    shape = MotionShape(steps, emulator.state.size, emulator.control.size, emulator.dt)
     encoding = None if emulator.encoding.is_identity else emulator.encoding
     # What is remembered holds the encoding, so that no other one comes by its address.
-    key = (shape, scale.tobytes(), id(encoding))
+    key = (steps, emulator.state.size, emulator.dt, scale.tobytes(), id(encoding))
     known = _known.of(objective, *key)
     if known is not UNKNOWN:
         return known
-    form = ObjectiveForm(objective, shape, encoding)
-    return _known.keep(_load(form, emulator, scale), objective, *key)
+    prepared = _prepared(ObjectiveForm.of(objective, emulator, steps))
+    in_c = None
+    if prepared is not None:
+        form, program = prepared
+        in_c = form.load(program, form.numbers(objective, scale))
+    return _known.keep(in_c, objective, *key)
 
 
-def _load(
-    form: ObjectiveForm, emulator: Emulator, scale: Float[np.ndarray, " C"]
-) -> CObjective | None:
-    objective = form.objective
-    if not objective.is_ours or not form.terms:
+@lru_cache(maxsize=FORMS)
+def _prepared(form: ObjectiveForm) -> tuple[ObjectiveForm, LoadedProgram] | None:
+    """Return (the first form equal to this one, its program); None where there is none."""
+    try:
+        if not form.views:
+            return None
+        program = load_program(form.about(), form.write, form.check)
+    except UnsupportedError as error:
+        warn_once(f"{form.objective}: {error} JAX is used instead of C, which takes longer.")
         return None
-    if not all(term.of_controls or isinstance(term, StateTerm) for term in objective.terms):
-        return None
-    numbers = form.numbers(scale)
-
-    def encode(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N I"]:
-        return np.asarray(emulator.encode(states), np.float32)
-
-    check = partial(form.check, emulator.rest, encode, numbers)
-    program = load_program(form.about(), form.write, check)
-    return None if program is None else form.load(program, numbers)
+    return None if program is None else (form, program)

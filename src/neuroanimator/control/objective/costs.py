@@ -1,43 +1,79 @@
-"""Cost terms as users make them: each function checks what it is given and returns a term for `Objective.of`."""
+"""Cost terms: each a class with its residuals, in JAX and NumPy alike, then the functions by which users make it.
+
+A function's name is a name of `neuroanimator` and a kind of cost in objective files, both through `__all__`.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import ClassVar
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.terms import (
-    AT_THE_END,
-    Effort,
-    FollowPath,
-    KeepSpeed,
-    KeepVelocity,
-    Moments,
-    Point,
-    ReachHeight,
-    ReachPoint,
-    ReachPositions,
-    Smoothness,
-    StayUpright,
-    StayWithin,
-    Travel,
-    TravelPoint,
-    TravelTerm,
+from neuroanimator.control.objective.arguments import (
     as_weight,
+    checked_axes,
+    checked_number,
+    checked_numbers,
+    checked_structure,
+    positive,
+    unit_vector,
 )
+from neuroanimator.control.objective.moments import ALL_ALONG, AT_THE_END, Moments, TimedTerm
+from neuroanimator.control.objective.objective import CostTerm, StateTerm
+from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import as_numbers
-from neuroanimator.state.pose import has_pose, read_pose
+from neuroanimator.state.links import Link, point_of_chain
+from neuroanimator.state.pose import Pose, has_pose, read_heights, read_pose
+from neuroanimator.state.rotation import cross
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
 
+__all__ = [
+    "effort",
+    "follow_path",
+    "keep_heading",
+    "keep_speed",
+    "keep_velocity",
+    "reach_heading",
+    "reach_height",
+    "reach_point",
+    "reach_position",
+    "reach_positions",
+    "smoothness",
+    "stand_up",
+    "stay_upright",
+    "stay_within",
+    "travel",
+]
+
+SHORTEST_LEG = 1e-9
+"""Share of a path; between points that coincide there is a leg of no length, which nothing can be divided by."""
+
+NEARLY_UPRIGHT = 1e-3
+"""[rad] Less counts as this much, so that an upright body has a finite slope."""
+
 PATH_SHARE = 0.1
 """Share of a path's length by which straying from it is an error of one, if nothing else is said."""
+
+
+class Effort(CostTerm):
+    """μ_u: ∫ |u / scale|² dt, so that J does not depend on the super step (eq. 11)."""
+
+    weight: Float[AnyArray, ""]
+    of_controls: ClassVar[bool] = True
+
+    def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
+        efforts = trajectory.controls / trajectory.control_scale
+        return math.sqrt(trajectory.dt) * efforts.ravel()
 
 
 def effort(weight: float = 1.0) -> Effort:
@@ -45,9 +81,38 @@ def effort(weight: float = 1.0) -> Effort:
     return Effort(as_weight(weight))
 
 
+class Smoothness(CostTerm):
+    """∫ |du/dt / scale|² dt in [s²]: controls that do not jump."""
+
+    weight: Float[AnyArray, ""]
+    of_controls: ClassVar[bool] = True
+
+    def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
+        controls = trajectory.controls
+        jumps = controls.__array_namespace__().diff(controls, axis=0) / trajectory.control_scale
+        return jumps.ravel() / math.sqrt(trajectory.dt)
+
+
 def smoothness(weight: float = 0.01) -> Smoothness:
     """Return the cost of controls that jump."""
     return Smoothness(as_weight(weight))
+
+
+class ReachPositions(TimedTerm):
+    """Be at positions at given times: keyframes, or one position at the end."""
+
+    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    positions: Float[AnyArray, "K A"]
+    """[m] Along the axes that matter."""
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
+        return _along(self.axes, read_pose(self.structure, state).position)
+
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
+        return self.when.share(dt) * ((observed - self.positions) / self.within).ravel()
 
 
 def reach_position(
@@ -69,6 +134,55 @@ def reach_position(
     return replace(term, when=Moments.of(at, since))
 
 
+def reach_positions(
+    system: System,
+    positions: ArrayLike,
+    times: Sequence[float] | None,
+    *,
+    within: float,
+    axes: str = "xyz",
+    weight: float = 1.0,
+) -> ReachPositions:
+    """Return the cost of not being at `positions` (K, A) [m] at `times` (K,) [s]."""
+    which = checked_axes(axes)
+    positions = checked_numbers("places", positions, len(which), rows=True)
+    when = AT_THE_END
+    if times is not None:
+        if len(times) != len(positions) or not min(times) >= 0:
+            raise ArgumentError(
+                f"keyframes: wanted {len(positions)} times of at least 0 s, came {list(times)}."
+            )
+        when = Moments.of(tuple(times))
+    return ReachPositions(
+        weight=as_weight(weight),
+        structure=checked_structure(system),
+        positions=positions,
+        within=positive("within", within),
+        axes=which,
+        when=when,
+    )
+
+
+class ReachPoint(TimedTerm):
+    """Be somewhere with a point of the body, such as a hand: at given times, or from one on."""
+
+    weight: Float[AnyArray, ""]
+    chain: tuple[Link, ...] = eqx.field(static=True)
+    """From the world to the body the point lies on."""
+    offset: tuple[float, ...] = eqx.field(static=True)
+    """[m] In that body's frame."""
+    position: Float[AnyArray, " A"]
+    """[m] Along the axes that matter."""
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
+        return _along(self.axes, point_of_chain(self.chain, self.offset, state))
+
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
+        return self.when.share(dt) * ((observed - self.position) / self.within).ravel()
+
+
 def reach_point(
     system: System,
     body: str,
@@ -85,17 +199,35 @@ def reach_point(
 
     The point lies at `offset` (3,) [m] in the frame of the body, as MuJoCo has it: a hand, a mouth, the tip of a tool.
     """
-    which = _axes(axes)
-    place = _numbers("offset", offset, 3)
+    which = checked_axes(axes)
+    place = checked_numbers("offset", offset, 3)
     return ReachPoint(
         weight=as_weight(weight),
         chain=system.skeleton.chain_to(body),
         offset=tuple(map(float, place)),
-        position=_numbers("position", position, len(which)),
-        within=_positive("within", within),
+        position=checked_numbers("position", position, len(which)),
+        within=positive("within", within),
         axes=which,
         when=Moments.of(at, since),
     )
+
+
+class ReachHeight(TimedTerm):
+    """Be up with all of the body at given times: the rms of how far mass points are below a height."""
+
+    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    height: Float[AnyArray, ""]
+    """[m]"""
+    within: Float[AnyArray, ""]
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B N"]:
+        return read_heights(self.structure, state)
+
+    def compare(self, observed: Float[AnyArray, "K N"], dt: float) -> Float[AnyArray, " R"]:
+        xp = observed.__array_namespace__()
+        below = xp.maximum(self.height - observed, 0) / self.within
+        return (below / math.sqrt(observed.shape[-1])).ravel()
 
 
 def reach_height(
@@ -108,40 +240,38 @@ def reach_height(
     """
     return ReachHeight(
         weight=as_weight(weight),
-        structure=_posed(system),
-        height=_number("height", height),
-        within=_positive("within", within),
+        structure=checked_structure(system),
+        height=checked_number("height", height),
+        within=positive("within", within),
         when=Moments.of(at),
     )
 
 
-def reach_positions(
-    system: System,
-    positions: ArrayLike,
-    times: Sequence[float] | None,
-    *,
-    within: float,
-    axes: str = "xyz",
-    weight: float = 1.0,
-) -> ReachPositions:
-    """Return the cost of not being at `positions` (K, A) [m] at `times` (K,) [s]."""
-    which = _axes(axes)
-    positions = _numbers("places", positions, len(which), rows=True)
-    when = AT_THE_END
-    if times is not None:
-        if len(times) != len(positions) or not min(times) >= 0:
-            raise ArgumentError(
-                f"keyframes: wanted {len(positions)} times of at least 0 s, came {list(times)}."
-            )
-        when = Moments.of(tuple(times))
-    return ReachPositions(
-        weight=as_weight(weight),
-        structure=_posed(system),
-        positions=positions,
-        within=_positive("within", within),
-        axes=which,
-        when=when,
-    )
+class FollowPath(StateTerm):
+    """Be where a path says all along, passed at a steady pace."""
+
+    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    points: Float[AnyArray, "K A"]
+    shares: Float[AnyArray, " K"]
+    """Length of the path up to each point, as a share of the whole."""
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return ALL_ALONG.rows(steps, dt)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
+        return _along(self.axes, read_pose(self.structure, state).position)
+
+    def compare(self, observed: Float[AnyArray, "T A"], dt: float) -> Float[AnyArray, " R"]:
+        xp = observed.__array_namespace__()
+        share = xp.arange(1, len(observed) + 1) / len(observed)
+        # Leg by leg, not by interpolation, which looks up where it is: for that there is no C.
+        lengths = xp.maximum(xp.diff(self.shares), SHORTEST_LEG)
+        passed = xp.clip((share[:, None] - self.shares[:-1]) / lengths, 0, 1)
+        wanted = self.points[0] + passed @ xp.diff(self.points, axis=0)
+        return ALL_ALONG.share(dt) * ((observed - wanted) / self.within).ravel()
 
 
 def follow_path(
@@ -156,8 +286,8 @@ def follow_path(
 
     To be off by `within` [m] is an error of one; a tenth of the path's length if not given.
     """
-    which = _axes(axes)
-    points = _numbers("points", points, len(which), rows=True)
+    which = checked_axes(axes)
+    points = checked_numbers("points", points, len(which), rows=True)
     legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
     lengths = np.concatenate([[0.0], np.cumsum(legs)])
     if len(points) < 2 or not lengths[-1] > 0:
@@ -168,12 +298,48 @@ def follow_path(
         within = PATH_SHARE * float(lengths[-1])
     return FollowPath(
         weight=as_weight(weight),
-        structure=_posed(system),
+        structure=checked_structure(system),
         points=points,
         shares=as_parameter(lengths / lengths[-1]),
-        within=_positive("within", within),
+        within=positive("within", within),
         axes=which,
     )
+
+
+class TravelTerm(TimedTerm):
+    """Come `distance` [m] forward along `direction`; further than possible means as far as possible."""
+
+    weight: Float[AnyArray, ""]
+    when: Moments = eqx.field(static=True)
+    direction: Float[AnyArray, " 3"]
+    distance: Float[AnyArray, ""]
+    within: Float[AnyArray, ""]
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return [0, *super().rows(steps, dt)]
+
+    def compare(self, observed: Float[AnyArray, "K 3"], dt: float) -> Float[AnyArray, " R"]:
+        travelled = (observed[1:] - observed[0]) @ self.direction
+        return self.when.share(dt) * (self.distance - travelled) / self.within
+
+
+class Travel(TravelTerm):
+    """Come forward with the root, or with a deformable body's centroid."""
+
+    structure: Structure = eqx.field(static=True)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
+        return read_pose(self.structure, state).position
+
+
+class TravelPoint(TravelTerm):
+    """Come forward with one body of many."""
+
+    chain: tuple[Link, ...] = eqx.field(static=True)
+    """From the world to that body."""
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
+        return point_of_chain(self.chain, (0.0, 0.0, 0.0), state)
 
 
 def travel(
@@ -195,9 +361,9 @@ def travel(
     """
     when = Moments.of(None, since)
     term_weight = as_weight(weight)
-    unit = _unit("direction", direction)
-    wanted = _positive("distance", distance)
-    sizeable = _positive("within", within)
+    unit = unit_vector("direction", direction)
+    wanted = positive("distance", distance)
+    sizeable = positive("within", within)
     names = [bone.name for bone in system.skeleton.bones if bone.joints]
     if body is None and names and not has_pose(system.structure):
         raise ArgumentError(
@@ -205,9 +371,26 @@ def travel(
             f"or another of {', '.join(names)}."
         )
     if body is None:
-        return Travel(term_weight, when, unit, wanted, sizeable, _posed(system))
+        return Travel(term_weight, when, unit, wanted, sizeable, checked_structure(system))
     chain = system.skeleton.chain_to(body)
     return TravelPoint(term_weight, when, unit, wanted, sizeable, chain)
+
+
+class KeepVelocity(TimedTerm):
+    """Move with a velocity, from a given time on."""
+
+    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    velocity: Float[AnyArray, " A"]
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
+        return _along(self.axes, read_pose(self.structure, state).velocity)
+
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
+        off = (observed - self.velocity) / self.within
+        return self.when.share(dt) * off.ravel()
 
 
 def keep_velocity(
@@ -220,16 +403,33 @@ def keep_velocity(
     weight: float = 1.0,
 ) -> KeepVelocity:
     """Return the cost of not moving with `velocity` (A,) [m/s] in the world `since` a time [s]."""
-    which = _axes(axes)
-    wanted = _numbers("velocity", velocity, len(which))
+    which = checked_axes(axes)
+    wanted = checked_numbers("velocity", velocity, len(which))
     return KeepVelocity(
         weight=as_weight(weight),
-        structure=_posed(system),
+        structure=checked_structure(system),
         velocity=wanted,
-        within=_positive("within", within),
+        within=positive("within", within),
         axes=which,
         when=Moments.of(None, since),
     )
+
+
+class KeepSpeed(TimedTerm):
+    """Move forward, where the body points, at a speed, from a given time on."""
+
+    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    speed: Float[AnyArray, ""]
+    within: Float[AnyArray, ""]
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
+        pose = read_pose(self.structure, state)
+        xp = state.__array_namespace__()
+        return xp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
+
+    def compare(self, observed: Float[AnyArray, "K 1"], dt: float) -> Float[AnyArray, " K"]:
+        return self.when.share(dt) * (observed[:, 0] - self.speed) / self.within
 
 
 def keep_speed(
@@ -238,11 +438,30 @@ def keep_speed(
     """Return the cost of not going forward at `speed` [m/s] `since` a time [s]."""
     return KeepSpeed(
         weight=as_weight(weight),
-        structure=_posed(system),
-        speed=_number("speed", speed),
-        within=_positive("within", within),
+        structure=checked_structure(system),
+        speed=checked_number("speed", speed),
+        within=positive("within", within),
         when=Moments.of(None, since),
     )
+
+
+class Point(TimedTerm):
+    """Point forward, or stand upright, along `direction`: at given times, or from one on."""
+
+    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    direction: Float[AnyArray, " 3"]
+    within: Float[AnyArray, ""]
+    """[rad]"""
+    axis: str = eqx.field(static=True)
+    """`forward` or `upward`."""
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
+        return getattr(read_pose(self.structure, state), self.axis)
+
+    def compare(self, observed: Float[AnyArray, "K 3"], dt: float) -> Float[AnyArray, " R"]:
+        off = (observed - self.direction) / self.within
+        return self.when.share(dt) * off.ravel()
 
 
 def keep_heading(
@@ -251,9 +470,9 @@ def keep_heading(
     """Return the cost of not pointing along `direction` (3,) in the world, `within` [rad], `since` a time [s]."""
     return Point(
         weight=as_weight(weight),
-        structure=_posed(system),
-        direction=_unit("direction", direction),
-        within=_positive("within", within),
+        structure=checked_structure(system),
+        direction=unit_vector("direction", direction),
+        within=positive("within", within),
         axis="forward",
         when=Moments.of(None, since),
     )
@@ -270,9 +489,9 @@ def reach_heading(
     """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
     return Point(
         weight=as_weight(weight),
-        structure=_posed(system),
-        direction=_unit("direction", direction),
-        within=_positive("within", within),
+        structure=checked_structure(system),
+        direction=unit_vector("direction", direction),
+        within=positive("within", within),
         axis="forward",
         when=Moments.of(at),
     )
@@ -284,12 +503,33 @@ def stand_up(
     """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
     return Point(
         weight=as_weight(weight),
-        structure=_posed(system),
+        structure=checked_structure(system),
         direction=as_parameter([0.0, 0.0, 1.0]),
-        within=_positive("within", within),
+        within=positive("within", within),
         axis="upward",
         when=Moments.of(at),
     )
+
+
+class StayUpright(TimedTerm):
+    """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
+
+    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    tolerance: Float[AnyArray, ""]
+    """[rad] Leaning that costs nothing."""
+    within: Float[AnyArray, ""]
+    """[rad]"""
+    may_pitch: bool = eqx.field(static=True)
+    """Whether only rolling counts, so that the body may dive and leap."""
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
+        return _lean(read_pose(self.structure, state), may_pitch=self.may_pitch)[..., None]
+
+    def compare(self, observed: Float[AnyArray, "K 1"], dt: float) -> Float[AnyArray, " K"]:
+        xp = observed.__array_namespace__()
+        beyond = xp.maximum(observed[:, 0] - self.tolerance, 0)
+        return self.when.share(dt) * beyond / self.within
 
 
 def stay_upright(
@@ -308,12 +548,48 @@ def stay_upright(
     """
     return StayUpright(
         weight=as_weight(weight),
-        structure=_posed(system),
-        tolerance=_positive("tolerance", tolerance),
-        within=_positive("within", within),
+        structure=checked_structure(system),
+        tolerance=positive("tolerance", tolerance),
+        within=positive("within", within),
         may_pitch=may_pitch,
         when=Moments.of(None, since),
     )
+
+
+def _lean(pose: Pose, *, may_pitch: bool) -> Float[AnyArray, "*B"]:
+    """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
+    xp = pose.upward.__array_namespace__()
+    if may_pitch:
+        aside = cross(pose.upward, pose.forward)[..., 2] ** 2
+        along = xp.sum(pose.upward * pose.forward, axis=-1)
+        above = pose.upward[..., 2] - pose.forward[..., 2] * along
+    else:
+        aside = xp.sum(pose.upward[..., :2] ** 2, axis=-1)
+        above = pose.upward[..., 2]
+    return xp.atan2(xp.sqrt(aside + NEARLY_UPRIGHT**2), above)
+
+
+class StayWithin(StateTerm):
+    """Keep state entries between bounds, such as joints: ∫ of what is beyond."""
+
+    weight: Float[AnyArray, ""]
+    low: Float[AnyArray, " E"]
+    high: Float[AnyArray, " E"]
+    within: Float[AnyArray, ""]
+    entries: tuple[int, ...] = eqx.field(static=True)
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return ALL_ALONG.rows(steps, dt)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B E"]:
+        return state[..., np.array(self.entries)]
+
+    def compare(self, observed: Float[AnyArray, "T E"], dt: float) -> Float[AnyArray, " R"]:
+        xp = observed.__array_namespace__()
+        above = xp.maximum(observed - self.high, 0)
+        below = xp.maximum(self.low - observed, 0)
+        beyond = (above + below) / self.within
+        return ALL_ALONG.share(dt) * beyond.ravel()
 
 
 def stay_within(
@@ -328,8 +604,8 @@ def stay_within(
     """Return the cost of the state's `part`, such as a joint, leaving what is between `low` and `high`, in its unit."""
     where = system.state.index(part)
     entries = tuple(range(where.start, where.stop))
-    lows = _numbers("low", np.atleast_1d(low), None)
-    highs = _numbers("high", np.atleast_1d(high), None)
+    lows = checked_numbers("low", np.atleast_1d(low), None)
+    highs = checked_numbers("high", np.atleast_1d(high), None)
     sizes = (1, len(entries))
     if len(lows) not in sizes or len(highs) not in sizes:
         raise ArgumentError(
@@ -345,52 +621,10 @@ def stay_within(
         weight=as_weight(weight),
         low=lows,
         high=highs,
-        within=_positive("within", within),
+        within=positive("within", within),
         entries=entries,
     )
 
 
-def _posed(system: System) -> Structure:
-    """Return the structure of `system`; ArgumentError where a state says nothing of a position."""
-    read_pose(system.structure, system.rest)
-    return system.structure
-
-
-def _axes(names: str) -> tuple[int, ...]:
-    if not names or any(name not in "xyz" for name in names) or len(set(names)) != len(names):
-        raise ArgumentError(f"axes: wanted some of x, y, z, such as 'xy', came '{names}'.")
-    return tuple("xyz".index(name) for name in names)
-
-
-def _numbers(
-    label: str, values: ArrayLike, size: int | None, *, rows: bool = False
-) -> Float[np.ndarray, " ..."]:
-    """Return `values` (`size`,), or rows of them; ArgumentError unless all are finite and there is at least one."""
-    array = as_numbers(values, label)
-    axes = 2 if rows else 1
-    has_size = size is None or array.shape[-1:] == (size,)
-    if array.ndim != axes or not array.size or not has_size or not np.isfinite(array).all():
-        numbers = "number" if size == 1 else "numbers"
-        wanted = f"{size or 'some'} finite {numbers}"
-        if rows:
-            wanted = f"rows of {wanted}"
-        raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
-    return as_parameter(array)
-
-
-def _number(label: str, value: float) -> Float[np.ndarray, " ..."]:
-    return _numbers(label, [value], 1).reshape(())
-
-
-def _positive(label: str, value: float) -> Float[np.ndarray, " ..."]:
-    if not 0 < value < math.inf:
-        raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
-    return as_parameter(value)
-
-
-def _unit(label: str, direction: ArrayLike) -> Float[np.ndarray, " ..."]:
-    vector = _numbers(label, direction, 3)
-    length = float(np.linalg.norm(vector))
-    if length == 0:
-        raise ArgumentError(f"{label}: wanted a direction, came zeros.")
-    return vector / length
+def _along(axes: tuple[int, ...], vector: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B A"]:
+    return vector[..., np.array(axes)]

@@ -6,13 +6,9 @@ import math
 
 import numpy as np
 
+from neuroanimator.control.objective.costs import KeepSpeed, KeepVelocity, ReachPositions
+from neuroanimator.control.objective.goals import ReachState
 from neuroanimator.control.objective.objective import CostTerm, Objective
-from neuroanimator.control.objective.terms import (
-    KeepSpeed,
-    KeepVelocity,
-    ReachPositions,
-    ReachState,
-)
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import read_pose

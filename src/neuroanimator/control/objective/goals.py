@@ -9,11 +9,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.control.objective.arguments import as_weight
 from neuroanimator.control.objective.costs import effort
+from neuroanimator.control.objective.moments import AT_THE_END, Moments, TimedTerm
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.terms import AT_THE_END, Moments, ReachState
 from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.segments import Plain, place_segments
 from neuroanimator.systems.goal import Goal
@@ -22,6 +25,42 @@ from neuroanimator.text import did_you_mean
 
 ERRORS_PER_TOLERANCE = 3
 """A third of a goal's tolerance counts as an error of one in a cost, so that a descent ends well within it."""
+
+
+class ReachState(TimedTerm):
+    """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
+
+    weight: Float[AnyArray, ""]
+    frame: Frame
+    goal: Float[AnyArray, " S"]
+    judged: Float[AnyArray, "R V"]
+    """Turns the difference from the goal into numbers of which one is a sizeable error."""
+
+    @classmethod
+    def of(
+        cls,
+        frame: Frame,
+        goal: ArrayLike,
+        judged: ArrayLike,
+        weight: float,
+        when: Moments = AT_THE_END,
+    ) -> ReachState:
+        """Return the cost of not being at `goal` (S,); `judged` (R, V) makes residuals of the difference."""
+        return cls(
+            weight=as_weight(weight),
+            frame=frame,
+            goal=as_parameter(goal),
+            judged=as_parameter(judged),
+            when=when,
+        )
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B R"]:
+        xp = state.__array_namespace__()
+        goal = xp.broadcast_to(xp.asarray(self.goal), state.shape)
+        return self.frame.difference(goal, state) @ self.judged.T
+
+    def compare(self, observed: Float[AnyArray, "K O"], dt: float) -> Float[AnyArray, " R"]:
+        return self.when.share(dt) * observed.ravel()
 
 
 def goal(

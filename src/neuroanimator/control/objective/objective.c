@@ -1,5 +1,6 @@
-/* J of a motion. Each term observes single states, at its `rows` of the motion; of what all of them observed, one behind
-   the other, `residuals` are made, and `efforts` of the controls alone: J is half the sum of all their squares.
+/* J of a motion. Each term observes single states, at its `rows` of the motion. Of what all of them observed, one behind
+   the other, and perhaps of the controls behind that, `residuals` are made; of the controls alone, `efforts`. J is half the
+   sum of all their squares; but the last of the `residuals` may be values that are added as they are.
    Arrays are in C's order; those of lanes have sixteen numbers for each one. */
 
 typedef struct {
@@ -12,7 +13,8 @@ typedef struct {
     const na_term *terms;
     long count;
     na_map residuals, efforts;
-    long steps, state;
+    /* `controls`: how many of them `residuals` looks at; `values`: how many of its outputs are added as they are. */
+    long steps, state, controls, values;
 } na_objective;
 
 /* Cuts rooms of whole registers from one piece of memory; from none, it measures how much is needed. */
@@ -27,10 +29,23 @@ static float *take(na_store *store, long count) {
     return room;
 }
 
-static double half_squares(const float *residuals, long count) {
-    double sum = 0.0;
-    for (long i = 0; i < count; i++) sum += (double)residuals[i] * residuals[i];
-    return sum / 2;
+static long observed_size(const na_objective *objective) { return objective->residuals.inputs - objective->controls; }
+
+/* How many residuals of states there are: outputs of `residuals` that are squared. */
+static long squares_of_states(const na_objective *objective) { return objective->residuals.outputs - objective->values; }
+
+/* J of what `residuals` and then `efforts` made, `off`, of which there is one number in every `stride`. The values, which are
+   no squares, become ones: `off` is then what J says of each of these numbers. */
+static double sum_up(const na_objective *objective, float *off, long stride) {
+    const long squares = squares_of_states(objective), all = objective->residuals.outputs;
+    double sum = 0.0, values = 0.0;
+    for (long i = 0; i < squares; i++) sum += (double)off[i * stride] * off[i * stride];
+    for (long i = squares; i < all; i++) {
+        values += off[i * stride];
+        off[i * stride] = 1;
+    }
+    for (long i = all; i < all + objective->efforts.outputs; i++) sum += (double)off[i * stride] * off[i * stride];
+    return sum / 2 + values;
 }
 
 static int is_zero(const float *numbers, long count) {
@@ -132,9 +147,10 @@ double cost_of_states(const na_objective *objective, const float *states, const 
     na_judging room;
     cut_judging(objective, memory, &room);
     observe(objective, 1, 0, states, objective->state, room.tapes, room.observed);
+    memcpy(room.observed + observed_size(objective), controls, objective->controls * sizeof(float));
     map_forward(residuals, room.observed, room.residuals_tape, room.off);
     map_forward(efforts, controls, room.efforts_tape, room.off + residuals->outputs);
-    return half_squares(room.off, residuals->outputs + efforts->outputs);
+    return sum_up(objective, room.off, 1);
 }
 
 /* J, and how it changes with the states, `by_states` (T+1, S), and with the controls, `by_controls` (T, C). */
@@ -152,5 +168,7 @@ double slopes_of_states(
         objective, 1, room.tapes, room.of_observed, objective->state, room.of_row, by_states, room.touched, 1
     );
     map_backward(efforts, room.efforts_tape, room.off + residuals->outputs, by_controls, 1);
+    const float *of_controls = room.of_observed + observed_size(objective);
+    for (long i = 0; i < objective->controls; i++) by_controls[i] += of_controls[i];
     return cost;
 }

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from neuroanimator.backend import backend
 from neuroanimator.control.objective.trajectory import Trajectory
@@ -21,14 +21,6 @@ from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
-
-OURS = "neuroanimator."
-"""How the names of the package's own modules begin."""
-
-
-def is_ours(module: eqx.Module) -> bool:
-    """Return whether the code of a cost term, or of whatever else, is the package's own."""
-    return type(module).__module__.startswith(OURS)
 
 
 class CostTerm(eqx.Module):
@@ -50,8 +42,8 @@ class StateTerm(CostTerm):
     """
 
     @abc.abstractmethod
-    def rows(self, steps: int, dt: float) -> list[int]:
-        """Return which states of a motion of so many super steps of `dt` [s] it looks at; 0 is the start."""
+    def rows(self, steps: int, dt: float) -> Sequence[int]:
+        """Return the states it looks at, of a motion of `steps` super steps of `dt` [s]; 0 is the start, -1 the end."""
 
     @abc.abstractmethod
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B O"]:
@@ -62,13 +54,25 @@ class StateTerm(CostTerm):
         """Return the residuals of what was `observed` of the states at `rows`, `dt` [s] apart."""
 
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
-        rows = self.rows(len(trajectory.states) - 1, trajectory.dt)
-        states = trajectory.states[np.array(rows)]
+        rows = checked_rows(self, len(trajectory.states) - 1, trajectory.dt)
+        states = trajectory.states[rows]
         if isinstance(states, jax.Array):
             observed = jax.vmap(self.observe)(states)
         else:
             observed = self.observe(states)
         return self.compare(observed, trajectory.dt)
+
+
+def checked_rows(term: StateTerm, steps: int, dt: float) -> Int[np.ndarray, " K"]:
+    """Return the `rows` of a term, counted from the start; ArgumentError for states a motion does not have."""
+    rows = np.array(term.rows(steps, dt), int)
+    beyond = rows[(rows < -steps - 1) | (rows > steps)]
+    if len(beyond):
+        raise ArgumentError(
+            f"objective: {type(term).__name__} looks at state {beyond[0]} of a motion with states 0 to {steps}. "
+            "Make the motion longer, or mend the term's rows."
+        )
+    return rows % (steps + 1)
 
 
 CostFunction = Callable[[Trajectory], Float[AnyArray, ""]]
@@ -99,11 +103,6 @@ class Objective(eqx.Module):
         terms = tuple(cost for cost in costs if isinstance(cost, CostTerm))
         functions = tuple(cost for cost in costs if not isinstance(cost, CostTerm))
         return cls(terms, functions)
-
-    @property
-    def is_ours(self) -> bool:
-        """Whether all costs are the package's own: written for NumPy too, and known to generated C by their code."""
-        return not self.functions and all(is_ours(term) for term in self.terms)
 
     def __repr__(self) -> str:
         names = [type(term).__name__ for term in self.terms]

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.control.objective.arguments import as_weight
+from neuroanimator.control.objective.moments import ALL_ALONG
 from neuroanimator.control.objective.objective import StateTerm
-from neuroanimator.control.objective.terms import ALL_ALONG, as_weight
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray

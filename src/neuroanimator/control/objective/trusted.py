@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.objective.terms import as_weight
+from neuroanimator.control.objective.arguments import as_weight
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import trust
@@ -21,9 +21,9 @@ WEIGHT = 10.0
 
 
 class StayTrusted(eqx.Module):
-    """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`: a cost of one's own, descended through JAX.
+    """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`; a function, so its curvature is not known.
 
-    Like any cost it is of states, whoever made them: the physics' as well as the emulator's.
+    Like any cost it is of states, those of the physics as well as the emulator's.
     """
 
     emulator: Emulator

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.descent.descend import advance, pose_problem, random_guesses
-from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.evaluator import Evaluator, evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.options import DEFAULT_METHOD, check_method
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation

@@ -10,13 +10,13 @@ from jaxtyping import Float
 
 from neuroanimator.control.descent.defects import find_defects
 from neuroanimator.control.descent.descend import Descent, descend
-from neuroanimator.control.descent.evaluators import controls_of
+from neuroanimator.control.descent.evaluator import controls_of
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.synthesis.replay import (
-    Motion,
     Replay,
+    ReplayedMotion,
     beside_emulated,
     ranked_motions,
 )
@@ -95,11 +95,13 @@ class Search:
     is_enough: Callable[[np.ndarray], bool]
     """Whether states (T+1, S) of the physics are good enough to end the search."""
 
-    def is_better(self, new: Motion, old: Motion) -> bool:
+    def is_better(self, new: ReplayedMotion, old: ReplayedMotion) -> bool:
         """Return whether `new` is to be preferred to `old`: it is good enough, or cheaper."""
         return new.cost < old.cost or self.is_enough(new.states)
 
-    def replay(self, emulator: Emulator, candidates: Float[np.ndarray, "K T C"]) -> list[Motion]:
+    def replay(
+        self, emulator: Emulator, candidates: Float[np.ndarray, "K T C"]
+    ) -> list[ReplayedMotion]:
         """Return what candidates do on the physics, if there is any, the least J first."""
         return ranked_motions(emulator, self.system, self.objective, self.start, candidates)
 
@@ -156,8 +158,8 @@ def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) ->
 
 
 def correct(
-    search: Search, emulator: Emulator, options: DescentOptions, motion: Motion
-) -> tuple[Motion, SearchCost]:
+    search: Search, emulator: Emulator, options: DescentOptions, motion: ReplayedMotion
+) -> tuple[ReplayedMotion, SearchCost]:
     """Return (the best motion that corrections lead to from `motion`, what they took).
 
     What the emulator gets wrong along the motion is added to it, a short descent follows, and its controls, as well as

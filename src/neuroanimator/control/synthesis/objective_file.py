@@ -219,23 +219,9 @@ def _parametrisation_maker(
 
 KINDS: dict[str, Callable[..., CostTerm]] = {
     "avoid": avoid,
-    "effort": costs.effort,
-    "follow_path": costs.follow_path,
     "goal": goals.goal,
-    "keep_heading": costs.keep_heading,
-    "keep_speed": costs.keep_speed,
-    "keep_velocity": costs.keep_velocity,
-    "reach_positions": costs.reach_positions,
-    "reach_heading": costs.reach_heading,
-    "reach_height": costs.reach_height,
-    "reach_point": costs.reach_point,
-    "reach_position": costs.reach_position,
     "reach_state": goals.reach_state,
-    "smoothness": costs.smoothness,
-    "stand_up": costs.stand_up,
-    "stay_upright": costs.stay_upright,
-    "stay_within": costs.stay_within,
-    "travel": costs.travel,
+    **{name: getattr(costs, name) for name in costs.__all__},
 }
 """Every kind of cost by its name in a file: the function that makes it."""
 
@@ -244,7 +230,7 @@ def _cost(number: int, values: dict[str, Any], system: System) -> CostTerm:
     kind = values.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         raise ArgumentError(
-            f"cost {number}: no kind {str(kind)[:MAX_KIND_SHOWN]!r}. Kinds: {', '.join(KINDS)}."
+            f"cost {number}: no kind {str(kind)[:MAX_KIND_SHOWN]!r}. Kinds: {', '.join(sorted(KINDS))}."
         )
     make = KINDS[kind]
     given = {key: value for key, value in values.items() if key != "kind"}

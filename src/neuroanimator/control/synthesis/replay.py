@@ -50,7 +50,7 @@ def replay(
     return beside_emulated(emulator, system, objective, motion)
 
 
-class Motion(NamedTuple):
+class ReplayedMotion(NamedTuple):
     """What controls do on the true physics; on the emulator where there is none, as of recordings."""
 
     controls: np.ndarray
@@ -62,7 +62,7 @@ class Motion(NamedTuple):
 
 
 def beside_emulated(
-    emulator: Emulator, system: System, objective: Objective, motion: Motion
+    emulator: Emulator, system: System, objective: Objective, motion: ReplayedMotion
 ) -> Replay:
     """Return the physics' `motion` with the emulator's under the same controls from the same start."""
     with phase("emulating"):
@@ -77,7 +77,7 @@ def ranked_motions(
     objective: Objective,
     start: ArrayLike,
     candidates: Float[np.ndarray, "K T C"],
-) -> list[Motion]:
+) -> list[ReplayedMotion]:
     """Return what `candidates` do from `start` (S,) on the true physics, the least J first; those that diverge are left out.
 
     Where there is no physics, as of recordings, it is what they do on the emulator.
@@ -99,7 +99,7 @@ def ranked_motions(
         controls = candidates[number]
         states = runs.states[number]
         cost = objective_cost(objective, emulator, states, controls)
-        motions.append(Motion(controls, states, cost))
+        motions.append(ReplayedMotion(controls, states, cost))
     return sorted(motions, key=lambda motion: motion.cost)
 
 

@@ -253,7 +253,7 @@ def synthesise_goal(
     """Return the controller that reaches the goal called `name` from `start` (S,) in `seconds`; the rest as `synthesise`.
 
     `start` and `seconds` default to what the goal itself says is sensible. With a `threshold` the motion is kept where
-    the emulator's scores are at most that (`stay_trusted`), which takes longer: it is descended through JAX.
+    the emulator's scores are at most that (`stay_trusted`), which takes longer.
     The gradient is not measured where the goal is reached on the physics: there it led to what was wanted. `goals_from`
     is the emulator's system with other goals: they may be written after training.
     """

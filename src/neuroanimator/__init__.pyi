@@ -1,0 +1,70 @@
+"""Public names and their homes, for type checkers and, at run time, for `neuroanimator.lazy`."""
+
+from neuroanimator.animation.clip import Clip as Clip
+from neuroanimator.animation.clip import make_clip as make_clip
+from neuroanimator.animation.gauges import as_gauges as as_gauges
+from neuroanimator.backend import set_backend as set_backend
+from neuroanimator.control.descent.descend import descend as descend
+from neuroanimator.control.descent.options import DescentOptions as DescentOptions
+from neuroanimator.control.objective.costs import *  # noqa: F403
+from neuroanimator.control.objective.goals import goal as goal
+from neuroanimator.control.objective.goals import is_reached as is_reached
+from neuroanimator.control.objective.goals import reach_state as reach_state
+from neuroanimator.control.objective.objective import CostTerm as CostTerm
+from neuroanimator.control.objective.objective import Objective as Objective
+from neuroanimator.control.objective.objective import StateTerm as StateTerm
+from neuroanimator.control.objective.obstacles import avoid as avoid
+from neuroanimator.control.objective.trusted import stay_trusted as stay_trusted
+from neuroanimator.control.policies.pilot import Pilot as Pilot
+from neuroanimator.control.policies.policy import Policy as Policy
+from neuroanimator.control.policies.policy_file import load_policy as load_policy
+from neuroanimator.control.synthesis.replay import replay as replay
+from neuroanimator.control.synthesis.synthesise import Synthesis as Synthesis
+from neuroanimator.control.synthesis.synthesise import synthesise as synthesise
+from neuroanimator.data.config import DatasetConfig as DatasetConfig
+from neuroanimator.data.diverged_runs import read_diverged as read_diverged
+from neuroanimator.data.generate import generate as generate
+from neuroanimator.data.store import read_transitions as read_transitions
+from neuroanimator.data.stored import open_transitions as open_transitions
+from neuroanimator.emulator.emulator import Emulator as Emulator
+from neuroanimator.emulator.emulator import load_emulator as load_emulator
+from neuroanimator.errors import NeuroAnimatorError as NeuroAnimatorError
+from neuroanimator.evaluation.drift import measure_drift as measure_drift
+from neuroanimator.evaluation.evaluate import EvaluationBudget as EvaluationBudget
+from neuroanimator.evaluation.evaluate import evaluate as evaluate
+from neuroanimator.evaluation.report import write_report as write_report
+from neuroanimator.evaluation.weakness.config import ImprovementConfig as ImprovementConfig
+from neuroanimator.evaluation.weakness.coverage import coverage as coverage
+from neuroanimator.evaluation.weakness.fine_tune import fine_tune as fine_tune
+from neuroanimator.evaluation.weakness.improve import improve as improve
+from neuroanimator.evaluation.weakness.inspection import inspect as inspect
+from neuroanimator.executor.local import LocalExecutor as LocalExecutor
+from neuroanimator.executor.ray_cluster import RayExecutor as RayExecutor
+from neuroanimator.export.comparison import write_comparison as write_comparison
+from neuroanimator.export.control_report import write_control_report as write_control_report
+from neuroanimator.export.csv_file import read_clip as read_clip
+from neuroanimator.export.csv_file import write_clip as write_clip
+from neuroanimator.export.film.inline import show as show
+from neuroanimator.export.film.video import write_video as write_video
+from neuroanimator.export.gltf.scene import write_glb as write_glb
+from neuroanimator.export.programs.c_file import write_c_header as write_c_header
+from neuroanimator.export.programs.numpy_file import write_numpy as write_numpy
+from neuroanimator.export.programs.onnx_file import write_onnx as write_onnx
+from neuroanimator.export.programs.wasm_file import write_wasm as write_wasm
+from neuroanimator.export.usd.scene import write_usd as write_usd
+from neuroanimator.export.worst_cases import write_worst as write_worst
+from neuroanimator.hybrid import HybridMotion as HybridMotion
+from neuroanimator.hybrid import hybrid_rollout as hybrid_rollout
+from neuroanimator.state.layout import Bounds as Bounds
+from neuroanimator.state.pose import read_heights as read_heights
+from neuroanimator.state.pose import read_pose as read_pose
+from neuroanimator.systems import load_system as load_system
+from neuroanimator.systems.loading import trust_files as trust_files
+from neuroanimator.training.config import TrainingConfig as TrainingConfig
+from neuroanimator.training.error_fitting import UnseenRuns as UnseenRuns
+from neuroanimator.training.error_fitting import fit_error_bounds as fit_error_bounds
+from neuroanimator.training.train import train as train
+from neuroanimator.training.trust_fitting import fit_trust as fit_trust
+
+__version__: str
+"""Version of the installed package."""

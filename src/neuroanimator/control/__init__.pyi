@@ -1,0 +1,33 @@
+"""Public names and their homes, for type checkers and, at run time, for `neuroanimator.lazy`."""
+
+from neuroanimator.control.descent.descend import Descent as Descent
+from neuroanimator.control.descent.gradient_check import GradientTrust as GradientTrust
+from neuroanimator.control.descent.gradient_check import gradient_trust as gradient_trust
+from neuroanimator.control.descent.options import DescentOptions as DescentOptions
+from neuroanimator.control.descent.parametrisation import EachStep as EachStep
+from neuroanimator.control.descent.parametrisation import Parametrisation as Parametrisation
+from neuroanimator.control.descent.parametrisation import Periodic as Periodic
+from neuroanimator.control.descent.parametrisation import Spline as Spline
+from neuroanimator.control.descent.parametrisation import Steered as Steered
+from neuroanimator.control.objective.obstacles import Zone as Zone
+from neuroanimator.control.objective.trajectory import Trajectory as Trajectory
+from neuroanimator.control.planning.environments import DmEnvironment as DmEnvironment
+from neuroanimator.control.planning.environments import Environment as Environment
+from neuroanimator.control.planning.environments import Episode as Episode
+from neuroanimator.control.planning.environments import control_environment as control_environment
+from neuroanimator.control.planning.environments import mujoco_state as mujoco_state
+from neuroanimator.control.planning.learn import learn_from as learn_from
+from neuroanimator.control.planning.planner import Plan as Plan
+from neuroanimator.control.planning.planner import Planner as Planner
+from neuroanimator.control.planning.planner import moved_on as moved_on
+from neuroanimator.control.planning.plants import ControlledMotion as ControlledMotion
+from neuroanimator.control.planning.plants import EmulatorPlant as EmulatorPlant
+from neuroanimator.control.planning.plants import PhysicsPlant as PhysicsPlant
+from neuroanimator.control.planning.plants import control_plant as control_plant
+from neuroanimator.control.planning.pursue import Pursuit as Pursuit
+from neuroanimator.control.planning.pursue import pursue_goal as pursue_goal
+from neuroanimator.control.synthesis.attempt import SearchCost as SearchCost
+from neuroanimator.control.synthesis.objective_file import read_objective as read_objective
+from neuroanimator.control.synthesis.objective_file import synthesise_file as synthesise_file
+from neuroanimator.control.synthesis.replay import Replay as Replay
+from neuroanimator.control.synthesis.synthesise import synthesise_goal as synthesise_goal
