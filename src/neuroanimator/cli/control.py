@@ -267,12 +267,20 @@ def _refuse_in_closed_loop(**given: object) -> None:
 
 
 def _checked_system(emulator: Emulator, own: System | None) -> System:
-    """Return `own`, or the system the emulator names; ArgumentError where it has another state or control."""
-    from neuroanimator.control.synthesis.synthesise import check_same_system
-    from neuroanimator.evaluation.held_out import system_of
+    """Return `own`, or the system the emulator names; ArgumentError where it has another state or control.
 
-    system = own or system_of(emulator)
+    Where its model is not at hand, or is not the one the emulator was trained on, that is said, and nothing is simulated.
+    """
+    from neuroanimator.control.synthesis.synthesise import check_same_system
+    from neuroanimator.evaluation.held_out import replayable_system
+    from neuroanimator.text import print_line
+
+    physics = replayable_system(emulator)
+    system = own or physics
     check_same_system(emulator, system)
+    if physics.missing:
+        system.missing = physics.missing
+        print_line(f"neuroanimator: {physics.missing}", to_stderr=True)
     return system
 
 

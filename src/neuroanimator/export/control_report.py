@@ -16,7 +16,7 @@ from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.evaluation.page import (
     facts_html,
     glossary_html,
@@ -180,7 +180,7 @@ def _bounds_of(emulator: Emulator, entries: Sequence[int]) -> list[float]:
 def _strayed_table(emulator: Emulator, outcome: Replay) -> str:
     """Return a table of what the emulator strayed in farthest."""
     rows = []
-    for strayed in _strayed(system_of(emulator), outcome)[:MAX_CURVES]:
+    for strayed in _strayed(replayable_system(emulator), outcome)[:MAX_CURVES]:
         rows.append(
             {
                 "number": strayed.name,
