@@ -25,11 +25,11 @@ from neuroanimator import (
     trust_files,
     write_glb,
 )
-from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.data import shard_task
 from neuroanimator.data.shard_task import ShardTask, run_shard_task
 from neuroanimator.definitions import carried
 from neuroanimator.emulator.artifact import save
+from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import replayable_system, system_of
 from neuroanimator.export.film.clip_bytes import pack_takes, unpack_takes
 from neuroanimator.export.film.draw_video import scene_of
@@ -125,12 +125,6 @@ def test_without_its_model_an_emulator_animates_and_one_line_says_what_is_wanted
         assert caught.value.exit_code == 3
 
 
-def test_without_its_model_a_controller_is_found_that_nothing_proves(alone: Path):
-    found = synthesise_goal(Emulator.load(alone), "turned")
-    assert not found.outcome.is_on_physics
-    assert found.is_reached
-
-
 def test_a_goal_means_the_same_with_and_without_the_model(project: Path, alone: Path):
     there = system_of(Emulator.load(project / "mine.emulator.safetensors"))
     forget()
@@ -157,6 +151,28 @@ def test_a_model_that_differs_is_named_and_not_simulated(project: Path, alone: P
 def test_a_toml_file_that_is_named_gives_the_physics(project: Path, alone: Path):
     trust_files(project / "mine.toml")
     assert system_of(Emulator.load(alone)).can_simulate
+
+
+@pytest.mark.attack
+def test_a_toml_file_nobody_named_reaches_no_other_folder(project: Path, alone: Path):
+    """Both files may come from a stranger: only a TOML file that is named may name a path elsewhere."""
+    toml = (project / "mine.toml").read_text()
+    path = f'model = "{project / "lander.xml"}"'
+    alone.with_name("mine.toml").write_text(toml.replace('model = "lander.xml"', path))
+    with pytest.raises(MissingPhysicsError, match="was not found"):
+        system_of(Emulator.load(alone))
+    trust_files(alone.with_name("mine.toml"))
+    assert system_of(Emulator.load(alone)).can_simulate
+
+
+@pytest.mark.attack
+def test_an_emulator_names_no_toml_file_in_another_folder(project: Path):
+    text = Emulator.load(project / "mine.emulator.safetensors").definition
+    for name in ("../mine.toml", str(project / "mine.toml"), "", "a\nb"):
+        values = json.loads(text)
+        values["files"]["toml"] = name
+        with pytest.raises(BadFileError, match="damaged"):
+            carried.read_definition_text(canonical_json(values))
 
 
 def test_a_model_found_beside_an_emulator_lets_nobody_run_its_files(project: Path):
@@ -210,7 +226,9 @@ def test_a_film_shows_the_model_or_where_it_is_not_the_bones(take: Take, project
     assert isinstance(scene_of(takes[0], film), RigidScene)
 
 
-def test_control_says_what_is_wanted_and_goes_on(alone: Path, cli: Cli):
+def test_without_its_model_control_says_what_is_wanted_and_finds_what_nothing_proves(
+    alone: Path, cli: Cli
+):
     result = cli("control", alone, "--goal", "turned", "--out", "c.csv", cwd=alone.parent)
     assert result.returncode == 0, result.stderr
     assert "wanted mine.toml and its model beside it, or --system mine.toml" in result.stderr

@@ -130,11 +130,20 @@ def _find_model(name: str, named: Any, text: str) -> ModelFiles:
 
 
 def _model_beside(toml: Path) -> ModelFiles | None:
-    """Return the files of the model that a TOML file beside an emulator names; None if there is no such file."""
+    """Return the files of the model that a TOML file beside an emulator names; None if there are none in its folder.
+
+    Nobody named that file: it may be a stranger's, and reaches no farther than the folder it lies in.
+    """
     if not toml.is_file():
         return None
     loader, definition = _read_definition(toml)
-    return _read_model(toml, definition) if loader is LOADERS["mujoco"] else None
+    if loader is not LOADERS["mujoco"]:
+        return None
+    folder = toml.parent.resolve()
+    for path in (definition.model, definition.tree or ""):
+        if not (folder / path).resolve().is_relative_to(folder):
+            return None
+    return _read_model(toml, definition)
 
 
 def _trust_source(toml: Path, definition: PythonDefinition | RecordedDefinition) -> None:
