@@ -13,7 +13,7 @@ import neuroanimator
 from neuroanimator import Emulator, Policy, load_policy
 from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.wasm_file import checked_wasm
 from neuroanimator.storage.files import write_whole
@@ -97,7 +97,7 @@ def _copied(twin: Path, folder: Path) -> dict[str, Any]:
 
 def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
     """Write the programs of an emulator into `folder`: that of super steps, and beside it those of a descent and of physics."""
-    system = system_of(emulator)
+    system = replayable_system(emulator)
     with ThreadPoolExecutor() as pool:
         others = [
             pool.submit(_compile_descent, emulator, system, folder),
@@ -162,7 +162,7 @@ def bundle_facts(
     drive: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return what `bundle.json` says; `drive` is what to show first, found if not given."""
-    system = system_of(emulator)
+    system = replayable_system(emulator)
     facts: dict[str, Any] = {"id": bundle_id}
     facts |= describe_emulator(emulator, system)
     facts["sha256"] = hashlib.sha256(source.read_bytes()).hexdigest()

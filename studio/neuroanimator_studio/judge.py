@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from neuroanimator import read_pose
 from neuroanimator.control.objective.goals import errors_over_tolerances, find_goal, judged_parts
-from neuroanimator.errors import ArgumentError, DivergedError
+from neuroanimator.errors import ArgumentError, BadFileError, DivergedError
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import Scheme, System
@@ -43,6 +43,8 @@ def replay_physics(shown: Shown, drive: PushedDrive, limits: Limits) -> Replayed
     """
     dt = shown.spec.dt
     system = shown.system
+    if system.missing:
+        raise BadFileError(system.missing)
     if not system.can_simulate:
         raise ArgumentError(
             f"{system.name} is known from recordings alone: there is no physics to replay on."

@@ -15,7 +15,7 @@ from threading import Lock, Timer
 from neuroanimator import Emulator, NeuroAnimatorError, load_system
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.executor.python_command import python_command
 from neuroanimator.storage.private_folder import private_folders
 from neuroanimator.systems.system import System
@@ -108,7 +108,7 @@ class Library:
             system = load_system(bundle_id)
             return Shown(bundle_id, physics_spec(system), system, None)
         emulator = _load_emulator(self.emulator_file(bundle_id))
-        return Shown(bundle_id, emulator.spec, system_of(emulator), emulator)
+        return Shown(bundle_id, emulator.spec, replayable_system(emulator), emulator)
 
     def add(self, file: Path, progress: Progress = lambda phase: None) -> str:
         """Make the bundle of the emulator `file`, unless it is there, and return its id.

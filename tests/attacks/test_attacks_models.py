@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import struct
 from pathlib import Path
 
@@ -13,8 +12,9 @@ import pytest
 from neuroanimator import load_system
 from neuroanimator.errors import BadFileError
 from neuroanimator.executor.limited import ProcessLimits
-from neuroanimator.systems.rigid import model_files
-from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model
+from neuroanimator.systems.rigid import compiled_model
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 TOML = """
@@ -38,10 +38,9 @@ def balls(count: int, size: str) -> str:
     return f"<mujoco>{size}<worldbody>{bodies}</worldbody>{MOTOR}</mujoco>"
 
 
-def carried(text: str, **files: bytes) -> ModelFiles:
+def model(text: str, **files: bytes) -> ModelFiles:
     stored = {"m.xml": text.encode(), **files}
-    texts = [(name, base64.b64encode(content).decode()) for name, content in stored.items()]
-    return ModelFiles("m.xml", tuple(texts))
+    return ModelFiles("m.xml", tuple(stored.items()))
 
 
 def test_a_small_working_memory_of_a_model_is_no_fault(tmp_path: Path):
@@ -79,7 +78,7 @@ def test_more_contacts_than_fit_are_named_before_anybody_waits(
     with pytest.raises(
         BadFileError, match="^m.xml: MuJoCo cannot simulate.*stack.*collide"
     ) as told:
-        compile_model(carried(crowd))
+        compile_model(model(crowd))
     assert told.value.exit_code == 3
     assert len(str(told.value).splitlines()) == 1
     assert not list(tmp_path.iterdir())
@@ -88,7 +87,7 @@ def test_more_contacts_than_fit_are_named_before_anybody_waits(
 
 def test_meshes_that_take_gigabytes_are_refused_before_they_do(monkeypatch: pytest.MonkeyPatch):
     """One file of 324 kB, used by 40 meshes: each takes 40 MB while it is compiled."""
-    monkeypatch.setattr(model_files, "COMPILING", ProcessLimits(memory=2**29, seconds=60))
+    monkeypatch.setattr(compiled_model, "COMPILING", ProcessLimits(memory=2**29, seconds=60))
     points = np.random.default_rng(0).normal(size=(27_000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     mesh = struct.pack("<4i", len(points), 0, 0, 0) + points.astype("<f4").tobytes()
@@ -98,4 +97,4 @@ def test_meshes_that_take_gigabytes_are_refused_before_they_do(monkeypatch: pyte
     with pytest.raises(
         BadFileError, match="^m.xml: compiling it .*takes more than 0.5 GB of memory"
     ):
-        compile_model(carried(text, **{"q.msh": mesh}))
+        compile_model(model(text, **{"q.msh": mesh}))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import sys
 from dataclasses import replace
@@ -39,7 +38,8 @@ from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import canonical_json, read_tensors
-from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import print_rows, print_table, progress_bar
@@ -292,9 +292,7 @@ def test_what_a_model_calls_its_parts_is_made_harmless():
         "sensor": "[red]&#x202e;",
     }
     text = MODEL.format(**names)
-    model = compile_model(
-        ModelFiles("m.xml", (("m.xml", base64.b64encode(text.encode()).decode()),))
-    )
+    model = compile_model(ModelFiles("m.xml", (("m.xml", text.encode()),)))
     step = {"step": 0.002, "truth_step": 0.002, "fine_step": 0.0002}
     values = {"name": "m", "model": "m.xml", "physics": step, "sensors": ["_red__"]}
     system = ModelSystem(check_table(values, "m", Definition), model)

@@ -175,7 +175,7 @@ XML = {
     ),
     "a size of 5,000 digits": (
         f'<mujoco><size nkey="{"1" * 5_000}"/></mujoco>',
-        "wanted a whole number",
+        "number is too large",
     ),
     "a name of a megabyte": (
         f'<mujoco><plugin name="{"a" * 2**20}"/></mujoco>',

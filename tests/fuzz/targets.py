@@ -27,7 +27,8 @@ from neuroanimator.systems.loading import LOADERS, from_text
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz
 from neuroanimator.systems.recorded.recording import cut_runs
-from neuroanimator.systems.rigid.model_files import ModelFiles, ModelRequest, compile_here
+from neuroanimator.systems.rigid.compiled_model import ModelRequest, compile_here
+from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.system import System
 from neuroanimator.tables import check_table, read_toml
 from neuroanimator.zoo import shipped_path
@@ -73,8 +74,8 @@ def definition(content: bytes) -> None:
 
 def model(content: bytes) -> None:
     """MJCF or URDF."""
-    files = ModelFiles("model.xml", (("model.xml", base64.b64encode(content).decode()),))
-    compile_here(ModelRequest(files))
+    files = ModelFiles("model.xml", (("model.xml", content),))
+    compile_here(ModelRequest("model.xml", files.documents()))
 
 
 def objective(content: bytes) -> None:

@@ -46,7 +46,7 @@ HYBRID_HELP = "Let the physics take over where the emulator is not trusted; prin
 THRESHOLD_HELP = "With --hybrid: the score from which on the physics takes over; 0: all is physics. 1 if not given."
 """The help of `--threshold`."""
 
-SYSTEM_HELP = "With --hybrid: your TOML file, whose step function may then run."
+SYSTEM_HELP = "With --hybrid: your TOML file, whose model or step function is then used."
 """The help of `--system`."""
 
 START_HELP = (

@@ -26,7 +26,7 @@ from neuroanimator.control.synthesis.synthesise import (
 from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.export.comparison import write_comparison
 from neuroanimator.export.csv_file import write_table
 from neuroanimator.export.formats import emulator_for
@@ -258,9 +258,16 @@ def _refuse_in_closed_loop(**given: object) -> None:
 
 
 def _checked_system(emulator: Emulator, own: System | None) -> System:
-    """Return `own`, or the system the emulator names; ArgumentError where it has another state or control."""
-    system = own or system_of(emulator)
+    """Return `own`, or the system the emulator names; ArgumentError where it has another state or control.
+
+    Where its model is not at hand, or is not the one the emulator was trained on, that is said, and nothing is simulated.
+    """
+    physics = replayable_system(emulator)
+    system = own or physics
     check_same_system(emulator, system)
+    if physics.missing:
+        system.missing = physics.missing
+        print_line(f"neuroanimator: {physics.missing}", to_stderr=True)
     return system
 
 

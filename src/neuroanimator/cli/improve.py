@@ -64,7 +64,7 @@ def run(
     ] = None,
     system: Annotated[
         Path | None,
-        typer.Option(help="Your TOML file, whose step function may then run; see 'new'."),
+        typer.Option(help="Your TOML file, whose model or step function is then used; see 'new'."),
     ] = None,
     tolerance: Annotated[
         float | None,

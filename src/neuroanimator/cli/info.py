@@ -50,7 +50,9 @@ def run(
     ] = None,
     system: Annotated[
         Path | None,
-        typer.Option(help="With --errors: your TOML file, whose step function may then run."),
+        typer.Option(
+            help="With --errors: your TOML file, whose model or step function is then used."
+        ),
     ] = None,
 ) -> None:
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""

@@ -15,7 +15,7 @@ from neuroanimator.storage.places import UrlPath
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.warnings import warnings_heard
 from neuroanimator.systems.system import System
-from neuroanimator.systems.trusted_files import trust_as_told
+from neuroanimator.systems.trusted_files import NO_FILES, TrustedFiles, trust_as_told
 
 SHARD_SECONDS = 3600.0
 """A worker that takes longer for a shard counts as hung [s]: those of the slowest models take some minutes."""
@@ -32,7 +32,7 @@ class ShardTask:
     shard: int
     threads: int
     """The bytes do not depend on it."""
-    trusted: tuple[tuple[str, str], ...] = ()
+    trusted: TrustedFiles = NO_FILES
     """The files that the process which gives the task may use, see `trusted_files.trusted_so_far`."""
     store: UrlPath | None = None
     """Place the worker writes the shard to, unless it is there; none if it is sent back."""

@@ -34,6 +34,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import (
     HEADER_LIMIT,
+    canonical_json,
     digest,
     one_line,
     read_bounded,
@@ -43,7 +44,11 @@ from neuroanimator.storage.files import (
 )
 from neuroanimator.storage.places import Place, place_of
 from neuroanimator.systems import carried_system
+from neuroanimator.systems.loading import named_model, names_model
+from neuroanimator.systems.rigid.model_files import ModelFiles
+from neuroanimator.systems.rigid.model_xml import MAX_TOTAL
 from neuroanimator.systems.system import System
+from neuroanimator.systems.trusted_files import know_model
 from neuroanimator.tables import first_fault
 from neuroanimator.text import quoted
 
@@ -61,6 +66,12 @@ MAX_SHOWN = 60
 
 MAX_HELD_OUT = 512 * 2**20
 """The largest file of held-out runs read [bytes]: they are no larger than the recordings they come from."""
+
+MODEL_NAME = "model.json"
+"""Name of the file with the model a user's own system is simulated by, so that a dataset is trained on anywhere."""
+
+MAX_MODEL = MAX_TOTAL // 3 * 4 + 2**20
+"""Maximum size of that file [bytes]: the model's files in base64, and their names."""
 
 HELD_OUT_NAME = "held-out.safetensors"
 """The file with the runs of recordings kept for the test; simulated systems make their tests anew."""
@@ -80,12 +91,35 @@ def claim_folder(folder: Place, config: DatasetConfig) -> None:
             f"{folder} holds another dataset ({_differences(present, config)}). "
             "Choose another --out, or the same values."
         )
+    _keep_model(folder, config)
     text = json.dumps({"format": FORMAT} | config.model_dump(), indent=2)
     content = f"{text}\n".encode()
     if present is not None:
         write_whole(path, content)
     elif not write_first(path, content):
         claim_folder(folder, config)
+
+
+def _keep_model(folder: Place, config: DatasetConfig) -> None:
+    """Write the model of a user's own system into `folder`, if its physics is one."""
+    files = named_model(config.definition)
+    if files is not None:
+        write_first(folder / MODEL_NAME, canonical_json(files.to_json()).encode())
+
+
+def _use_model(folder: Place, config: DatasetConfig) -> None:
+    """Make the model that lies in a dataset known to this process, unless it is; its digests tell whether it is the right one."""
+    path = folder / MODEL_NAME
+    if not names_model(config.definition) or not path.exists():
+        return
+    content = read_bounded(path, MAX_MODEL)
+    try:
+        files = ModelFiles.from_json(parse_json_object(content, MAX_MODEL))
+    except ValueError as error:
+        raise BadFileError(
+            f"{path} is damaged: {one_line(error)}. Generate the dataset again."
+        ) from error
+    know_model(config.system, files)
 
 
 def _differences(present: DatasetConfig, wanted: DatasetConfig) -> str:
@@ -116,11 +150,13 @@ def read_config(folder: Place) -> DatasetConfig:
         ) from error
     _check_format(path, values.pop("format", None))
     try:
-        return DatasetConfig.of_file(values)
+        config = DatasetConfig.of_file(values)
     except ValidationError as error:
         raise BadFileError(
             f"{path} is damaged: {first_fault(error)}. Generate the dataset again."
         ) from error
+    _use_model(folder, config)
+    return config
 
 
 def _check_format(path: Place, format_number: object) -> None:

@@ -1,14 +1,15 @@
-"""Read and check the JSON text that holds a user's own system inside its datasets and emulators.
+"""Read and check the JSON text that says in datasets and emulators which system of a user's they are of.
 
 No system is made of it here.
 
 It comes out of files that strangers may have written, so it is held to the rules of a TOML file, and it can only
-*name* a step function or recordings. What it names is opened where the user allows it, see `systems/trusted_files.py`.
+*name* a model, a step function or recordings, by the sha256 of their bytes: see `systems/trusted_files.py`.
 """
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from neuroanimator.definitions.body import BodyDefinition
@@ -24,7 +25,7 @@ from neuroanimator.tables import check_table
 from neuroanimator.text import quoted
 
 MAX_TEXT = 512 * 1024
-"""The JSON text of a system may have this many bytes: an emulator file carries it in its header."""
+"""Maximum length of the JSON text of a system [bytes]: an emulator file carries it in its header."""
 
 TABLES: dict[str, type[Any]] = {
     "mujoco": Definition,
@@ -32,25 +33,28 @@ TABLES: dict[str, type[Any]] = {
     "python": PythonDefinition,
     "recorded": RecordedDefinition,
 }
-"""A definition of each kind is checked against this table."""
+"""Tables that definitions of each kind are checked against."""
 
 SPLIT = 2
-"""Number of the way recordings are cut: raised whenever other stretches of them are held out."""
+"""Number of the way recordings are cut, raised whenever other stretches of them are held out."""
 
 SHA256 = r"[0-9a-f]{64}"
-"""A sha256 is written like this."""
+"""Pattern of a sha256."""
+
+MAX_PATH = 255
+"""Maximum number of characters of a path in a model's folder."""
 
 MAX_ROWS = 10**9
-"""A recorded run may have this many rows."""
+"""Maximum number of rows of a recorded run."""
 
 MAX_ORIGIN = 40
-"""This many characters may say where in its file a recorded run begins."""
+"""Maximum number of characters that say where in its file a recorded run begins."""
 
 DAMAGED = "The system's definition is damaged"
-"""Errors about a definition that travelled begin like this."""
+"""Beginning of errors about a definition that travelled."""
 
 DT_TOLERANCE = 1e-6
-"""A super step may be off the whole number of physics steps it is by this share of it: floating-point rounding."""
+"""Share of a super step by which it may be off a whole number of physics steps: floating-point rounding."""
 
 
 class Written(NamedTuple):
@@ -60,7 +64,8 @@ class Written(NamedTuple):
     definition: Any
     """The checked table, one of `TABLES`, by `kind`."""
     files: Any
-    """JSON values: a model's files; of a step function or recordings their name and sha256."""
+    """JSON values: of a model the TOML file's name, the main file's, and the sha256 of each file; of a step function or
+    recordings their name and sha256. Older versions had the model's files here, in base64."""
 
 
 def kind_of(values: Any) -> str:
@@ -73,6 +78,21 @@ def kind_of(values: Any) -> str:
             f"kind: no kind of system called {quoted(name)}. Kinds: {', '.join(TABLES)}."
         )
     return name
+
+
+_FOLDERS: dict[str, list[Path]] = {}
+
+
+def remember_folder(text: str, folder: Path) -> None:
+    """Keep in mind that a file of the system in the JSON `text` lies in `folder`: its model may lie beside."""
+    folders = _FOLDERS.setdefault(text, [])
+    if folder not in folders:
+        folders.append(folder)
+
+
+def remembered_folders(text: str) -> list[Path]:
+    """Return the folders of all files of the system in the JSON `text` that this process has read."""
+    return _FOLDERS.get(text, [])
 
 
 def read_definition_text(text: str) -> Written:
@@ -97,7 +117,8 @@ def read_definition_text(text: str) -> Written:
 def data_identity(text: str) -> str:
     """Return what datasets depend on of the definition in the JSON `text`; a text that is none as it is.
 
-    Goals are no physics. How recordings are cut into what is learnt from and what is tested is part of their data.
+    Goals are no physics, nor is the TOML file's name. How recordings are cut into what is learnt from and what is tested
+    is part of their data.
     """
     try:
         values = parse_json_object(text, MAX_TEXT)
@@ -107,24 +128,50 @@ def data_identity(text: str) -> str:
     if not isinstance(definition, dict):
         return text
     if definition.get("goals"):
-        text = canonical_json(values | {"definition": definition | {"goals": {}}})
+        values |= {"definition": definition | {"goals": {}}}
+        text = canonical_json(values)
+    files = values.get("files")
+    if isinstance(files, dict) and "toml" in files:
+        text = canonical_json(values | {"files": files | {"toml": ""}})
     if definition.get("kind") == "recorded":
         text += f" split {SPLIT}"
     return text
 
 
 def _check_files(kind: str, files: Any) -> None:
-    """Raise ValueError, KeyError or TypeError unless `files` names a file as a definition of this kind does."""
+    """Raise ValueError, KeyError or TypeError unless `files` names files as a definition of this kind does."""
+    if kind == "mujoco" and not is_whole_model(files):
+        _check_model_files(files)
     if kind not in ("python", "recorded"):
         return
     check_file_name(files["name"])
-    if not isinstance(files["sha256"], str) or not re.fullmatch(SHA256, files["sha256"]):
-        raise ValueError(f"files.sha256: wanted 64 hex digits, came {quoted(files['sha256'])}")
+    _check_digest(files["sha256"])
     if kind == "recorded":
         listed(files["rows"], "files.rows", lambda count, what: whole(count, what, 1, MAX_ROWS))
         listed(files["origins"], "files.origins", _check_origin)
         if len(files["rows"]) != len(files["origins"]):
             raise ValueError(f"files: {len(files['rows'])} runs, {len(files['origins'])} origins")
+
+
+def is_whole_model(files: Any) -> bool:
+    """Return whether `files` are those of a model as they are, which older versions wrote."""
+    return isinstance(files, dict) and "files" in files
+
+
+def _check_model_files(files: Any) -> None:
+    check_file_name(files["toml"])
+    digests = files["sha256"]
+    if not isinstance(digests, dict) or files["main"] not in digests:
+        raise ValueError("files: wanted the sha256 of each, the main one's among them")
+    for name, digest in digests.items():
+        if not name.isprintable() or len(name) > MAX_PATH:
+            raise ValueError(f"files: {quoted(name)} is no path")
+        _check_digest(digest)
+
+
+def _check_digest(value: Any) -> None:
+    if not isinstance(value, str) or not re.fullmatch(SHA256, value):
+        raise ValueError(f"files.sha256: wanted 64 hex digits, came {quoted(value)}")
 
 
 def _check_origin(value: Any, what: str) -> str:

@@ -61,6 +61,11 @@ def load(path: Path, kind: type[Made]) -> Made:
         raise BadFileError(
             f"{path} is not a usable emulator: {first_line(error)}. Make it again."
         ) from error
+    if emulator.definition:
+        # What ships has none, and the tables of definitions take long to import.
+        from neuroanimator.definitions.carried import remember_folder
+
+        remember_folder(emulator.definition, path.parent)
     return emulator
 
 

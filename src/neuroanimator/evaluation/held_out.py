@@ -124,6 +124,20 @@ def system_of(emulator: Emulator) -> System:
     return system
 
 
+def replayable_system(emulator: Emulator) -> System:
+    """Return the physics `emulator` stands for; where its model is not at hand, the system without physics.
+
+    Raises BadFileError as `system_of` does.
+    """
+    from neuroanimator.systems.loading import MissingPhysicsError
+    from neuroanimator.systems.rigid.absent_model import AbsentModel
+
+    try:
+        return system_of(emulator)
+    except MissingPhysicsError as error:
+        return AbsentModel(emulator.spec, emulator.state_structure, str(error))
+
+
 def held_out_runs(
     emulator: Emulator,
     count: int = HELD_OUT_RUNS,

@@ -21,7 +21,7 @@ from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems.loading import resolve
-from neuroanimator.systems.trusted_files import trust_as_told, trusted_so_far
+from neuroanimator.systems.trusted_files import TrustedFiles, trust_as_told, trusted_so_far
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
 
@@ -41,7 +41,7 @@ class SweepTask:
     """Folder of its dataset, if the worker sees this disk; empty if it makes its own."""
     path: str
     """The emulator's file, likewise."""
-    trusted: tuple[tuple[str, str], ...]
+    trusted: TrustedFiles
     """The files that the process which gives the task may use."""
 
     @property

@@ -1,4 +1,4 @@
-"""One call in a process of its own, with limits: a C library that reads a stranger's file may crash it, or want it all."""
+"""One call in a process of its own, with limits and without files: a C library that reads a stranger's data may crash it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from neuroanimator.executor.worker import Answer, pack
 Result = TypeVar("Result")
 
 WALL_SECONDS = 3
-"""Time a call may take for each second of processor time it may take: the machine has other things to do, too."""
+"""Ratio of the time a call may take to the processor time it may take: the machine has other things to do, too."""
 
 
 class ProcessLimits(NamedTuple):
-    """Limits of a call's memory and time."""
+    """Limits of a call's memory and time. Beside these, it can open no file."""
 
     memory: int
-    """Maximum of what its process allocates [bytes]."""
+    """Maximum size of what its process allocates [bytes]."""
     seconds: int
     """Maximum processor time, its process's start included [s]."""
 
@@ -46,7 +46,8 @@ class _Call:
 def call_limited(function: Callable[[Any], Result], argument: Any, limits: ProcessLimits) -> Result:
     """Return `function(argument)`, computed in a new process within `limits`; raise what that raises.
 
-    The function is importable; it, the argument and the result can be pickled. Raises LimitError where the process took
+    The function is importable; it, the argument and the result can be pickled. It gets all it needs by its argument: no file
+    can be opened in that process, whatever a path says. Raises LimitError where the process took
     more than it may or crashed, and ResourceError where it cannot be started.
     """
     process = WorkerProcess.started(threads=1)
@@ -86,6 +87,7 @@ def _call_here(call: _Call) -> Any:
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_CPU, call.limits.seconds)
     _limit(resource.RLIMIT_DATA, call.limits.memory)
+    _limit(resource.RLIMIT_NOFILE, 0)
     try:
         return call.function(call.argument)
     except MemoryError:

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.evaluation.page import render, write_page
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, label
 from neuroanimator.evaluation.weakness.readings import entry_names, entry_units, state_readings
@@ -105,7 +105,7 @@ def _strayed_rows(synthesis: Synthesis) -> list[dict[str, object]]:
     outcome = synthesis.outcome
     if not outcome.is_on_physics:
         return []
-    system = system_of(synthesis.emulator)
+    system = replayable_system(synthesis.emulator)
     emulated = {one.name: one for one in state_readings(system, outcome.emulator_states)}
     rows: list[dict[str, object]] = []
     for true in state_readings(system, outcome.physics_states):

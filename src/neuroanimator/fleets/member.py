@@ -23,7 +23,7 @@ from neuroanimator.evaluation.held_out import held_out_runs, recorded_runs
 from neuroanimator.fleets.fleet_file import Member
 from neuroanimator.storage.places import Place, place_of
 from neuroanimator.storage.unfinished import temporary_folder
-from neuroanimator.systems.trusted_files import trust_as_told
+from neuroanimator.systems.trusted_files import NO_FILES, TrustedFiles, trust_as_told
 from neuroanimator.training.train import train
 
 TEST_RUNS = 24
@@ -43,7 +43,7 @@ class MemberTask:
     checkpoints: str = ""
     """Folder or URL of its checkpoints beside the dataset, where there is no `workplace`: a worker that sees the
     dataset goes on from them, one that does not begins anew."""
-    trusted: tuple[tuple[str, str], ...] = ()
+    trusted: TrustedFiles = NO_FILES
     """The files that the process which gives the task may use."""
 
     @property

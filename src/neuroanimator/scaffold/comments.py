@@ -55,8 +55,6 @@ class Findings(NamedTuple):
     """What leaves the motion what it is, to which share of a usual change."""
     lost: list[str]
     """Which of rest and keyframes runs diverge from."""
-    left_out: str
-    """What became of a large model's textures and meshes."""
 
 
 def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
@@ -66,7 +64,6 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
     sensors = [sensor_name(model, sensor) for sensor in range(model.nsensor)]
     keyframes = [keyframe_name(model, keyframe) for keyframe in range(model.nkey)]
     notes = {
-        "model": found.left_out,
         "substeps": _substeps_note(found.motion, found.growth),
         "passive": "joints with an effort that no motor drives all the same",
         "base": "of a URDF: fixed to the world, or free to move over a floor",
@@ -137,8 +134,6 @@ def is_urdf(found: Findings) -> bool:
 def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ...]:
     """Return what is told on the screen of a proposal, as rows."""
     rows = []
-    if found.left_out:
-        rows.append(("made light", found.left_out))
     if is_urdf(found):
         motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
         added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"

@@ -41,9 +41,10 @@ from neuroanimator.scaffold.trials import (
     growth_at_rest,
 )
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
+from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.ground import height_entry
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name
-from neuroanimator.systems.rigid.model_files import compile_model, read_model
+from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.symmetries import symmetries_of
@@ -93,8 +94,7 @@ def propose(
     Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe or a passive joint
     that is not there, and if no scheme steps the model without diverging.
     """
-    read = read_model(path, tree)
-    model = compile_model(read.files, base, passive)
+    model = compile_model(read_model_files(path, tree), base, passive)
     faults = actuator_faults(path, model)
     if faults:
         raise BadFileError(faults)
@@ -126,7 +126,7 @@ def propose(
         "fine_step": teacher.fine.dt,
         "fine_integrator": teacher.fine.integrator,
     }
-    found = Findings(motion, hold, growth, whole, teacher, symmetries, lost, read.note)
+    found = Findings(motion, hold, growth, whole, teacher, symmetries, lost)
     definition = check_table(values, path.name, Definition)
     parts = [part.name for part in system.state.slices]
     return Proposal(

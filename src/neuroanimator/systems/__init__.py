@@ -29,8 +29,8 @@ def load_system(name: str, definition: str = "") -> System:
     """Return the system called `name`, or the one the TOML file `name` of yours describes.
 
     Naming a TOML file allows this process to run the step function beside it, or to open the recordings: name only
-    files whose code you would run. `definition` is what a dataset or an emulator carries along; with it, and for
-    every name out of a file, no path is looked up.
+    files whose code you would run. `definition` is what a dataset or an emulator says of its system; with it, and for
+    every name out of a file, see `carried_system`.
     """
     if definition or not name.endswith(".toml"):
         return carried_system(name, definition)
@@ -43,7 +43,8 @@ def load_system(name: str, definition: str = "") -> System:
 def carried_system(name: str, definition: str = "") -> System:
     """Return the system a dataset, an emulator or a policy names: a packaged one, or what `definition` describes.
 
-    Whatever the file says, no path is looked up, no code is run and no recording opened.
+    Whatever the file says, no code is run and no recording opened. Its model is looked for among those this process
+    knows, and beside the file. Raises MissingPhysicsError if it is not there, or differs.
     """
     from neuroanimator.systems import loading
     from neuroanimator.systems.rigid import pendulum

@@ -1,19 +1,25 @@
 """Make systems from definitions: the packaged ones, and a user's own by their TOML file.
 
-What makes up a user's system travels as one JSON text with its datasets and emulators, so that
-they can be measured, refined and replayed. A model travels whole. A step function and recordings
-travel by name and sha256 only: they are used where the user allows it with `trust_files`.
+A user's system travels as one JSON text with its datasets and emulators: its checked definition, and the sha256 of the
+files its physics is made of. These are the user's own, and are asked for where they are needed: see `trusted_files`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import resources
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from neuroanimator.definitions.body import BodyDefinition
-from neuroanimator.definitions.carried import MAX_TEXT, TABLES, kind_of, read_definition_text
+from neuroanimator.definitions.carried import (
+    TABLES,
+    is_whole_model,
+    kind_of,
+    read_definition_text,
+    remembered_folders,
+)
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -23,12 +29,14 @@ from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.recorded.recording import read_recording
-from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model, read_model_files
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
 from neuroanimator.systems.system import System
-from neuroanimator.systems.trusted_files import digest_of, trust_file
+from neuroanimator.systems.trusted_files import digest_of, know_model, known_models, trust_file
 from neuroanimator.tables import check_table, read_toml
+from neuroanimator.text import quoted
 
 
 def packaged(name: str) -> System:
@@ -44,40 +52,118 @@ def packaged(name: str) -> System:
 class Loader(NamedTuple):
     """The functions that write down systems of one kind and make them again."""
 
-    file_key: str
-    """Key of the TOML that names the file beside it; empty if there is none."""
-    needs_trust: bool
-    """Whether that file is run or opened again later, where the user must have allowed it."""
+    trust: Callable[[Path, Any], object]
+    """Allows this process to use that file, given the TOML file and the definition."""
     pack: Callable[[Path, Any], Any]
-    """Returns what of that file travels along, as JSON values, given the TOML file's folder and the definition."""
+    """Returns what of that file travels along, as JSON values, given the TOML file and the definition."""
     make: Callable[[Any, Any, str], System]
     """Returns the system made of (definition, what travelled along, definition text)."""
 
 
-def _pack_model(folder: Path, definition: Definition) -> Any:
-    tree = folder / definition.tree if definition.tree else None
-    return read_model_files(folder / definition.model, tree).to_json()
+class MissingPhysicsError(BadFileError):
+    """The model of a system is not at hand, or is not the one that is named."""
+
+
+def _read_model(toml: Path, definition: Definition) -> ModelFiles:
+    """Return the files of the model that a TOML file names, which are known from now on."""
+    tree = toml.parent / definition.tree if definition.tree else None
+    files = read_model_files(toml.parent / definition.model, tree)
+    know_model(definition.name, files)
+    return files
+
+
+def _pack_model(toml: Path, definition: Definition) -> Any:
+    files = _read_model(toml, definition)
+    return {"toml": toml.name, "main": files.main, "sha256": files.digests}
 
 
 def _make_model(definition: Definition, files: Any, text: str) -> System:
-    model = compile_model(ModelFiles.from_json(files), definition.base, definition.passive)
+    found = _find_model(definition.name, files, text)
+    model = compile_model(found, definition.base, definition.passive)
     return ModelSystem(definition, model, text)
 
 
-def _pack_function(folder: Path, definition: PythonDefinition) -> dict[str, Any]:
-    path = folder / definition.file
+def names_model(text: str) -> bool:
+    """Return whether the definition in `text` names a model's files, which are not in it."""
+    if not text:
+        return False
+    written = read_definition_text(text)
+    return written.kind == "mujoco" and not is_whole_model(written.files)
+
+
+def named_model(text: str) -> ModelFiles | None:
+    """Return the files of the model that `text` names; None if it names none, or if they are not at hand."""
+    if not names_model(text):
+        return None
+    written = read_definition_text(text)
+    try:
+        return _find_model(written.definition.name, written.files, text)
+    except MissingPhysicsError:
+        return None
+
+
+def _find_model(name: str, named: Any, text: str) -> ModelFiles:
+    """Return the files a definition text names: known here, or beside a file that has this text.
+
+    Raises MissingPhysicsError if they are not there, or one differs.
+    """
+    if is_whole_model(named):
+        return ModelFiles.from_json(named)
+    toml = named["toml"]
+    beside = (_model_beside(folder / toml) for folder in remembered_folders(text))
+    changed: list[str] = []
+    for files in chain(known_models(name), beside):
+        if files is None:
+            continue
+        changed = files.differences(named["sha256"])
+        if files.main == named["main"] and not changed:
+            return files
+    if changed:
+        raise MissingPhysicsError(
+            f"{name}: {quoted(changed[0])} is not what it was trained on, so the physics would be another one. Put back the "
+            "file of then, or train again."
+        )
+    raise MissingPhysicsError(
+        f"{name}: its physics was not found: wanted {toml} and its model beside it, or --system {toml} (in Python "
+        f"trust_files({toml!r})). Without it an emulator animates, can be exported, and finds controls that nothing proves."
+    )
+
+
+def _model_beside(toml: Path) -> ModelFiles | None:
+    """Return the files of the model that a TOML file beside an emulator names; None if there are none in its folder.
+
+    Nobody named that file: it may be a stranger's, and reaches no farther than the folder it lies in.
+    """
+    if not toml.is_file():
+        return None
+    loader, definition = _read_definition(toml)
+    if loader is not LOADERS["mujoco"]:
+        return None
+    folder = toml.parent.resolve()
+    for path in (definition.model, definition.tree or ""):
+        if not (folder / path).resolve().is_relative_to(folder):
+            return None
+    return _read_model(toml, definition)
+
+
+def _trust_source(toml: Path, definition: PythonDefinition | RecordedDefinition) -> None:
+    trust_file(toml.parent / definition.file)
+
+
+def _pack_function(toml: Path, definition: PythonDefinition) -> dict[str, Any]:
+    path = toml.parent / definition.file
     return {"name": path.name, "sha256": digest_of(path)}
 
 
-def _pack_recording(folder: Path, definition: RecordedDefinition) -> dict[str, Any]:
-    path = folder / definition.file
+def _pack_recording(toml: Path, definition: RecordedDefinition) -> dict[str, Any]:
+    path = toml.parent / definition.file
     digest = digest_of(path)
     runs = read_recording(digest, path.name)
     rows = [len(states) for states in runs.states]
     return {"name": path.name, "sha256": digest, "rows": rows, "origins": list(runs.origins)}
 
 
-def _pack_nothing(folder: Path, definition: BodyDefinition) -> None:
+def _pack_nothing(toml: Path, definition: BodyDefinition) -> None:
     """A body is all in its definition."""
 
 
@@ -86,47 +172,41 @@ def _make_body(definition: BodyDefinition, files: Any, text: str) -> System:
 
 
 LOADERS = {
-    "mujoco": Loader("model", False, _pack_model, _make_model),
-    "mass-spring": Loader("", False, _pack_nothing, _make_body),
-    "python": Loader("file", True, _pack_function, PythonSystem),
-    "recorded": Loader("file", True, _pack_recording, RecordedSystem),
+    "mujoco": Loader(_read_model, _pack_model, _make_model),
+    "mass-spring": Loader(_pack_nothing, _pack_nothing, _make_body),
+    "python": Loader(_trust_source, _pack_function, PythonSystem),
+    "recorded": Loader(_trust_source, _pack_recording, RecordedSystem),
 }
-"""Each kind of system has its loader; the kinds are those of `definitions.carried.TABLES`."""
+"""Loaders of each kind of system; the kinds are those of `definitions.carried.TABLES`."""
 
 USUAL_SUBSTEPS = 50
-"""A super step of a system of the package has this many physics steps, if nothing else is said."""
+"""Number of physics steps in a super step of a system of the package, if nothing else is said."""
 
 
 def trust_files(toml: str | Path) -> None:
-    """Allow this process to run the step function, or to open the recordings, that a TOML file names beside it.
+    """Allow this process to run the step function, to open the recordings, or to use the model that a TOML file names.
 
     This is the one act by which Python code of a user's is run: call it only for a file whose code you would run.
     The command line calls it for the TOML files named there, `load_system` for the one it is given; no dataset,
-    emulator or policy can. A TOML file of another kind allows nothing.
+    emulator or policy can. Emulators and datasets of the TOML file's system then find their physics.
     """
     path = Path(toml)
     loader, definition = _read_definition(path)
-    if loader.needs_trust:
-        trust_file(_source(path, loader, definition))
+    loader.trust(path, definition)
 
 
 def resolve(reference: str) -> tuple[str, str, int]:
     """Return (name, definition text, usual substeps) of what a user calls a system: its name, or its TOML file.
 
     Runs nothing and allows nothing: see `trust_files`, which recordings need before. The text is empty for a system
-    of the package. Raises ArgumentError or BadFileError for a wrong definition or one that is too long.
+    of the package. Raises ArgumentError or BadFileError for a wrong definition.
     """
     if not reference.endswith(".toml"):
         return reference, "", USUAL_SUBSTEPS
     path = Path(reference)
     loader, definition = _read_definition(path)
-    files = loader.pack(path.parent, definition)
+    files = loader.pack(path, definition)
     text = canonical_json({"definition": _travelling(definition), "files": files})
-    if len(text) > MAX_TEXT:
-        raise BadFileError(
-            f"{path.name}: the model with its meshes takes {len(text):,} bytes; wanted at most {MAX_TEXT:,}. "
-            "Use simpler meshes, or primitive shapes."
-        )
     from_text(text)
     return definition.name, text, definition.substeps
 
@@ -152,15 +232,11 @@ def _read_definition(path: Path) -> tuple[Loader, Any]:
     return LOADERS[kind], check_table(values, path.name, TABLES[kind])
 
 
-def _source(path: Path, loader: Loader, definition: Any) -> Path:
-    """Return the file that a TOML file names, or its folder if it names none."""
-    if not loader.file_key:
-        return path.parent
-    return path.parent / getattr(definition, loader.file_key)
-
-
 def from_text(text: str) -> System:
-    """Return the system `resolve` wrote down. It is checked like any stranger's, and no code of its runs."""
+    """Return the system `resolve` wrote down. It is checked like any stranger's, and no code of its runs.
+
+    Raises MissingPhysicsError for a model that is not at hand.
+    """
     written = read_definition_text(text)
     loader = LOADERS[written.kind]
     return loader.make(written.definition, written.files, text)

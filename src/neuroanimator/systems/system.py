@@ -78,6 +78,8 @@ class System(abc.ABC):
     Where it does not, it names a file of the user's, which may be missing or may not be run; so nothing that is
     trained or measured may depend on simulating such a system unasked.
     """
+    missing: str = ""
+    """Reason why its physics is not at hand, for people; empty where it is."""
     recordings: RecordingFile | None = None
     """What the system is known from if it has no physics to simulate; None where it has."""
     state: Layout
@@ -114,8 +116,8 @@ class System(abc.ABC):
 
     @property
     def can_simulate(self) -> bool:
-        """Whether there is physics to simulate; not of a system known from recordings alone."""
-        return self.recordings is None
+        """Whether there is physics to simulate; not of a system known from recordings alone, nor of a model that is missing."""
+        return self.recordings is None and not self.missing
 
     @property
     def physics_dt(self) -> float:

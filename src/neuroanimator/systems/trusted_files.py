@@ -1,24 +1,71 @@
-"""Step functions and recordings this process may use: those the user allowed, by the sha256 of their bytes.
+"""Files of the user's that this process may use: step functions and recordings, and models.
 
-A definition that travels with a dataset or an emulator may name a file, never hold one to run or to
-open: what was not allowed here stays closed, so that a stranger's emulator cannot make us run anything.
-Nothing else in the package allows a file than `loading.trust_files`, for a TOML file the user names, and
-`scaffold.write_toml.write_definition`, for the file it is asked to write one for. A worker of this process's own is
-told what was allowed, with the task it is given (`data.shard_task`).
+A definition that travels with a dataset or an emulator names its files by the sha256 of their bytes, and never holds
+one. A step function is run, and recordings are opened, only if the user allowed them here, so that a stranger's
+emulator cannot make us run anything. Nothing else in the package allows a file than `loading.trust_files`, for a TOML
+file the user names, and `scaffold.write_toml.write_definition`, for the file it is asked to write one for.
+
+A model runs no code and is compiled within limits, so it needs no consent, but has to be found: by the TOML file the
+user names, or beside the emulator, or in its dataset. The two kinds are kept apart: that a model was found allows
+nobody to run one of its files.
+
+A worker of this process's own is told what is known here, with the task it is given (`data.shard_task`).
 """
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import NamedTuple
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_bounded
+from neuroanimator.systems.rigid.model_files import ModelFiles
 
 MAX_FILE = 512 * 2**20
-"""The largest file taken [bytes]: recordings are read whole."""
+"""Maximum size of a file taken [bytes]: recordings are read whole."""
 
 _TRUSTED: dict[str, Path] = {}
+
+_MODELS: list[tuple[str, ModelFiles]] = []
+
+
+class TrustedFiles(NamedTuple):
+    """The files of the user's that a process may use."""
+
+    files: tuple[tuple[str, str], ...] = ()
+    """(sha256, path) of the step functions it may run and the recordings it may open."""
+    models: tuple[tuple[str, ModelFiles], ...] = ()
+    """(system's name, files) of each model."""
+
+
+NO_FILES = TrustedFiles()
+"""The files of a process that may use none."""
+
+
+def trusted_so_far() -> TrustedFiles:
+    """Return the files this process may use, for the workers it starts."""
+    files = tuple((digest, str(path.resolve())) for digest, path in _TRUSTED.items())
+    return TrustedFiles(files, tuple(_MODELS))
+
+
+def trust_as_told(parent: TrustedFiles) -> None:
+    """Allow this process, a worker, what `trusted_so_far` said of the process that gives it work."""
+    for digest, path in parent.files:
+        _TRUSTED.setdefault(digest, Path(path))
+    for system, files in parent.models:
+        know_model(system, files)
+
+
+def know_model(system: str, files: ModelFiles) -> None:
+    """Keep the model's files of a system, for emulators and datasets that name them."""
+    if (system, files) not in _MODELS:
+        _MODELS.append((system, files))
+
+
+def known_models(system: str) -> list[ModelFiles]:
+    """Return the models that are known of a system called so, the one that came last first."""
+    return [files for name, files in reversed(_MODELS) if name == system]
 
 
 def trust_file(path: Path) -> str:
@@ -26,17 +73,6 @@ def trust_file(path: Path) -> str:
     digest = digest_of(path)
     _TRUSTED[digest] = path
     return digest
-
-
-def trusted_so_far() -> tuple[tuple[str, str], ...]:
-    """Return (sha256, path) of each file this process may use, for the workers it starts."""
-    return tuple((digest, str(path.resolve())) for digest, path in _TRUSTED.items())
-
-
-def trust_as_told(files: tuple[tuple[str, str], ...]) -> None:
-    """Allow this process, a worker, what `trusted_so_far` said of the process that gives it work."""
-    for digest, path in files:
-        _TRUSTED.setdefault(digest, Path(path))
 
 
 def digest_of(path: Path) -> str:

@@ -16,7 +16,8 @@ from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.loading import resolve
-from neuroanimator.systems.rigid.model_files import compile_model, read_model_files
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 
 TIME = 0.02

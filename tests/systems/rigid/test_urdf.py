@@ -11,7 +11,8 @@ import pytest
 from neuroanimator import NeuroAnimatorError, load_system
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import from_text
-from neuroanimator.systems.rigid.model_files import compile_model, read_model_files
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 
 

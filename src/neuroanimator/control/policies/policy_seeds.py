@@ -15,7 +15,13 @@ from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import SIZE_LIMIT, read_bounded, write_whole
 from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.trusted_files import trust_as_told, trusted_so_far
+from neuroanimator.systems.loading import named_model
+from neuroanimator.systems.trusted_files import (
+    NO_FILES,
+    TrustedFiles,
+    trust_as_told,
+    trusted_so_far,
+)
 from neuroanimator.training.train import MAX_LINE, MAX_METRICS, run_folder
 from neuroanimator.zoo import find_emulator
 
@@ -29,7 +35,7 @@ class PolicyTask:
     training: PolicyTraining
     path: str
     """The policy's file, if the worker sees this disk; empty if not."""
-    trusted: tuple[tuple[str, str], ...] = ()
+    trusted: TrustedFiles = NO_FILES
     """The files that the process which gives the task may use."""
 
     @property
@@ -85,7 +91,10 @@ def train_policies(
     """
     if not seeds or len(set(seeds)) < len(seeds):
         raise ArgumentError(f"seeds: wanted some, each once; came {list(seeds)}.")
-    content = read_bounded(find_emulator(str(emulator)), SIZE_LIMIT)
+    source = find_emulator(str(emulator))
+    content = read_bounded(source, SIZE_LIMIT)
+    # Workers have the emulator's bytes, and find nothing beside them.
+    named_model(Emulator.load(source).definition)
     paths = [Path(out) / f"seed-{seed}.policy.safetensors" for seed in seeds]
     training = training or PolicyTraining()
     tasks = []

@@ -14,8 +14,8 @@ MINUTES_SPARE = 2.0
 SMALL_GAP = 0.05
 """Share of J by which two values of it may differ and still be called the same."""
 
-UNPROVED = "nothing proves this controller: recordings cannot be simulated. Try it with care where they were made"
-"""What is said of a controller that only the emulator was asked about."""
+UNPROVED = "nothing proves this controller: it was tried on the emulator alone. Try it with care"
+"""Words about a controller that only the emulator was asked about."""
 
 
 def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:

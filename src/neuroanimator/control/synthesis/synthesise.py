@@ -27,7 +27,7 @@ from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
@@ -95,8 +95,8 @@ def synthesise(
     All ends as soon as `is_enough` says so of the states (T+1, S) of the physics. Whether the emulator's gradient can
     be trusted is measured at random controls, if `measures_trust`: at its optimum it vanishes.
 
-    Of recordings there is no physics: the controller is then the best on the emulator, which proves nothing. Nothing is
-    corrected, refined or measured, and `outcome.is_on_physics` is False.
+    Of recordings, and of a model that is not at hand, there is no physics: the controller is then the best on the emulator,
+    which proves nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
 
     Raises ArgumentError for an objective that cannot be descended, NeuroAnimatorError where the physics blows up.
     """
@@ -257,7 +257,7 @@ def synthesise_goal(
     The gradient is not measured where the goal is reached on the physics: there it led to what was wanted. `goals_from`
     is the emulator's system with other goals: they may be written after training.
     """
-    system = system_of(emulator)
+    system = replayable_system(emulator)
     named = system if goals_from is None else goals_from
     check_same_system(emulator, named)
     # Effort is counted by the second, of which something slow takes many.

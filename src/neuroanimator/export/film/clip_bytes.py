@@ -4,16 +4,40 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+import pickle
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import UInt8
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.export.film.options import Film, checked_film
 from neuroanimator.export.film.takes import Take
+
+
+def pack_files(definitions: Iterable[str]) -> UInt8[np.ndarray, " N"]:
+    """Return the files of the user's that systems with these definitions are drawn from, for the drawing process."""
+    own = [definition for definition in definitions if definition]
+    if not own:
+        return np.zeros(0, np.uint8)
+    # What ships has no definition, and needs no physics here.
+    from neuroanimator.systems.loading import named_model
+    from neuroanimator.systems.trusted_files import trusted_so_far
+
+    for definition in own:
+        named_model(definition)
+    return np.frombuffer(pickle.dumps(trusted_so_far()), np.uint8)
+
+
+def use_files(packed: UInt8[np.ndarray, " N"]) -> None:
+    """Let this process, the drawing one, use the files `pack_files` was given."""
+    if packed.size:
+        from neuroanimator.systems.trusted_files import trust_as_told
+
+        trust_as_told(pickle.loads(packed.tobytes()))
 
 
 def pack_takes(takes: Sequence[Take], film: Film) -> bytes:
@@ -46,6 +70,7 @@ def pack_takes(takes: Sequence[Take], film: Film) -> bytes:
         "takes": rows,
     }
     arrays["description"] = np.array(json.dumps(description))
+    arrays["files"] = pack_files({take.clips[0].definition for take in takes})
     content = io.BytesIO()
     np.savez(content, **arrays)
     return content.getvalue()
@@ -54,6 +79,7 @@ def pack_takes(takes: Sequence[Take], film: Film) -> bytes:
 def unpack_takes(content: bytes) -> tuple[list[Take], Film]:
     """Return what `pack_takes` was given."""
     arrays = np.load(io.BytesIO(content), allow_pickle=False)
+    use_files(arrays["files"])
     description = json.loads(str(arrays["description"]))
     takes = []
     for number, row in enumerate(description["takes"]):

@@ -21,6 +21,7 @@ from neuroanimator.export.film.skeleton_scene import Setting, SkeletonScene
 from neuroanimator.export.film.takes import Take
 from neuroanimator.export.film.trust_shown import TrustStrip
 from neuroanimator.systems import carried_system
+from neuroanimator.systems.loading import MissingPhysicsError
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 
@@ -124,8 +125,11 @@ def _camera(shots: Shots, frame: int) -> mujoco.MjvCamera:
 
 
 def scene_of(take: Take, film: Film) -> Scene:
-    """Return what is filmed of a take: rigid bodies as MuJoCo has them, others as their skeletons have them."""
-    system = carried_system(take.clips[0].name, take.clips[0].definition)
+    """Return what is filmed of a take: rigid bodies as MuJoCo has them, others, and models not at hand, as their skeletons."""
+    try:
+        system = carried_system(take.clips[0].name, take.clips[0].definition)
+    except MissingPhysicsError:
+        return SkeletonScene(take, film, Setting(surface=None, has_ground=True))
     if isinstance(system, MujocoSystem):
         return RigidScene(system, take, film)
     return SkeletonScene(take, film, Setting(system.water_surface, system.has_ground))

@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.executor.python_command import python_command
+from neuroanimator.export.film.clip_bytes import pack_files
 from neuroanimator.export.film.video import graphics_backend, why_no_graphics
 from neuroanimator.storage.files import canonical_json
 
@@ -121,6 +122,8 @@ def _header(spec: EmulatorSpec, width: int, height: int) -> bytes:
         content,
         system=np.array(spec.system),
         definition=np.array(spec.definition),
+        files=pack_files([spec.definition]),
+        rest=np.array(spec.rest),
         skeleton=np.array(canonical_json(spec.skeleton.to_json())),
         size=np.array([width, height, spec.state.size]),
     )

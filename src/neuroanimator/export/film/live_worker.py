@@ -14,9 +14,11 @@ from jaxtyping import Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import skin_mesh
+from neuroanimator.export.film.clip_bytes import use_files
 from neuroanimator.export.film.live import HEADER_SIZE
 from neuroanimator.export.film.skeleton_model import add_bone, add_skin
-from neuroanimator.systems import load_system
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.loading import MissingPhysicsError
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
@@ -129,6 +131,14 @@ def view_of(system: System, skeleton: Skeleton) -> View:
     return SkeletonView(skeleton, system.rest, has_ground=system.has_ground)
 
 
+def _view(name: str, definition: str, skeleton: Skeleton, rest: Float[np.ndarray, " S"]) -> View:
+    """Return what is drawn of the system called `name`; of a model that is not at hand, its skeleton."""
+    try:
+        return view_of(carried_system(name, definition), skeleton)
+    except MissingPhysicsError:
+        return SkeletonView(skeleton, rest, has_ground=True)
+
+
 def serve() -> None:
     """Draw until there are no more states."""
     source = sys.stdin.buffer
@@ -139,8 +149,8 @@ def serve() -> None:
     header = np.load(io.BytesIO(source.read(header_size)), allow_pickle=False)
     width, height, entries = (int(number) for number in header["size"])
     skeleton = Skeleton.from_json(json.loads(str(header["skeleton"])))
-    system = load_system(str(header["system"]), str(header["definition"]))
-    view = view_of(system, skeleton)
+    use_files(header["files"])
+    view = _view(str(header["system"]), str(header["definition"]), skeleton, header["rest"])
     data = mujoco.MjData(view.model)
     view.model.vis.global_.offwidth = width
     view.model.vis.global_.offheight = height

@@ -13,6 +13,7 @@ from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import model_name
+from neuroanimator.state.layout import Layout
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.state.start import Start
 from neuroanimator.state.symmetry import Symmetry
@@ -236,11 +237,8 @@ class ModelSystem(MujocoSystem):
 
     def goal(self, name: str, table: GoalTable) -> Goal:
         """Return the goal that `table` describes; ArgumentError names `name` and the part that is wrong."""
-        reach = {part: np.array(values, float) for part, values in table.reach.items()}
-        if table.site:
-            reach |= self._at_site(name, table.site)
-        targets = {part: self._target(name, part, numbers) for part, numbers in reach.items()}
-        return goal_at(name, table, targets)
+        at_site = self._at_site(name, table.site) if table.site else {}
+        return model_goal(self.state, name, table, at_site)
 
     def _at_site(self, name: str, site: str) -> dict[str, np.ndarray]:
         """Return the parts of the state that have the root at rest at `site`, oriented as the site is."""
@@ -261,17 +259,33 @@ class ModelSystem(MujocoSystem):
             f"{root}.angular_velocity": np.zeros(3),
         }
 
-    def _target(self, name: str, part: str, numbers: np.ndarray) -> tuple[list[int], np.ndarray]:
-        """Return the state entries of a part, and its numbers; `<root>.heading` stands for the root's orientation."""
-        if part.endswith(".heading"):
-            part = part.removesuffix(".heading") + ".orientation"
-            numbers = facing(numbers[0])
-        where = self.state.index(part)
-        size = where.stop - where.start
-        is_orientation = part.endswith(".orientation")
-        if len(numbers) > size or (is_orientation and len(numbers) != 4):
-            raise ArgumentError(f"goals.{name}.reach: '{part}' has {size} numbers.")
-        return list(range(where.start, where.start + len(numbers))), numbers
+
+def model_goal(
+    layout: Layout, name: str, table: GoalTable, at_site: Mapping[str, np.ndarray]
+) -> Goal:
+    """Return the goal that `table` describes in the state `layout` of a model; `at_site` holds the parts that its site says.
+
+    Raises ArgumentError, which names the goal and the part that is wrong.
+    """
+    reach = {part: np.array(values, float) for part, values in table.reach.items()}
+    reach |= at_site
+    targets = {part: _target(layout, name, part, numbers) for part, numbers in reach.items()}
+    return goal_at(name, table, targets)
+
+
+def _target(
+    layout: Layout, name: str, part: str, numbers: np.ndarray
+) -> tuple[list[int], np.ndarray]:
+    """Return the state entries of a part, and its numbers; `<root>.heading` stands for the root's orientation."""
+    if part.endswith(".heading"):
+        part = part.removesuffix(".heading") + ".orientation"
+        numbers = facing(numbers[0])
+    where = layout.index(part)
+    size = where.stop - where.start
+    is_orientation = part.endswith(".orientation")
+    if len(numbers) > size or (is_orientation and len(numbers) != 4):
+        raise ArgumentError(f"goals.{name}.reach: '{part}' has {size} numbers.")
+    return list(range(where.start, where.start + len(numbers))), numbers
 
 
 def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:

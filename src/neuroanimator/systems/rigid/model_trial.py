@@ -1,4 +1,4 @@
-"""A model simulated for a moment, so that what MuJoCo cannot simulate is known before anybody waits for it."""
+"""A short simulation of a model, by which it is known early that MuJoCo cannot simulate it."""
 
 from __future__ import annotations
 
@@ -6,23 +6,27 @@ import time
 
 import mujoco
 import numpy as np
+from numpy.random import (  # by name: the process that tries a model opens no file later on
+    Generator,
+    default_rng,
+)
 
 STARTS = 8
 """Number of states a model is tried from: its reference pose, then random ones."""
 
 STEPS = 50
-"""Number of physics steps from each."""
+"""Number of physics steps from each state."""
 
 HOLD = 10
 """Number of steps each random control is held."""
 
 LONGEST = 1.0
-"""Processor time after which a trial is long enough [s]: one step of some models takes a tenth of a second."""
+"""Processor time after which a trial ends [s]: one step of some models takes a tenth of a second."""
 
 
 def try_model(model: mujoco.MjModel) -> None:
     """Simulate a model from its reference pose and from random states, by random controls; raises mujoco.FatalError."""
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     data = mujoco.MjData(model)
     until = time.process_time() + LONGEST
     for start in range(STARTS):
@@ -39,7 +43,7 @@ def try_model(model: mujoco.MjModel) -> None:
                 return
 
 
-def _random_controls(model: mujoco.MjModel, rng: np.random.Generator) -> np.ndarray:
+def _random_controls(model: mujoco.MjModel, rng: Generator) -> np.ndarray:
     """Return controls anywhere in their ranges, or about 0 where there are none."""
     low, high = model.actuator_ctrlrange.T
     is_limited = model.actuator_ctrllimited.astype(bool)

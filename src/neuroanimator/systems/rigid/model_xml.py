@@ -1,4 +1,4 @@
-"""The XML of a model and the files it names: found inside one folder only, and joined into one tree."""
+"""The XML files of a model, as far as they name other files; MuJoCo reads all the rest."""
 
 from __future__ import annotations
 
@@ -9,25 +9,28 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from shlex import quote
-from typing import Any, NamedTuple, NoReturn, cast
+from typing import Any, NoReturn, cast
 from xml.parsers import expat
 
 from neuroanimator.errors import BadFileError
-
-XML_LIMIT = 2 * 2**20
-"""No XML file of a model may be larger [bytes]."""
-
-INCLUDE_LIMIT = 16
-"""An include may lie so deep in other includes."""
-
-DEPTH_LIMIT = 100
-"""An element may lie so deep in other elements."""
 
 ELEMENT_LIMIT = 10_000
 """Maximum number of elements in a model's files, counted while they are read: each takes far more memory than its text."""
 
 ATTRIBUTE_LIMIT = 100
 """Maximum number of an element's attributes: MuJoCo compares each with all the others, 49 s for 150,000."""
+
+DEPTH_LIMIT = 100
+"""Maximum number of elements around an element: they are written again by recursion."""
+
+MAX_FILE = 64 * 2**20
+"""Maximum size of a model's file [bytes]."""
+
+MAX_FILES = 2000
+"""Maximum number of a model's files."""
+
+MAX_TOTAL = 256 * 2**20
+"""Maximum size of all files of a model together [bytes]."""
 
 MAX_UP = 4
 """Number of folders upwards, itself among them, in which a missing file is looked for, to tell where it is."""
@@ -40,6 +43,31 @@ MAX_TAG = 40
 
 MAX_SHOWN = 80
 """Maximum number of characters of an attribute shown in an error."""
+
+MACRO = "xacro:"
+"""Beginning of the tags of xacro, the language most URDFs are made with."""
+
+COLOR_SIZE = 4
+"""Number of values of a colour: red, green, blue and opacity."""
+
+URDF_PARTS = {"link", "joint", "material", "mujoco"}
+"""Elements of a URDF that MuJoCo reads; the rest, such as <gazebo>, is dropped."""
+
+FOLDER_SETTINGS = ("assetdir", "meshdir", "texturedir", "strippath")
+"""Attributes of <compiler> that say where files lie."""
+
+FLATTEN = (
+    'models inside models are not supported. Write one model: python -c "import mujoco; s = mujoco.MjSpec.from_file('
+    "'ROBOT.xml'); s.compile(); open('FLAT.xml', 'w').write(s.to_xml())\", then name FLAT.xml"
+)
+"""Advice on a model that attaches others."""
+
+REFUSED = {
+    **dict.fromkeys(("composite", "flexcomp", "flex"), "soft bodies are not supported. Remove it"),
+    **dict.fromkeys(("attach", "model"), FLATTEN),
+    "plugin": "plugins run foreign code. Remove it",
+}
+"""Elements that are not supported, and why."""
 
 
 class Element(ET.Element):
@@ -61,28 +89,6 @@ class Element(ET.Element):
         return [name for name in self.attrib if name.startswith("file")]
 
 
-class Limits(NamedTuple):
-    """How much of files a model may have."""
-
-    file: int
-    """The largest file [bytes]."""
-    total: int
-    """All files together [bytes]."""
-    files: int
-    """The number of files."""
-
-
-CARRIED = Limits(2 * 2**20, 4 * 2**20, 200)
-"""Of a model that travels with an emulator, or as it is."""
-
-ON_DISK = Limits(64 * 2**20, 256 * 2**20, 2000)
-"""Of a model that a user names, and that is made light before it travels."""
-
-
-class TooLargeError(BadFileError):
-    """A model's files are beyond the limits."""
-
-
 def refuse(file: str, where: str, fault: str) -> NoReturn:
     """Raise BadFileError: `file: where: fault.`"""
     if not where:
@@ -92,19 +98,13 @@ def refuse(file: str, where: str, fault: str) -> NoReturn:
 
 def refuse_at(element: Element, attribute: str, fault: str) -> NoReturn:
     """Raise BadFileError naming the element, its line, and `attribute` where it has it."""
-    where = named(element)
+    where = element.tag[:MAX_TAG]
+    if "name" in element.attrib:
+        where += f" {_shown(element.attrib['name'])}"
     if attribute in element.attrib:
         where += f" {attribute}={_shown(element.attrib[attribute])}"
     file, line = element.origin
     refuse(file, where, f"{fault} (line {line})")
-
-
-def named(element: Element) -> str:
-    """Return what an element is, and its name if it has one."""
-    tag = element.tag[:MAX_TAG]
-    if "name" not in element.attrib:
-        return tag
-    return f"{tag} {_shown(element.attrib['name'])}"
 
 
 def _shown(text: str) -> str:
@@ -115,18 +115,16 @@ def _shown(text: str) -> str:
 
 @dataclass
 class Source:
-    """Where a model's files come from; takes each once, and nothing beyond the limits."""
+    """The place a model's files come from; each is taken once, and nothing beyond the limits."""
 
     load: Callable[[str], bytes | None]
     """Returns the bytes of a file by its path in the model's folder, or None if there is no such file."""
 
     taken: dict[str, bytes] = field(default_factory=dict)
-    """The bytes of every file read so far, by its path."""
+    """The bytes of every file read up to now, by its path."""
 
     elements: int = 0
-    """The number of elements read so far, in all files."""
-
-    limits: Limits = CARRIED
+    """Number of elements read up to now, in all files."""
 
     where_outside: Callable[[str], str] = lambda _: ""
     """Returns the folder that holds both the model and a path outside its tree, `../a.stl`, as words; empty if none may."""
@@ -139,15 +137,14 @@ class Source:
         if content is None:
             return None
         self.taken[name] = content
-        limits = self.limits
-        if len(content) > limits.file:
-            raise TooLargeError(
-                f"{name}: larger than {limits.file:,} bytes. Make the file smaller."
-            )
+        if len(content) > MAX_FILE:
+            refuse(name, "", f"larger than {MAX_FILE:,} bytes. Make the file smaller")
         total = sum(len(file) for file in self.taken.values())
-        if len(self.taken) > limits.files or total > limits.total:
-            raise TooLargeError(
-                f"{name}: the model has more than {limits.files:,} files or {limits.total:,} bytes. Make it smaller."
+        if len(self.taken) > MAX_FILES or total > MAX_TOTAL:
+            refuse(
+                name,
+                "",
+                f"the model has more than {MAX_FILES:,} files or {MAX_TOTAL:,} bytes. Make it smaller",
             )
         return content
 
@@ -217,8 +214,6 @@ def _candidates(
 
 def parse(source: Source, name: str, content: bytes) -> Element:
     """Return the root element; refuses document types, which can define entities that explode."""
-    if len(content) > XML_LIMIT:
-        refuse(name, "", f"larger than {XML_LIMIT:,} bytes. Write a smaller model")
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
@@ -232,14 +227,10 @@ def parse(source: Source, name: str, content: bytes) -> Element:
             roots.append(element)
         open_elements.append(element)
         source.elements += 1
-        if len(attributes) > ATTRIBUTE_LIMIT:
-            refuse(
-                name,
-                tag[:MAX_TAG],
-                f"more than {ATTRIBUTE_LIMIT} attributes. Write a smaller model",
-            )
         if source.elements > ELEMENT_LIMIT:
             refuse(name, "", f"more than {ELEMENT_LIMIT:,} elements. Write a smaller model")
+        if len(attributes) > ATTRIBUTE_LIMIT:
+            refuse_at(element, "", f"more than {ATTRIBUTE_LIMIT} attributes. Write a smaller model")
         if len(open_elements) > DEPTH_LIMIT:
             refuse_at(element, "", f"more than {DEPTH_LIMIT} elements deep. Write a flatter model")
 
@@ -259,59 +250,101 @@ def parse(source: Source, name: str, content: bytes) -> Element:
     return roots[0]
 
 
-def expand(source: Source, element: Element, chain: tuple[str, ...], seen: set[str]) -> None:
-    """Replace each include inside `element` by the contents of its file.
+@dataclass(frozen=True)
+class Documents:
+    """The XML of a model and the files it names, as MuJoCo gets them: from memory, by names no two files share."""
 
-    `chain` holds the files around `element`, outermost first; `seen` every file included so far.
+    main: str
+    """The text of the file that describes the model."""
+    is_urdf: bool
+    includes: dict[str, bytes]
+    """The other XML files, by the names the XML gives them now."""
+    assets: dict[str, bytes]
+    """The meshes and pictures, likewise."""
+
+
+def gather(main: str, source: Source) -> Documents:
+    """Return the model in the file `main` and every file it names, all of them taken from `source`.
+
+    Raises BadFileError naming the file and the element: a path out of the model's folder, a missing file, a document
+    type, or more than the limits.
     """
-    children: list[Element] = []
-    for child in element.children():
-        if child.tag.lower() == "include":
-            children.extend(_included(source, child, chain, seen))
-        else:
-            expand(source, child, chain, seen)
-            children.append(child)
-    element[:] = children
+    content = source.take(main)
+    if content is None:
+        refuse(main, "", "no such file. Check the path")
+    roots = {main: parse(source, main, content)}
+    waiting = [main]
+    while waiting:
+        name = waiting.pop()
+        for included, text in _includes(source, roots[name], main):
+            if included not in roots:
+                roots[included] = parse(source, included, text)
+                waiting.append(included)
+    settings = _take_settings(list(roots.values()))
+    if roots[main].tag == "robot":
+        _trim_urdf(roots[main], settings)
+    assets: dict[str, bytes] = {}
+    includes: dict[str, bytes] = {}
+    for name, root in roots.items():
+        assets |= _attach_files(source, main, root, settings)
+        includes[_key(source, name)] = ET.tostring(root, encoding="utf-8")
+    text = includes[_key(source, main)].decode()
+    return Documents(text, roots[main].tag == "robot", includes, assets)
 
 
-def _included(
-    source: Source, include: Element, chain: tuple[str, ...], seen: set[str]
-) -> list[Element]:
-    if "file" not in include.attrib:
-        refuse_at(include, "", "no file attribute. Name the file to include")
-    folders = [str(PurePosixPath(file).parent) for file in (chain[0], chain[-1])]
-    name, content = source.find(include, "file", folders)
-    if name in seen or len(chain) > INCLUDE_LIMIT:
-        refuse_at(
-            include,
-            "file",
-            f"included twice, in a circle, or over {INCLUDE_LIMIT} deep. Include it once",
-        )
-    seen.add(name)
-    root = parse(source, name, content)
-    expand(source, root, (*chain, name), seen)
-    return root.children()
+def _key(source: Source, name: str) -> str:
+    """Return the name MuJoCo knows a file by: two folders may hold files of one name."""
+    number = list(source.taken).index(name)
+    return f"{number}-{PurePosixPath(name).name}"
 
 
-def attach_files(
+def _includes(source: Source, root: Element, main: str) -> list[tuple[str, bytes]]:
+    """Return (name, bytes) of each XML file that one includes, and point it to the name MuJoCo knows."""
+    found = []
+    for element in root.descendants():
+        if element.tag != "include":
+            continue
+        if "file" not in element.attrib:
+            refuse_at(element, "", "no file attribute. Name the file to include")
+        folders = [str(PurePosixPath(file).parent) for file in (main, element.origin[0])]
+        name, content = source.find(element, "file", folders)
+        element.set("file", _key(source, name))
+        found.append((name, content))
+    return found
+
+
+def _take_settings(roots: list[Element]) -> dict[str, str]:
+    """Return what the <compiler> elements set; what they say of paths is removed, as `_attach_files` follows it."""
+    settings: dict[str, str] = {}
+    for root in roots:
+        for compiler in root.iter("compiler"):
+            settings |= compiler.attrib
+            for name in FOLDER_SETTINGS:
+                compiler.attrib.pop(name, None)
+    return settings
+
+
+def _attach_files(
     source: Source, main: str, root: Element, settings: dict[str, str]
 ) -> dict[str, bytes]:
-    """Return the assets by names no two files share, and point the attributes of `root` to those names.
+    """Return the meshes and pictures that XML names, and point its attributes to the names MuJoCo knows.
 
     Paths begin at the folder of the file `main`, or at that of the file the attribute stands in.
     """
-    assets: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
     for element in root.descendants():
+        if element.tag == "include":
+            continue
+        if element.tag in REFUSED:
+            refuse_at(element, "", REFUSED[element.tag])
         for attribute in element.file_attributes():
             folders = _folders(element, attribute, settings, main)
             name, content = source.find(element, attribute, folders)
             if attribute == "file" and "name" not in element.attrib:
                 element.set("name", PurePosixPath(name).stem)
-            number = list(source.taken).index(name)  # two folders may hold files of one name
-            asset = f"{number}-{PurePosixPath(name).name}"
-            element.set(attribute, asset)
-            assets[asset] = content
-    return assets
+            element.set(attribute, _key(source, name))
+            files[_key(source, name)] = content
+    return files
 
 
 def _folders(element: Element, attribute: str, settings: dict[str, str], main: str) -> list[str]:
@@ -329,3 +362,29 @@ def _folders(element: Element, attribute: str, settings: dict[str, str], main: s
     if attribute == "filename":
         folders.append(PurePosixPath(folder))  # a URDF's paths may begin at its package
     return [str(each) for each in folders]
+
+
+def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
+    """Remove what MuJoCo does not read of a URDF, so that it needs no files for it; macros of xacro are refused."""
+    for element in root.descendants():
+        if element.tag.startswith(MACRO):
+            refuse_at(
+                element,
+                "",
+                "xacro's macros are not expanded. Run `xacro` on the file, and take what it writes",
+            )
+    root[:] = [child for child in root if child.tag in URDF_PARTS]
+    for texture in root.iter("texture"):
+        texture.attrib.clear()
+    for material in root.descendants():
+        # A colour of three numbers, or of five, is no reason to refuse a robot.
+        if material.tag == "material":
+            material[:] = [child for child in material if _is_color(child)]
+    if settings.get("discardvisual", "true") == "true":
+        for visual in root.iter("visual"):
+            visual[:] = [child for child in visual if child.tag != "geometry"]
+
+
+def _is_color(element: ET.Element) -> bool:
+    """Return whether an element of a material is anything but a colour that is not four numbers."""
+    return element.tag != "color" or len(element.get("rgba", "").split()) == COLOR_SIZE

@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from typing import Literal
 
 import mujoco
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.rigid.model_xml import Element, refuse_at
+from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.text import listed, quoted
 
 FLOOR = "floor"
-"""What the ground under a free base is called."""
+"""Name of the ground under a free base."""
 
 FLOOR_SIZE = (5.0, 5.0, 0.1)
-"""How far the ground is drawn to either side, and the size of its squares [m]; it has no end."""
+"""Distance to which the ground is drawn to either side, and the size of its squares [m]; it has no end."""
 
 ROOT = "root"
-"""What the free joint of a base is called."""
+"""Name of the free joint of a base."""
+
+MAX_SHOWN = 40
+"""Maximum number of characters of a joint's name shown in an error."""
 
 
 def add_what_moves(
     spec: mujoco.MjSpec,
-    robot: Element,
+    file: str,
+    robot: ET.Element,
     base: Literal["fixed", "free"],
     passive: tuple[str, ...] = (),
 ) -> None:
-    """Add to the `spec` of the URDF `robot` what MuJoCo does not read of it.
+    """Add to the `spec` of the URDF `robot`, which `file` holds, what MuJoCo does not read of it.
 
     Each joint with `<limit effort>` above 0 that is not among the `passive` ones gets a motor of its name, from minus to
     plus that effort. `<limit velocity>` is no physics, so nothing is made of it. `<mimic>` becomes an equality. With a
@@ -42,17 +47,18 @@ def add_what_moves(
             )
     for element in robot.iter("joint"):
         joint = joints.get(element.get("name", ""))
-        if joint is not None and isinstance(element, Element):
-            if joint.name not in passive:
-                _add_motor(spec, joint, element)
-            _add_mimic(spec, joint, element, joints)
+        if joint is None:
+            continue
+        if joint.name not in passive:
+            _add_motor(spec, file, joint, element)
+        _add_mimic(spec, file, joint, element, joints)
     if base == "free":
-        _free_base(spec, robot)
+        _free_base(spec, file)
 
 
-def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, element: Element) -> None:
+def _add_motor(spec: mujoco.MjSpec, file: str, joint: mujoco.MjsJoint, element: ET.Element) -> None:
     """Add the motor of a joint that has an effort and follows no other one."""
-    effort = _number(element, "limit", "effort")
+    effort = _number(file, element, "limit", "effort")
     is_single = joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     if effort <= 0 or not is_single or element.find("mimic") is not None:
         return
@@ -64,8 +70,9 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, element: Element) ->
 
 def _add_mimic(
     spec: mujoco.MjSpec,
+    file: str,
     joint: mujoco.MjsJoint,
-    element: Element,
+    element: ET.Element,
     joints: dict[str, mujoco.MjsJoint],
 ) -> None:
     """Let a joint follow the one that its `<mimic>` names: offset + multiplier times that joint's position."""
@@ -74,17 +81,20 @@ def _add_mimic(
         return
     leader = mimic.get("joint", "")
     if leader not in joints:
-        refuse_at(element, "", f"mimics the joint {leader[:40]!r}, which is not there. Correct it")
+        fault = f"mimics the joint {quoted(leader[:MAX_SHOWN])}, which is not there. Correct it"
+        refuse(file, f"joint {quoted(joint.name)}", fault)
     equality = spec.add_equality(name1=joint.name, name2=leader)
     equality.type = mujoco.mjtEq.mjEQ_JOINT
     equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
     data = np.zeros_like(equality.data)
-    data[0] = _number(element, "mimic", "offset")
-    data[1] = _number(element, "mimic", "multiplier", 1.0)
+    data[0] = _number(file, element, "mimic", "offset")
+    data[1] = _number(file, element, "mimic", "multiplier", 1.0)
     equality.data = data
 
 
-def _number(element: Element, tag: str, attribute: str, otherwise: float = 0.0) -> float:
+def _number(
+    file: str, element: ET.Element, tag: str, attribute: str, otherwise: float = 0.0
+) -> float:
     """Return the number an element inside a joint holds; `otherwise` if it does not say."""
     inside = element.find(tag)
     if inside is None or attribute not in inside.attrib:
@@ -94,17 +104,18 @@ def _number(element: Element, tag: str, attribute: str, otherwise: float = 0.0) 
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
-        refuse_at(element, "", f"<{tag} {attribute}>: wanted a finite number")
+        name = quoted(element.get("name", "")[:MAX_SHOWN])
+        refuse(file, f"joint {name}", f"<{tag} {attribute}>: wanted a finite number")
     return value
 
 
-def _free_base(spec: mujoco.MjSpec, robot: Element) -> None:
+def _free_base(spec: mujoco.MjSpec, file: str) -> None:
     """Let the root move freely, just above a floor; BadFileError if there is none, or if the file joins it to the world."""
     root = spec.worldbody.first_body()
     if root is None or root.joints:
-        refuse_at(
-            robot,
-            "",
+        refuse(
+            file,
+            "robot",
             "no root link that could be free. Say base = fixed, or take out the link 'world'",
         )
     root.add_freejoint(name=ROOT)

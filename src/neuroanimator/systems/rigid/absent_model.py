@@ -1,0 +1,63 @@
+"""A system whose model is not at hand: its states and goals are known by its emulator, its physics is not."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from neuroanimator.definitions.carried import read_definition_text
+from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.errors import BadFileError
+from neuroanimator.state.structure import Structure
+from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.rigid.model_system import model_goal
+from neuroanimator.systems.schemes import schemes_of
+from neuroanimator.systems.system import Scheme, System
+
+
+class AbsentModel(System):
+    """The system an emulator is of, without physics; goals at a site of the model are left out."""
+
+    has_ground = True
+
+    def __init__(self, spec: EmulatorSpec, structure: Structure, missing: str):
+        """Make the system of an emulator's `spec` and the `structure` of its states; `missing` says what is not there."""
+        definition = read_definition_text(spec.definition).definition
+        self.name = spec.system
+        self.definition_text = spec.definition
+        self.missing = missing
+        self.state = spec.state
+        self.control = spec.control
+        self.bounds = spec.bounds
+        self.structure = structure
+        self.skeleton = spec.skeleton
+        self.scheme, self.truth, self.fine = schemes_of(definition.physics)
+        self.rest = np.array(spec.rest)
+        tables = definition.goals.items()
+        self.goals = self.goals_of({name: table for name, table in tables if not table.site})
+
+    def goal(self, name: str, table: GoalTable) -> Goal:
+        """Return the goal that `table` describes; ArgumentError names `name` and the part that is wrong."""
+        return model_goal(self.state, name, table, {})
+
+    def _simulate(
+        self,
+        states: Float[np.ndarray, "B _ S"],
+        controls: Float[np.ndarray, "B T C"],
+        scheme: Scheme,
+        substeps: int,
+        threads: int,
+    ) -> None:
+        self._refuse()
+
+    def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
+        self._refuse()
+
+    def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        self._refuse()
+
+    def _refuse(self) -> NoReturn:
+        raise BadFileError(self.missing)

@@ -1,0 +1,161 @@
+"""A user's model, compiled and tried by a process with limits that can open no file."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Literal, NamedTuple
+
+import mujoco
+import numpy as np
+
+from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
+from neuroanimator.executor.limited import LimitError, ProcessLimits, call_limited
+from neuroanimator.systems.rigid.model_files import ModelFiles
+from neuroanimator.systems.rigid.model_safety import MEMORY_LIMIT, check_model
+from neuroanimator.systems.rigid.model_trial import try_model
+from neuroanimator.systems.rigid.model_xml import Documents
+from neuroanimator.systems.rigid.urdf import add_what_moves
+from neuroanimator.systems.rigid.warnings import warnings_counted
+
+MAX_MESSAGE = 300
+"""Maximum number of characters shown in an error, of what MuJoCo says."""
+
+COMPILING = ProcessLimits(memory=2 * 2**30, seconds=60)
+"""Limits of the process that compiles a model."""
+
+OUT_OF_MEMORY = ("Could not allocate memory", "unknown exception")
+"""Parts of what MuJoCo says where it gets no memory."""
+
+COMPILED = "compiled.mjb"
+"""Name under which MuJoCo finds a compiled model in memory."""
+
+COMPILED_KEPT = 4
+"""Number of compiled models kept: a user's own is loaded more than once."""
+
+ADVICE = {
+    "no decoder found": "MuJoCo reads STL, OBJ and MSH: convert the mesh, or put a primitive shape in its place",
+    "ASCII": "Save the mesh as a binary STL",
+    "balanceinertia": 'Correct the inertia, or add <compiler balanceinertia="true"/> (in a URDF inside of <mujoco>)',
+    "positive eigenvalues": "Correct the inertia: no body has a negative one",
+    "mjMINVAL": 'Give the body a mass, or add <compiler boundmass="1e-4" boundinertia="1e-7"/> (in a URDF inside of <mujoco>)',
+    "mujocoinclude": "It is a part of other models: name one that includes it",
+}
+"""Advice on some of MuJoCo's refusals, by a part of what it says."""
+
+
+class ModelRequest(NamedTuple):
+    """A model to be compiled."""
+
+    name: str
+    """The name errors give the file that describes it."""
+    documents: Documents
+    base: Literal["fixed", "free"] = "fixed"
+    """How a URDF's root stands."""
+    passive: tuple[str, ...] = ()
+    """Joints of a URDF that get no motor."""
+
+
+def compile_model(
+    files: ModelFiles,
+    base: Literal["fixed", "free"] = "fixed",
+    passive: tuple[str, ...] = (),
+) -> mujoco.MjModel:
+    """Return the compiled model, with MuJoCo's silent resets of NaN states off.
+
+    It was compiled, and tried for a moment, by a process of its own that a crash or a lack of memory ends instead of
+    this one, and that has the model's files in memory and can open no other. MuJoCo's working memory is as large as any
+    model's may be: memory that nothing touches costs nothing.
+    A URDF gets its motors, but for joints that are `passive`, and its root stands fixed or free as `base` says; see `urdf`.
+    Raises BadFileError naming the file and the fault: all that `read_model_files` refuses, what MuJoCo
+    refuses, no joints, a time step outside (0, 0.1] s, an infinite number or NaN in the compiled model,
+    more bodies, freedoms, memory or time than supported, or what MuJoCo cannot simulate.
+    """
+    content = _compiled(files, base, passive)
+    return mujoco.MjModel.from_binary_path(COMPILED, {COMPILED: content})
+
+
+@lru_cache(COMPILED_KEPT)
+def _compiled(files: ModelFiles, base: Literal["fixed", "free"], passive: tuple[str, ...]) -> bytes:
+    """Return the compiled model as MuJoCo writes it, made within limits."""
+    request = ModelRequest(files.main, files.documents(), base, passive)
+    try:
+        return call_limited(compile_here, request, COMPILING)
+    except LimitError as error:
+        raise BadFileError(
+            f"{files.main}: compiling it {error}. Use fewer or simpler meshes, and smaller pictures."
+        ) from error
+
+
+def compile_here(request: ModelRequest) -> bytes:
+    """Return the compiled model as MuJoCo writes it, made in this very process."""
+    with _faults_named(request.name):
+        model = _compiled_spec(request)
+    check_model(request.name, model)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    try:
+        with warnings_counted:
+            try_model(model)
+    except BadFileError as error:
+        raise BadFileError(f"{request.name}: {error}") from error
+    content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return content.tobytes()
+
+
+@contextmanager
+def _faults_named(main: str) -> Iterator[None]:
+    """Raise what MuJoCo raises as a BadFileError about the file `main`."""
+    try:
+        yield
+    except NeuroAnimatorError:
+        raise
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        # MuJoCo's line numbers count in the text it got, so they would mislead.
+        line = " ".join(str(error).split())
+        message = re.sub(r",? ?\(?line =? ?\d+\)?", "", line)[:MAX_MESSAGE]
+        if any(part in message for part in OUT_OF_MEMORY):
+            raise MemoryError from error
+        advice = "Correct the model"
+        for part, better in ADVICE.items():
+            if part in message:
+                advice = better
+        raise BadFileError(f"{main}: {message.rstrip('. ')}. {advice}.") from error
+
+
+def _compiled_spec(request: ModelRequest) -> mujoco.MjModel:
+    """Return the model MuJoCo makes of a request."""
+    documents = request.documents
+    with _quiet():
+        spec = mujoco.MjSpec.from_string(
+            documents.main, include=documents.includes, assets=documents.assets
+        )
+        spec.memory = MEMORY_LIMIT
+        # Threads, or the cache, wait for ever for a lock of one that got no memory.
+        spec.compiler.usethread = False
+        mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
+        if documents.is_urdf:
+            robot = ET.fromstring(documents.main)
+            add_what_moves(spec, request.name, robot, request.base, request.passive)
+        elif request.passive:
+            raise ArgumentError(
+                "passive: joints of a URDF may be passive. In an MJCF model take their actuators out."
+            )
+        return spec.compile()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep MuJoCo's warnings off the console and out of a MUJOCO_LOG.TXT in the current folder."""
+    before = mujoco.MjLogConfig.get()
+    quiet = mujoco.MjLogConfig.get()
+    quiet.logto_file = False
+    quiet.logto_console = False
+    mujoco.MjLogConfig.set(quiet)
+    try:
+        yield
+    finally:
+        mujoco.MjLogConfig.set(before)
