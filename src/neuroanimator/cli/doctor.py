@@ -32,7 +32,7 @@ def run() -> None:
     import jax
 
     from neuroanimator.backend import backend_in_words
-    from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
+    from neuroanimator.export.film.graphics import HOW_TO_GET_GL, graphics_backend
     from neuroanimator.terminal import print_rows
 
     rows: list[tuple[str, object]] = [("Python", platform.python_version())]
