@@ -20,6 +20,9 @@ FIELD_OF_VIEW = 40.0
 BODY_SHARE = 0.5
 """Share of the picture's width, or of its height, that a body fills."""
 
+MAX_SHARE = 0.7
+"""Share of the picture's width, or of its height, that a body fills in the frame in which it is largest."""
+
 MOTION_SHARE = 0.85
 """Share of the picture's width, or of its height, that several bodies fill, and a motion before a camera that stays."""
 
@@ -172,10 +175,15 @@ def _shots_from(
     azimuth = _headings(clips[0], film, len(boxes.low)) + np.radians(view.azimuth)
     size = max(float(np.median(boxes.sizes)), MIN_SIZE)
     is_in_place = len(clips) == 1 and boxes.whole.sizes[0] <= STAYING * boxes.sizes.max()
-    distance = _distance(boxes, BODY_SHARE if len(clips) == 1 else MOTION_SHARE, film)
+    extents = boxes.high - boxes.low
+    share = BODY_SHARE if len(clips) == 1 else MOTION_SHARE
+    usual = _distance(np.median(extents, axis=0), share, film)
+    distance = max(usual, _distance(extents.max(axis=0), MAX_SHARE, film))
     if film.camera == "still" or (film.camera == "follow" and is_in_place):
         lookat = np.repeat(boxes.whole.centres, len(boxes.low), axis=0)
-        distance = max(distance, _distance(boxes.whole, MOTION_SHARE, film))
+        distance = max(
+            distance, _distance((boxes.whole.high - boxes.whole.low)[0], MOTION_SHARE, film)
+        )
     else:
         lookat = camera_path(boxes.centres, round(clips[0].rate * SMOOTHING), MAX_LAG * size)
     elevation = np.radians(view.elevation * (FLATTER_UNDER_WATER if is_under_water else 1.0))
@@ -191,15 +199,15 @@ def _shots_from(
     return Shots(lookat, position, size, is_under_water)
 
 
-def _distance(boxes: BoundingBoxes, share: float, film: Film) -> float:
-    """Return the distance [m] from which the boxes fill this share of the picture's width or height."""
-    width, depth, height = np.median(boxes.high - boxes.low, axis=0)
-    length = max(float(width), float(depth))
-    upright = length if film.camera == "top" else float(height)
+def _distance(extent: Float[np.ndarray, " 3"], share: float, film: Film) -> float:
+    """Return the distance [m] from which a box fills this share of the picture's width or height."""
+    width, depth, height = extent.tolist()
+    length = max(width, depth)
+    upright = length if film.camera == "top" else height
     aspect = film.size[0] / film.size[1]
     half_angle = np.tan(np.radians(FIELD_OF_VIEW) / 2)
     far = max(length / aspect, upright, MIN_SIZE) / share / (2 * half_angle)
-    return far + min(float(width), float(depth)) / 2
+    return far + min(width, depth) / 2
 
 
 def _headings(clip: Clip, film: Film, frames: int) -> Float[np.ndarray, " F"]:
