@@ -13,7 +13,7 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots
 
-NEAREST = 0.05
+NEAREST = 0.02
 """Distance from which on things are drawn, over the camera's."""
 
 FARTHEST = 60.0
