@@ -47,14 +47,15 @@ def main(task: str) -> int:
 
 
 def write_licences() -> None:
-    """Write, beside the page, the licences of what is built into it: they ask to go along."""
+    """Write, beside the page, the licences and sources of what is built into it: they ask to go along."""
     described = json.loads((HERE / "package.json").read_text(encoding="utf-8"))
     texts = []
     for name in sorted(described.get("dependencies", {})):
         folder = HERE / "node_modules" / name
-        version = json.loads((folder / "package.json").read_text(encoding="utf-8"))["version"]
+        package = json.loads((folder / "package.json").read_text(encoding="utf-8"))
+        source = package["repository"]["url"]
         licence = (folder / "LICENSE").read_text(encoding="utf-8").strip()
-        texts.append(f"{name} {version}\n\n{licence}\n")
+        texts.append(f"{name} {package['version']}, {source}\n\n{licence}\n")
     (PAGE / "licences.txt").write_text("\n".join(texts), encoding="utf-8")
 
 

@@ -28,7 +28,7 @@ import neuroanimator.control.policies
 import neuroanimator.gym
 from neuroanimator.cli.verbs import VERBS, app
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.film.video import graphics_backend
+from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.zoo import shipped_emulators
 
 ROOT = Path(__file__).parents[1]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from test_documentation import DOCS, SMALL_FILM
 
+from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.export.film.inline import InlineFilm
-from neuroanimator.export.film.video import graphics_backend
 
 NOTEBOOK = DOCS / "quickstart.ipynb"
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 
-from neuroanimator.terminal import phase, phase_seconds, progress_bar, watched_progress
+from neuroanimator.terminal import phase, phase_seconds
 
 PHASES = """
 import time
@@ -97,19 +97,6 @@ def test_time_within_an_inner_phase_counts_for_it_alone():
     spent = phase_seconds()
     assert spent["inner"] >= 0.2
     assert 0.05 <= spent["outer"] <= total - spent["inner"]
-
-
-def test_who_sees_no_terminal_may_watch_the_bars_of_a_block():
-    seen: list[tuple[int, int]] = []
-    with (
-        watched_progress(lambda done, total: seen.append((done, total))),
-        progress_bar("rounds", 2) as bar,
-    ):
-        bar.advance_to(1)
-        bar.advance_to(2)
-    with progress_bar("others", 1) as bar:
-        bar.advance_to(1)
-    assert seen == [(1, 2), (2, 2)]
 
 
 def test_a_phase_that_fails_is_over():

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache
 from threading import Event, Thread, Timer
@@ -33,37 +32,17 @@ LINE_EVERY = 10.0
 """Time between two lines of progress where there is no terminal [s]."""
 
 
-Watcher = Callable[[int, int], None]
-"""Is told how much of how much is done."""
-
-_watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
-
-
-@contextmanager
-def watched_progress(watcher: Watcher) -> Iterator[None]:
-    """Tell `watcher` of every bar that begins in the block, in this thread: for those who see no terminal."""
-    token = _watcher.set(watcher)
-    try:
-        yield
-    finally:
-        _watcher.reset(token)
-
-
 class Bar:
     """A bar; does nothing where progress is not shown."""
 
     def __init__(self, progress: Display | None, title: str, total: int):
         self._progress = progress
-        self._watcher = _watcher.get()
-        self._total = total
         self._task: TaskID | None = None
         if progress is not None:
             self._task = progress.add_task(printable(title), total=total, note="")
 
     def advance_to(self, done: int, note: str = "") -> None:
         """Show `done` of the total, with a short note behind the bar."""
-        if self._watcher is not None:
-            self._watcher(done, self._total)
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=done, note=printable(note))
 

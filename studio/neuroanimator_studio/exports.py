@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator import Clip, make_clip, write_clip, write_glb, write_usd, write_video
+from neuroanimator import Clip, make_clip, write_clip, write_glb, write_usd
 from neuroanimator.animation.clip import clip_of
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.errors import DivergedError
@@ -27,7 +27,6 @@ ID_BYTES = 16
 
 MEDIA_TYPES = {
     "glb": "model/gltf-binary",
-    "mp4": "video/mp4",
     "csv": "text/csv; charset=utf-8",
     "usda": "model/vnd.usda",
     "usdz": "model/vnd.usdz+zip",
@@ -95,10 +94,8 @@ def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> No
         ghost = _drawable(shown, _physics_clip(shown, wanted, limits))
     if wanted.format == "glb":
         write_glb(drawn, path, ghost=ghost)
-    elif wanted.format in ("usda", "usdz"):
-        write_usd(drawn, path, ghost=ghost)
     else:
-        write_video(drawn, path, ghost=ghost)
+        write_usd(drawn, path, ghost=ghost)
 
 
 def described_drive(shown: Shown, wanted: Export, limits: Limits) -> dict[str, Any]:

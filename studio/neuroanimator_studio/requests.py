@@ -108,7 +108,7 @@ class Export(Table):
     """Write this motion for another program."""
 
     bundle: Name
-    format: Literal["glb", "mp4", "csv", "usda", "usdz", "html"]
+    format: Literal["glb", "csv", "usda", "usdz", "html"]
     rate: Annotated[float, Field(gt=0, le=1000)] | None = None
     start: Vector
     controls: Rows

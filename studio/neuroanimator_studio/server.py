@@ -27,7 +27,6 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.storage.unfinished import temporary_folder
-from neuroanimator.terminal import watched_progress
 from neuroanimator_studio.catalogue import BUNDLE, PROGRAMS, catalogue
 from neuroanimator_studio.exports import described_drive
 from neuroanimator_studio.guard import Guard, refused
@@ -177,22 +176,15 @@ async def _export(request: Request) -> Response:
     except (ValueError, RecursionError) as error:
         raise HTTPException(400, f"The request cannot be read: {error}.") from None
 
-    loop = asyncio.get_running_loop()
-
-    def say(done: int, total: int) -> None:
-        event = {"event": "export", "format": wanted.format, "done": done, "of": total}
-        loop.call_soon_threadsafe(studio.tell_pages, event)
-
     def write() -> str:
         shown = studio.library.load(wanted.bundle)
         folder = studio.library.folder_of(wanted.bundle)
         if wanted.format == "html" and folder is not None:
             drive = described_drive(shown, wanted, studio.limits)
             return studio.downloads.keep(single_page(studio.page_files, folder, drive), wanted)
-        with watched_progress(say):
-            return studio.downloads.write(shown, wanted, studio.limits)
+        return studio.downloads.write(shown, wanted, studio.limits)
 
-    return JSONResponse({"download": await studio.in_drawing(write)})
+    return JSONResponse({"download": await studio.in_exporting(write)})
 
 
 async def _body(request: Request) -> bytes:

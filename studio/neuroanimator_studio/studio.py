@@ -43,7 +43,7 @@ class Studio:
         self.pages: set[Page] = set()
         # One of each: the machine has few cores, and simulators are not made to be shared.
         self._physics = ThreadPoolExecutor(1, "physics")
-        self._drawing = ThreadPoolExecutor(1, "drawing")
+        self._exporting = ThreadPoolExecutor(1, "exporting")
         self._making = ThreadPoolExecutor(1, "making")
         self._files = ThreadPoolExecutor(1, "files")
 
@@ -51,14 +51,14 @@ class Studio:
         """Return what `work` does beside the server, after what was asked before."""
         return await asyncio.get_running_loop().run_in_executor(self._physics, work)
 
-    async def in_drawing(self, work: Callable[[], Result]) -> Result:
+    async def in_exporting(self, work: Callable[[], Result]) -> Result:
         """Return what `work` does, as `in_physics`; what takes long waits for its like only."""
-        return await asyncio.get_running_loop().run_in_executor(self._drawing, work)
+        return await asyncio.get_running_loop().run_in_executor(self._exporting, work)
 
     async def in_making(self, work: Callable[[], Result]) -> Result:
         """Return what `work` does, as `in_physics`; for what waits for a process that works on somebody's file.
 
-        Nobody who drops a file waits for a film.
+        Nobody who drops a file waits for an export.
         """
         return await asyncio.get_running_loop().run_in_executor(self._making, work)
 
@@ -90,7 +90,7 @@ class Studio:
     def close(self) -> None:
         """Wait for nothing that still runs."""
         self._physics.shutdown(wait=False, cancel_futures=True)
-        self._drawing.shutdown(wait=False, cancel_futures=True)
+        self._exporting.shutdown(wait=False, cancel_futures=True)
         self._making.shutdown(wait=False, cancel_futures=True)
         self._files.shutdown(wait=False, cancel_futures=True)
 

@@ -19,7 +19,8 @@ from neuroanimator.appearance.skin import Box, Skin, Swimmer
 from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, skin_mesh
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.camera import camera_path
-from neuroanimator.export.film.video import graphics_backend, write_video
+from neuroanimator.export.film.graphics import graphics_backend
+from neuroanimator.export.film.video import write_video
 from neuroanimator.state.rotation import rotate, rotate_back, rotation_matrices
 from neuroanimator.systems.deformable.bones import body_skeleton
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem

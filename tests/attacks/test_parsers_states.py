@@ -120,9 +120,8 @@ def test_no_parser_reads_around_the_guarded_places():
         "safetensors.numpy.load",
     )
     readers += ("model_validate_json(path", "genfromtxt", "loadtxt", "pickle")
-    # What draws reads what its own parent wrote into its pipe; what runs without this package guards itself
-    # (tests/export/programs/test_numpy.py); the others are the guarded places themselves.
-    allowed = {"clip_bytes.py", "live_worker.py", "numpy_runtime.py"}
+    # What runs without this package guards itself (tests/export/programs/test_numpy.py).
+    allowed = {"numpy_runtime.py"}
     for path in (path for source in sources for path in source.rglob("*.py")):
         if path.parent.name != "parsing" and path.name not in allowed:
             text = path.read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ from markupsafe import Markup
 import neuroanimator as na
 from neuroanimator import DescentOptions, Emulator, Synthesis
 from neuroanimator.export.control_report import control_html, write_control_report
-from neuroanimator.export.film.video import graphics_backend
+from neuroanimator.export.film.graphics import graphics_backend
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import warnings
 
 import gymnasium
@@ -12,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from neuroanimator import DescentOptions, NeuroAnimatorError, descend
 from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
-from neuroanimator.export.film.video import graphics_backend
+from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv
 from neuroanimator.gym.batched_step import MAX_OBSERVATION
 from neuroanimator.gym.task_envs import TaskEnv, TaskVectorEnv
@@ -198,6 +200,22 @@ def test_pictures_show_what_moves(make):
     assert np.abs(after.astype(int) - before).max() > 50
     env.close()
     env.close()
+
+
+NEVER_CLOSED = """
+from neuroanimator.gym import EmulatorEnv
+env = EmulatorEnv("pendulum", render_mode="rgb_array")
+env.reset(seed=0)
+print(env.render().shape)
+"""
+
+
+@pytest.mark.skipif(graphics_backend() is None, reason="no OpenGL to draw with")
+def test_an_environment_that_nobody_closes_ends_in_silence():
+    command = [sys.executable, "-c", NEVER_CLOSED]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.stdout == "(360, 480, 3)\n"
+    assert done.stderr == ""
 
 
 def test_without_a_render_mode_there_is_no_picture():

@@ -5,22 +5,29 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import imageio_ffmpeg
+import numpy as np
 import pytest
 from chromium import browsing, enter, hosting, looking
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Download, Page, ViewportSize, expect
 from serving import Serving, serving
 
 from neuroanimator_studio.catalogue import shipped_folder
 from neuroanimator_studio.run import page_folder, write_entry
+from neuroanimator_studio.static_site import export_site
 
 PENDULUM = shipped_folder() / "pendulum-50"
 
 PATIENCE = 120_000
 """Time a picture may take on a busy machine without a graphics card [ms]."""
+
+WITH_PANELS: ViewportSize = {"width": 1000, "height": 320}
+"""Wide enough for the panels beside the stage."""
 
 EVIL = "<img src=x onerror=document.title='owned'>"
 """What would run if a name were taken for markup."""
@@ -129,10 +136,9 @@ def take(page: Page, label: str) -> bytes:
 def test_a_person_leaves_with_a_file_of_every_kind(browser: Browser, tmp_path: Path):
     with serving(tmp_path, page=page_folder()) as studio, looking(browser) as look:
         page = look.page
-        page.set_viewport_size({"width": 1000, "height": 320})
+        page.set_viewport_size(WITH_PANELS)
         page.goto(with_pendulum_alone(studio).gate.url)
         expect(page.locator('nav button[aria-current="true"]')).to_be_visible(timeout=PATIENCE)
-        # A few super steps are enough, for each image of the film is drawn.
         for key in (".", ".", ".", ".", "l", "Space"):
             page.keyboard.press(key)
         page.locator("summary", has_text="Take with you").click()
@@ -141,11 +147,80 @@ def test_a_person_leaves_with_a_file_of_every_kind(browser: Browser, tmp_path: P
         assert take(page, "GLB").startswith(b"glTF")
         assert take(page, "USDA").startswith(b"#usda 1.0")
         assert b"<!doctype html>" in take(page, "HTML")[:100].lower()
-        film = take(page, "MP4")
-        assert film[4:8] == b"ftyp"
-        assert len(film) > 5_000
-        expect(page.get_by_text("mp4 is written")).to_be_visible()
         assert page.locator(".banner.error").count() == 0
+        assert look.complaints == []
+
+
+def pictures_of(film: Path) -> np.ndarray:
+    """Return all pictures (F, H, W, 3) of a film of 1280 x 720."""
+    decode = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(film)]
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    content = subprocess.run([*decode, *raw], capture_output=True, check=True).stdout
+    return np.frombuffer(content, np.uint8).reshape(-1, 720, 1280, 3).astype(np.float32)
+
+
+def said_of(film: Path) -> bytes:
+    """Return what ffmpeg says of a film."""
+    ask = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-i", str(film)]
+    return subprocess.run(ask, capture_output=True).stderr
+
+
+WITHOUT_H264 = """
+const ask = VideoEncoder.isConfigSupported;
+VideoEncoder.isConfigSupported = (config) =>
+    config.codec.startsWith("avc") ? Promise.resolve({ supported: false, config }) : ask.call(VideoEncoder, config);
+"""
+"""Makes the browser one that has no licence for H.264."""
+
+
+@pytest.mark.parametrize(("prelude", "start"), [("", b"ftyp"), (WITHOUT_H264, b"\x1aE\xdf\xa3")])
+def test_the_page_films_what_it_shows_itself_at_an_even_rate(
+    prelude: str, start: bytes, browser: Browser, tmp_path: Path
+):
+    facts = json.loads((PENDULUM / "bundle.json").read_text())
+    steps = 5
+    film = tmp_path / "film"
+    export_site(page_folder(), [PENDULUM], tmp_path / "site")
+    with hosting(tmp_path / "site") as site, looking(browser) as look:
+        page = look.page
+        page.add_init_script(prelude)
+        page.set_viewport_size(WITH_PANELS)
+        page.goto(site)
+        assert is_something_drawn(page)
+        page.keyboard.press("Home")
+        for key in (*("." * steps), "l", "Space"):
+            page.keyboard.press(key)
+        page.locator("summary", has_text="Take with you").click()
+        film.write_bytes(take(page, "Film"))
+        expect(page.locator("dialog progress")).to_have_count(0)
+        assert page.locator(".banner.error").count() == 0
+        assert look.complaints == []
+    assert start in film.read_bytes()[:8]
+    pictures = pictures_of(film)
+    assert len(pictures) == 1 + int(30 * steps * facts["dt"])
+    assert b" 1280x720" in said_of(film)
+    assert pictures[0].std() > 10
+    changes = np.abs(np.diff(pictures, axis=0)).max(axis=(1, 2, 3))
+    assert changes.min() > 30
+
+
+def test_a_film_is_cancelled_by_a_key_and_leaves_nothing(browser: Browser, tmp_path: Path):
+    export_site(page_folder(), [PENDULUM], tmp_path / "site")
+    with hosting(tmp_path / "site") as site, looking(browser) as look:
+        page = look.page
+        page.set_viewport_size(WITH_PANELS)
+        page.goto(site)
+        assert is_something_drawn(page)
+        page.locator("summary", has_text="Take with you").click()
+        downloads: list[Download] = []
+        page.on("download", lambda download: downloads.append(download))
+        page.locator("button", has_text=re.compile("^Film$")).click()
+        expect(page.locator("dialog progress")).to_be_visible()
+        page.keyboard.press("Escape")
+        expect(page.locator("dialog progress")).to_have_count(0, timeout=PATIENCE)
+        assert downloads == []
+        assert page.locator(".banner").count() == 0
+        assert is_something_drawn(page)
         assert look.complaints == []
 
 

@@ -31,12 +31,10 @@ from neuroanimator.definitions import carried
 from neuroanimator.emulator.artifact import save
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import replayable_system, system_of
-from neuroanimator.export.film.clip_bytes import pack_takes, unpack_takes
-from neuroanimator.export.film.draw_video import scene_of
-from neuroanimator.export.film.options import Film
+from neuroanimator.export.film.drawing import scene_of
+from neuroanimator.export.film.options import Film, Take
 from neuroanimator.export.film.rigid_scene import RigidScene
 from neuroanimator.export.film.skeleton_scene import SkeletonScene
-from neuroanimator.export.film.takes import Take
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems import trusted_files
 from neuroanimator.systems.loading import MissingPhysicsError, resolve
@@ -218,12 +216,12 @@ def take(project: Path) -> Take:
 
 
 def test_a_film_shows_the_model_or_where_it_is_not_the_bones(take: Take, project: Path):
-    packed = pack_takes([take], Film())
+    scene, _ = scene_of(take, Film())
+    assert isinstance(scene, RigidScene)
     forget()
     shutil.rmtree(project)
-    assert isinstance(scene_of(take, Film()), SkeletonScene)
-    takes, film = unpack_takes(packed)
-    assert isinstance(scene_of(takes[0], film), RigidScene)
+    scene, _ = scene_of(take, Film())
+    assert isinstance(scene, SkeletonScene)
 
 
 def test_without_its_model_control_says_what_is_wanted_and_finds_what_nothing_proves(

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, distribution, requires, ver
 import jax
 
 from neuroanimator.backend import backend_in_words
-from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
+from neuroanimator.export.film.graphics import HOW_TO_GET_GL, graphics_backend
 from neuroanimator.terminal import print_rows
 
 EXAMPLE = "neuroanimator doctor"

@@ -18,7 +18,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.figures import draw_segments
 from neuroanimator.evaluation.plots import svg_text
 from neuroanimator.evaluation.weakness.inspection import Inspection
-from neuroanimator.export.film.takes import Take
+from neuroanimator.export.film.options import Take
 from neuroanimator.export.film.video import write_takes
 from neuroanimator.storage.files import write_whole
 from neuroanimator.text import short_number
@@ -76,7 +76,7 @@ def write_worst(
         takes = []
         for emulator, inspection in zip(several, found, strict=True):
             takes += _takes(emulator, inspection)
-        write_takes(takes, path, size=SIZE, is_quick=True)
+        write_takes(takes, path, size=SIZE)
         return
     segments = [segment for inspection in found for segment in inspection.worst]
     figure = draw_segments(segments, found[0].truth_name)

@@ -49,7 +49,7 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return None if pictures is None else pictures[0]
 
     def close(self) -> None:
-        """End the drawing process."""
+        """Give the memory of pictures back."""
         self.vector_env.close()
 
 

@@ -176,7 +176,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return tuple(self._camera.picture(state) for state in self.shown_states())
 
     def close_extras(self, **_: Any) -> None:
-        """End the drawing process."""
+        """Give the memory of pictures back."""
         self._camera.close()
 
     def _begin(self, starts: Shaped[np.ndarray, "*BX"]) -> None:

@@ -16,6 +16,7 @@ import { SwimTarget } from "../steering/target";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
 import type { Action, Banners } from "./banner";
 import { element, panel } from "./dom";
+import { FILM_RATE, FILM_SIZE, makeFilm, type Film } from "./film";
 import type { Hud } from "./hud";
 import type { Grabbable } from "./pointer";
 import type { Session } from "./session";
@@ -24,6 +25,9 @@ import { isMotionReduced } from "./theme";
 /** Mean score beyond which a banner says that the emulator is lost, and below which it goes. */
 const LOST = 3;
 const FOUND = 1.5;
+
+/** Share of a film's picture that a motion may be too short for its last one: products of numbers round. */
+const ROUNDING = 1e-6;
 
 /** The scenery moves at this speed while the motion stands still. */
 const IDLE_SPEED = 0.4;
@@ -43,6 +47,8 @@ export class Showing {
   readonly #ghostState: Float32Array;
   #handOver: HandOver | null = null;
   #sceneTime = 0;
+  #isFilming = false;
+  readonly #end = new AbortController();
 
   /** `live` is the line to the server, or null where there is none. */
   constructor(
@@ -67,7 +73,7 @@ export class Showing {
     const steer = steerPanel(session, () => this.goLive(), () => this.toggleTarget());
     const goal = panel("Reach a goal", steer === null);
     const controls = controlPanel(session, () => this.goLive());
-    const take = takePanel(session, live, banners);
+    const take = takePanel(session, live, banners, (onProgress, signal) => this.#film(onProgress, signal));
     this.#panels = [...(steer ? [steer] : []), controls, this.#measure, take];
     this.#synthesis = makeSynthesis({
       bundle: session.bundle,
@@ -87,6 +93,7 @@ export class Showing {
 
   /** Take down what hangs on the page: messages and physics that would go on. */
   dispose(): void {
+    this.#end.abort(new Error("another system is shown now."));
     for (const topic of ["load", "lost", "trust", "physics"]) {
       this.banners.clear(topic);
     }
@@ -98,13 +105,21 @@ export class Showing {
 
   /** Let `seconds` go by and draw an image. */
   update(seconds: number, keys: KeySteering): void {
-    const { session } = this;
-    const { player, world } = session;
-    if (keys.steer(session, seconds)) {
+    if (this.#isFilming) {
+      return;
+    }
+    if (keys.steer(this.session, seconds)) {
       this.#target.hide();
       this.goLive();
     }
-    player.advance(seconds);
+    this.session.player.advance(seconds);
+    this.#draw(seconds);
+  }
+
+  // Draw the state at the playhead, `seconds` after the image before.
+  #draw(seconds: number): void {
+    const { session } = this;
+    const { player, world } = session;
     if (session.school && player.isPlaying) {
       session.school.target = session.swimmer?.target ?? null;
       session.school.advance(seconds * player.speed);
@@ -166,6 +181,40 @@ export class Showing {
     } else {
       this.#target.show();
       this.goLive();
+    }
+  }
+
+  // Film the motion from its start to its end as it is shown: from where the camera is, at the speed it is played.
+  async #film(onProgress: (share: number) => void, signal: AbortSignal): Promise<Film> {
+    const { player, world } = this.session;
+    const { time, isPlaying, motion } = player;
+    const step = player.speed / FILM_RATE;
+    this.#isFilming = true;
+    this.#sceneTime = 0;
+    player.seek(0);
+    player.isPlaying = true;
+    world.filmSize = FILM_SIZE;
+    world.show(player.state());
+    world.moveCamera(Infinity);
+    try {
+      return await makeFilm({
+        canvas: world.canvas,
+        pictures: Math.floor(motion.duration / step + ROUNDING) + 1,
+        draw: (picture) => {
+          if (player.motion !== motion) {
+            throw new Error("another motion is shown now.");
+          }
+          player.seek(picture * step);
+          this.#draw(1 / FILM_RATE);
+        },
+        onProgress,
+        signal: AbortSignal.any([signal, this.#end.signal]),
+      });
+    } finally {
+      world.filmSize = null;
+      player.seek(time);
+      player.isPlaying = isPlaying;
+      this.#isFilming = false;
     }
   }
 

@@ -4,15 +4,15 @@ import { isPhysics } from "../bundle/bundle";
 import type { Layout } from "../bundle/layout";
 import { button, element, panel } from "../page/dom";
 import { lineOf, type Banners } from "../page/banner";
+import type { Film } from "../page/film";
 import type { Session } from "../page/session";
 import type { Live } from "../server/live";
 import type { Panel } from "./controls";
 
-const SERVER_FORMATS = ["glb", "mp4", "usda", "html"] as const;
+const SERVER_FORMATS = ["glb", "usda", "html"] as const;
 
-/** Images a second of what the server writes; a film's are drawn one by one, and it is none the worse for fewer. */
+/** Images a second of what the server writes. */
 const RATE = 60;
-const FILM_RATE = 30;
 
 /** A start with more parts than this is no use on a command line. */
 const MAX_START_OPTIONS = 6;
@@ -128,9 +128,17 @@ function startOptions(session: Session): string[] {
   return options.length <= MAX_START_OPTIONS ? options : [];
 }
 
-export function takePanel(session: Session, live: Live | null, banners: Banners): Panel {
+/** Makes a film of the motion that is shown, and tells the share that is done. */
+export type Filming = (onProgress: (share: number) => void, signal: AbortSignal) => Promise<Film>;
+
+export function takePanel(session: Session, live: Live | null, banners: Banners, makeFilm: Filming): Panel {
   const { details, body } = panel("Take with you", false);
   const save = (name: string, text: string): void => saveFile(name, new Blob([text], { type: "text/csv" }));
+  const film = button({
+    label: "Film",
+    title: "The motion as a film, seen as it is now",
+    onClick: () => void saveFilm(session.facts.id, makeFilm, banners),
+  });
   const csv = button({ label: "CSV", title: "The motion as a table", onClick: () => save("motion.csv", motionCsv(session)) });
   const controls = button({
     label: "Controls",
@@ -160,7 +168,7 @@ export function takePanel(session: Session, live: Live | null, banners: Banners)
     },
   });
   body.append(
-    element("div", "row", [...formats, csv, controls]),
+    element("div", "row", [film, ...formats, csv, controls]),
     element("p", "", ["The same from a shell or Python:"]),
     code,
     element("div", "row", [copy]),
@@ -180,6 +188,28 @@ export function takePanel(session: Session, live: Live | null, banners: Banners)
   };
 }
 
+/** Make a film while nothing else can be pressed, and save it; Escape and a button cancel it. */
+async function saveFilm(name: string, makeFilm: Filming, banners: Banners): Promise<void> {
+  const cancelled = new AbortController();
+  const share = element("progress");
+  const cancel = button({ label: "Cancel", onClick: () => dialog.close() });
+  const dialog = element("dialog", "filming", ["Filming", share, cancel]);
+  dialog.addEventListener("close", () => cancelled.abort());
+  document.body.append(dialog);
+  dialog.showModal();
+  try {
+    const film = await makeFilm((done) => (share.value = done), cancelled.signal);
+    saveFile(`${name}${film.ending}`, film.blob);
+    banners.tell("The film is written.");
+  } catch (error) {
+    if (!cancelled.signal.aborted) {
+      banners.say("export", `No film: ${lineOf(error)}`, "error");
+    }
+  } finally {
+    dialog.remove();
+  }
+}
+
 async function exportBy(
   session: Session,
   live: Live,
@@ -195,7 +225,7 @@ async function exportBy(
     const wanted = {
       bundle: session.facts.id,
       format,
-      rate: format === "mp4" ? FILM_RATE : RATE,
+      rate: RATE,
       start: Array.from(motion.state(0)),
       controls,
       pushes: motion.pushes(),

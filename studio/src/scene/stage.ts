@@ -56,6 +56,12 @@ export interface Atmosphere {
   readonly exposure: number;
 }
 
+/** Width and height of a picture [pixels]. */
+export interface PictureSize {
+  readonly width: number;
+  readonly height: number;
+}
+
 export class Stage {
   readonly scene = new Scene();
   readonly root: Object3D = physicsRoot();
@@ -70,6 +76,7 @@ export class Stage {
   readonly #isFixed: boolean;
   readonly #shadowSize: number;
   readonly #fill = new HemisphereLight(0xdcefff, 0x8a7f6c);
+  #filmSize: PictureSize | null = null;
   #fineness: number;
   #imageTime = 1 / 60;
   #images = 0;
@@ -149,19 +156,27 @@ export class Stage {
   draw(seconds: number): void {
     this.renderer.shadowMap.autoUpdate = !this.isSlow || this.#images % 2 === 0;
     this.renderer.render(this.scene, this.camera);
-    this.#adapt(seconds);
+    if (!this.#filmSize) {
+      this.#adapt(seconds);
+    }
   }
 
   /** Whether the machine is so slow that what need not be drawn anew in every image should not be. */
   get isSlow(): boolean {
-    return this.#fineness >= COARSE;
+    return !this.#filmSize && this.#fineness >= COARSE;
   }
 
-  /** Fit the picture to the room the page gives it. */
+  /** The size of a film's pictures while one is made: then each is drawn finely, however long that takes; else null. */
+  set filmSize(size: PictureSize | null) {
+    this.#filmSize = size;
+    this.resize();
+  }
+
+  /** Fit the picture to the room the page gives it, or to the film. */
   resize(): void {
-    const width = Math.max(this.canvas.clientWidth, 1);
-    const height = Math.max(this.canvas.clientHeight, 1);
-    const ratio = Math.min(window.devicePixelRatio, 2) * FINENESS[this.#fineness]!;
+    const width = this.#filmSize?.width ?? Math.max(this.canvas.clientWidth, 1);
+    const height = this.#filmSize?.height ?? Math.max(this.canvas.clientHeight, 1);
+    const ratio = this.#filmSize ? 1 : Math.min(window.devicePixelRatio, 2) * FINENESS[this.#fineness]!;
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;

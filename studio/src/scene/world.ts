@@ -15,7 +15,7 @@ import { makeSchoolView, type SchoolView } from "./school";
 import type { ShadowGround } from "./school_shadows";
 import type { Room, School } from "../steering/school";
 import type { Measure, Scenery } from "./scenery";
-import type { Stage } from "./stage";
+import type { PictureSize, Stage } from "./stage";
 import { makeWater } from "./water/water";
 
 /** Half the width of where shadows fall, over the body's size. */
@@ -191,20 +191,9 @@ export class World {
 
   /** Draw an image. `controls` are shares of their bounds, 0 to 1; scenery stands still where motion is to be reduced. */
   draw(seconds: number, time: number, controls: readonly number[]): void {
-    const heading = this.#heading;
-    this.#locate();
-    let turned = this.#heading - heading;
-    turned -= 2 * Math.PI * Math.round(turned / (2 * Math.PI));
-    if (this.#isFresh) {
-      this.#isFresh = false;
-      turned = 0;
-    }
+    this.moveCamera(seconds);
     this.#groundHeight.value = this.#scenery.ground;
     this.#school?.update();
-    this.camera.ground = this.#scenery.ground;
-    this.camera.lookFrom = this.#heightForLeap();
-    this.#aim();
-    this.camera.update(this.#lookAt, turned, seconds);
     this.stage.follow(this.#focus);
     this.#scenery.update({
       time,
@@ -216,6 +205,31 @@ export class World {
       controls,
     });
     this.stage.draw(seconds);
+  }
+
+  /** Let the camera go after the body for `seconds`; after infinitely many it has caught up. */
+  moveCamera(seconds: number): void {
+    const heading = this.#heading;
+    this.#locate();
+    let turned = this.#heading - heading;
+    turned -= 2 * Math.PI * Math.round(turned / (2 * Math.PI));
+    if (this.#isFresh) {
+      this.#isFresh = false;
+      turned = 0;
+    }
+    this.camera.ground = this.#scenery.ground;
+    this.camera.lookFrom = this.#heightForLeap();
+    this.#aim();
+    this.camera.update(this.#lookAt, turned, seconds);
+  }
+
+  get canvas(): HTMLCanvasElement {
+    return this.stage.canvas;
+  }
+
+  /** See `Stage.filmSize`. */
+  set filmSize(size: PictureSize | null) {
+    this.stage.filmSize = size;
   }
 
   /** The point of the body under the pointer (-1 to 1 across the picture, and up), or null. */

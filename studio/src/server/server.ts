@@ -61,8 +61,6 @@ export class Server {
       this.train.tell(event);
     } else if (event["event"] === "emulator") {
       this.banners.say("upload", `The emulator: ${String(event["phase"])} …`);
-    } else if (event["event"] === "export" && Number(event["done"]) < Number(event["of"])) {
-      this.banners.say("export", `Writing ${String(event["format"])}: image ${String(event["done"])} of ${String(event["of"])} …`);
     } else if (event["event"] === "catalogue") {
       void this.uses.reloadCatalogue();
     }

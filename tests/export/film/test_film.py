@@ -16,10 +16,9 @@ from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, VIEWS, shots_of
-from neuroanimator.export.film.edges import smooth_edges
+from neuroanimator.export.film.footer import CURVE_SHARE
+from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.export.film.options import CAMERAS, Film, read_film
-from neuroanimator.export.film.trust_shown import STRIP_SHARE
-from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.systems.system import System
 
 
@@ -214,30 +213,6 @@ def test_a_dolphin_shows_a_leap_at_every_super_step():
         assert heights.mean(axis=1)[-1] < 0.2, name
 
 
-@pytest.mark.parametrize(("slope", "share"), [(0.11, 0.4), (0.37, 0.4), (-0.23, 0.4), (0.8, 0.7)])
-def test_smooth_edges_are_nearer_to_what_a_pixel_covers(slope: float, share: float):
-    fine = 8
-    rows, columns = np.mgrid[: 64 * fine, : 96 * fine] / fine
-    is_bright = rows - 32 > slope * (columns - 48)
-    covered = 40 + 160 * is_bright.reshape(64, fine, 96, fine).mean(axis=(1, 3))
-    sampled = np.where(is_bright[fine // 2 :: fine, fine // 2 :: fine], 200, 40).astype(np.uint8)
-    smooth = smooth_edges(np.repeat(sampled[..., None], 3, axis=2))[..., 0]
-    # Runs at the picture's rim end there, not where their edge does.
-    inside = np.s_[4:-4, 12:-12]
-    before = np.abs(sampled - covered)[inside].mean()
-    after = np.abs(smooth - covered)[inside].mean()
-    assert after < share * before
-
-
-def test_what_is_smooth_or_straight_stays_as_it_is():
-    ramp = np.repeat(np.arange(0, 255, dtype=np.uint8)[None], 40, axis=0)
-    box = np.zeros((40, 60), np.uint8)
-    box[10:, :] = 200
-    for image in (ramp, box):
-        coloured = np.repeat(image[..., None], 3, axis=2)
-        np.testing.assert_array_equal(smooth_edges(coloured), coloured)
-
-
 def test_a_body_glows_where_it_is_not_to_be_believed_and_a_curve_says_so(tmp_path: Path):
     if graphics_backend() is None:
         pytest.skip("no OpenGL to draw with")
@@ -250,7 +225,7 @@ def test_a_body_glows_where_it_is_not_to_be_believed_and_a_curve_says_so(tmp_pat
         write_video(clip, path, size=(160, 90))
         pictures.append(first_picture(path, (160, 90)))
     sure, lost = pictures
-    strip = round(STRIP_SHARE * 90)
+    strip = round(CURVE_SHARE * 90)
     difference = lost - sure
     body = difference[: -strip - 8]
     assert body[..., 0].max() > 40  # redder

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import accessor, read_glb
+from conftest import Cli, accessor, read_glb
 
 from neuroanimator import (
     Clip,
@@ -23,8 +23,8 @@ from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
-from neuroanimator.export.film import video
-from neuroanimator.export.film.video import graphics_backend
+from neuroanimator.export.film import graphics
+from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.state.rotation import rotation_matrices
 
 
@@ -163,7 +163,18 @@ def test_f16_without_graphics_one_line_says_what_to_install(
     with pytest.raises(NeuroAnimatorError, match="MUJOCO_GL=disabled asks to draw with disabled"):
         write_video(clip, tmp_path / "a.mp4")
     monkeypatch.delenv("MUJOCO_GL")
-    monkeypatch.setattr(video, "BACKENDS", ("disabled",))
+    monkeypatch.setattr(graphics, "BACKENDS", ("disabled",))
     with pytest.raises(NeuroAnimatorError, match="apt-get install libegl1 libosmesa6"):
         write_video(clip, tmp_path / "a.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_graphics_library_that_is_missing_is_named_before_mujoco_is_imported(
+    cli_process: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("MUJOCO_GL", "nothing")
+    done = cli_process("animate", "pendulum", "--out", tmp_path / "a.mp4")
+    assert done.returncode == 4
+    assert "MUJOCO_GL=nothing asks to draw with nothing" in done.stderr
+    assert "Unexpected" not in done.stderr
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""The room that moving bodies take, image by image, as boxes along the world's axes."""
+"""Axis-aligned bounding boxes of bodies, frame by frame."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from neuroanimator.state.rotation import rotate, rotation_matrices
 
 
 class BoundingBoxes(NamedTuple):
-    """The room bodies take, image by image."""
+    """A box a row, along the world's axes."""
 
     low: Float[np.ndarray, "F 3"]
-    """The corners of the smallest coordinates [m]."""
+    """Corners of the smallest coordinates [m]."""
     high: Float[np.ndarray, "F 3"]
-    """The corners of the largest coordinates [m]."""
+    """Corners of the largest coordinates [m]."""
 
     @property
     def centres(self) -> Float[np.ndarray, "F 3"]:
@@ -29,95 +29,76 @@ class BoundingBoxes(NamedTuple):
 
     @property
     def whole(self) -> BoundingBoxes:
-        """The room the whole motion takes, as one image."""
+        """The one box around all of them."""
         return BoundingBoxes(self.low.min(axis=0)[None], self.high.max(axis=0)[None])
 
-    def width_and_height(
-        self, azimuth: Float[np.ndarray, " G"]
-    ) -> tuple[Float[np.ndarray, " F"], Float[np.ndarray, " F"]]:
-        """Return how wide and how high [m] the boxes are to a camera that looks along `azimuth`, one or (F,) [rad]."""
-        extent = self.high - self.low
-        width = np.abs(np.sin(azimuth)) * extent[:, 0] + np.abs(np.cos(azimuth)) * extent[:, 1]
-        return width, extent[:, 2]
+    @property
+    def sizes(self) -> Float[np.ndarray, " F"]:
+        """The longest sides of the boxes [m]."""
+        return (self.high - self.low).max(axis=1)
 
 
 def bounding_boxes(clips: Sequence[Clip]) -> BoundingBoxes:
-    """Return the room that all that moves takes in every image; a clip that ends stays at its last."""
+    """Return the box around all that moves in every frame; a clip that ends stays at its last frame."""
     frames = max(len(clip.times) for clip in clips)
     lows = []
     highs = []
     for clip in clips:
-        boxes = _boxes_of_skeleton(clip) if clip.skeleton.skin is None else _boxes_of_skin(clip)
-        lows.append(_held(boxes.low, frames))
-        highs.append(_held(boxes.high, frames))
+        boxes = _boxes_of_moving(clip)
+        index = np.minimum(np.arange(frames), len(clip.times) - 1)
+        lows.append(boxes.low[index])
+        highs.append(boxes.high[index])
     return BoundingBoxes(np.min(lows, axis=0), np.max(highs, axis=0))
 
 
 def fixed_boxes(clip: Clip) -> BoundingBoxes:
-    """Return the room of each shape that nothing moves, a row each: walls and posts, and the ground."""
+    """Return the box of each shape that nothing moves: walls and posts, and the ground."""
     skeleton = clip.skeleton
-    positions, orientations = skeleton.world_poses(clip.states[:1])
-    lows = [np.zeros((0, 3))]
-    highs = [np.zeros((0, 3))]
-    for number, bone in enumerate(skeleton.bones):
-        if skeleton.is_moved(number):
-            continue
-        for shape in bone.shapes:
-            centre, half = _room_of_shape(shape, positions[:, number], orientations[:, number])
-            lows.append(centre - half)
-            highs.append(centre + half)
-    return BoundingBoxes(np.concatenate(lows), np.concatenate(highs))
+    fixed = [i for i in range(len(skeleton.bones)) if not skeleton.is_moved(i)]
+    lows, highs = _boxes_of_shapes(clip, fixed, frames=1)
+    return BoundingBoxes(lows[:, 0], highs[:, 0])
 
 
-def _room_of_shape(
-    shape: Shape, position: Float[np.ndarray, "F 3"], orientation: Float[np.ndarray, "F 4"]
-) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, "F 3"]]:
-    """Return the middle of a shape and half its extent along the world's axes, where its bone is so posed."""
-    offset = np.broadcast_to(np.array(shape.position), position.shape)
-    centre = position + rotate(orientation, offset)
-    shape_axes = rotation_matrices(np.array(shape.orientation))
-    half = np.abs(rotation_matrices(orientation) @ shape_axes) @ half_sizes(shape)
-    return centre, half
-
-
-def _held(rows: Float[np.ndarray, "F 3"], frames: int) -> Float[np.ndarray, "{frames} 3"]:
-    """Return `rows` with the last one repeated."""
-    return np.concatenate([rows, np.repeat(rows[-1:], frames - len(rows), axis=0)])
-
-
-def _boxes_of_skeleton(clip: Clip) -> BoundingBoxes:
-    """Return the room of the shapes of all bones that are moved; of the bones alone, if those have none."""
+def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
+    """Return the box around the shapes or the skin of the bones that move; around the bones alone if they have none."""
     skeleton = clip.skeleton
-    positions, orientations = skeleton.world_poses(clip.states)
-    lows = []
-    highs = []
-    for number, bone in enumerate(skeleton.bones):
-        if not skeleton.is_moved(number):
-            continue
-        position = positions[:, number]
-        orientation = orientations[:, number]
-        for shape in bone.shapes:
-            centre, half = _room_of_shape(shape, position, orientation)
-            lows.append(centre - half)
-            highs.append(centre + half)
-    if not lows:
-        return BoundingBoxes(positions.min(axis=1), positions.max(axis=1))
-    return BoundingBoxes(np.min(lows, axis=0), np.max(highs, axis=0))
-
-
-def _boxes_of_skin(clip: Clip) -> BoundingBoxes:
-    """Return the room of a skin: the bones', and as much more as the skin has around them at rest."""
-    positions, _ = clip.skeleton.world_poses(clip.states)
-    points = skin_mesh(clip.skeleton).points
-    rest = np.array([bone.offset for bone in clip.skeleton.bones])
-    above = (points.max(axis=0) - rest.max(axis=0)).min()
-    below = (rest.min(axis=0) - points.min(axis=0)).min()
-    around = float(max(above, below, 0.0))
+    moving = [i for i in range(len(skeleton.bones)) if skeleton.is_moved(i)]
+    lows, highs = _boxes_of_shapes(clip, moving, len(clip.times))
+    if len(lows):
+        return BoundingBoxes(lows.min(axis=0), highs.max(axis=0))
+    positions, _ = skeleton.world_poses(clip.states)
+    around = 0.0
+    if skeleton.skin is not None:
+        # As much more than the bones as the skin has around them at rest.
+        points = skin_mesh(skeleton).points
+        rest = np.array([bone.offset for bone in skeleton.bones])
+        above = (points.max(axis=0) - rest.max(axis=0)).min()
+        below = (rest.min(axis=0) - points.min(axis=0)).min()
+        around = float(max(above, below, 0.0))
     return BoundingBoxes(positions.min(axis=1) - around, positions.max(axis=1) + around)
 
 
-def half_sizes(shape: Shape) -> Float[np.ndarray, " 3"]:
-    """Return how far a shape reaches along its own axes [m]."""
+def _boxes_of_shapes(
+    clip: Clip, bones: Sequence[int], frames: int
+) -> tuple[Float[np.ndarray, "N F 3"], Float[np.ndarray, "N F 3"]]:
+    """Return the corners [m] of the boxes of all shapes of these bones in the first `frames`."""
+    positions, orientations = clip.skeleton.world_poses(clip.states[:frames])
+    lows = []
+    highs = []
+    for number in bones:
+        for shape in clip.skeleton.bones[number].shapes:
+            orientation = orientations[:, number]
+            offset = np.broadcast_to(np.array(shape.position), (frames, 3))
+            centre = positions[:, number] + rotate(orientation, offset)
+            axes = rotation_matrices(orientation) @ rotation_matrices(np.array(shape.orientation))
+            half = np.abs(axes) @ _half_sizes(shape)
+            lows.append(centre - half)
+            highs.append(centre + half)
+    return np.reshape(lows, (-1, frames, 3)), np.reshape(highs, (-1, frames, 3))
+
+
+def _half_sizes(shape: Shape) -> Float[np.ndarray, " 3"]:
+    """Return half the shape's extent along its own axes [m]."""
     radius = shape.size[0]
     if shape.kind == "sphere":
         return np.full(3, radius)

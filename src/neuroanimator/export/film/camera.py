@@ -1,4 +1,4 @@
-"""Where the camera is in every image: beside what moves, on one side of the water, as near as fits."""
+"""The camera of a film: beside what moves, at a distance from which it fills a good share of the picture."""
 
 from __future__ import annotations
 
@@ -11,95 +11,86 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.export.film.bounding_boxes import BoundingBoxes, bounding_boxes, fixed_boxes
-from neuroanimator.export.film.options import Film
-from neuroanimator.export.film.takes import Take
+from neuroanimator.export.film.options import Film, Take
 from neuroanimator.state.rotation import heading_of
 
 FIELD_OF_VIEW = 40.0
 """Angle of view from top to bottom [deg]: that of a 50 mm lens."""
 
-WIDTH_SHARE = 0.5
-"""Share of the picture's width that a single body fills."""
+BODY_SHARE = 0.5
+"""Share of the picture's width, or of its height, that a body fills."""
 
-WIDTH_SHARE_OF_MANY = 0.72
-"""Share of the picture's width that several bodies fill."""
+MAX_SHARE = 0.7
+"""Share of the picture's width, or of its height, that a body fills in the frame in which it is largest."""
 
-HEIGHT_SHARE = 0.5
-"""Share of the picture's height that bodies fill at most."""
+MOTION_SHARE = 0.85
+"""Share of the picture's width, or of its height, that several bodies fill, and a motion before a camera that stays."""
 
-SHARE_OF_MOTION = 0.75
-"""Share of the picture's width and height that a whole motion fills before a camera that stands still."""
-
-STAYING = 1.8
-"""A motion that takes no more than this many times the body's own room is filmed by a camera that stands still."""
-
-FORESHORTENED = 0.5
-"""A long body seen end on is framed as if it were so wide, over its length."""
+STAYING = 2.1
+"""Size of the whole motion, over the body's greatest, up to which the camera stays: an arm may swing all around."""
 
 SMOOTHING = 0.8
 """Time over which the camera's path is smoothed [s]."""
 
 MAX_LAG = 0.3
-"""How far the camera may look beside the body, over its size."""
+"""Maximum distance of the look-at point from the body's middle, over the body's size."""
 
-MIN_CLEARANCE = 0.12
-"""Least height of the camera over the water, or depth under it, over the body's size."""
+CLEARANCE = 0.12
+"""Least distance of the camera from the water's surface, over the body's size."""
 
 FLATTER_UNDER_WATER = 0.5
-"""Share of its elevation that a camera under water keeps: the nearer the surface, the flatter it must look."""
+"""Share of its elevation that a camera keeps under water: near the surface it must look flatter."""
 
 EMERGED = 0.5
-"""Share of the images in which something must be out of the water for a camera above it, if nothing leaps."""
+"""Share of the frames with something out of the water from which on the camera is above it, if nothing leaps."""
 
 LEAPING = 0.1
-"""A body leaps if its middle comes so high over the water, over its size."""
+"""Height of a body's middle over the water from which on it leaps, over its size."""
 
 MAX_GHOST_ROOM = 2.2
-"""Maximum factor by which the camera moves away to keep a ghost that goes astray in the picture."""
+"""Maximum factor by which the camera moves away to keep a ghost in the picture."""
 
 MAX_HIDDEN = 0.01
-"""Share of what is filmed that fixed things may hide before the camera tries another side."""
+"""Share of what is filmed that fixed things may hide before another side is tried."""
 
 LOOKED_AT = 0.7
-"""Share of a body's half sizes at which the eight points lie that are to be seen."""
+"""Position of the eight points of a body that are to be seen, over its half sizes."""
 
 MIN_SIZE = 1e-3
-"""A body is never taken as smaller than this [m]."""
+"""Least size of a body [m]."""
 
 
 class View(NamedTuple):
-    """From where a camera looks."""
+    """A direction to look in."""
 
     azimuth: float
-    """The direction it looks in, from the body's [deg]: 90 is from its right side."""
+    """Angle from the body's own direction [deg]: 90 is from its right side."""
     elevation: float
-    """How far it looks up [deg]; down where negative."""
+    """Angle over the horizon [deg]; negative downward."""
 
 
 VIEWS = {
-    "follow": View(68.0, -14.0),
+    "follow": View(48.0, -17.0),
     "side": View(90.0, 0.0),
     "front": View(180.0, -8.0),
     "back": View(0.0, -12.0),
     "top": View(90.0, -89.0),
-    "still": View(68.0, -14.0),
+    "still": View(48.0, -17.0),
 }
-"""What the cameras of `options.CAMERAS` do."""
+"""The views of `options.CAMERAS`."""
 
-SWAYING_VIEW = View(42.0, -20.0)
-"""What "follow" does beside a body that sways from side to side: behind and above it, where its tail is seen to beat."""
 
-SWAY = 0.05
-"""A body sways if its parts move from side to side by more than this root mean square, over its length, and up and down less."""
+SIDES = (48.0, -48.0, 132.0, -132.0, 68.0, -68.0, 112.0, -112.0)
+"""Azimuths that the camera "follow" may have [deg], the preferred first."""
 
 
 class Shots(NamedTuple):
-    """The camera in every image."""
+    """The camera in every frame."""
 
     lookat: Float[np.ndarray, "F 3"]
-    """What is in the middle of the picture [m]."""
+    """The middle of the picture [m]."""
     position: Float[np.ndarray, "F 3"]
-    """Where the camera is [m]."""
+    """The camera's place [m]."""
     size: float
     """The size of what is filmed [m]."""
     is_under_water: bool
@@ -117,46 +108,44 @@ class Shots(NamedTuple):
         return azimuth, float(np.degrees(np.arcsin(ahead[2] / distance))), distance
 
 
-class _Framing(NamedTuple):
-    """What a camera has to bring into the picture."""
-
-    boxes: BoundingBoxes
-    azimuth: Float[np.ndarray, " F"]
-    """The direction it looks in at each box [rad]."""
-    width_share: float
-    """Share of the picture's width to fill."""
-    height_share: float
-    """Share of the picture's height to fill."""
+def take_shots(take: Take, film: Film, surface: float | None = None) -> Shots:
+    """Return the camera of a take, with room for its ghost; after the end of its clips it stays."""
+    shots = shots_of(take.clips, film, surface)
+    position = shots.position
+    if take.ghost is not None:
+        centres = bounding_boxes(take.clips[:1]).centres
+        others = bounding_boxes([take.ghost]).centres
+        frames = min(len(centres), len(others))
+        apart = float(np.linalg.norm(centres[:frames] - others[:frames], axis=1).max())
+        room = min(1 + apart / shots.size, MAX_GHOST_ROOM)
+        position = shots.lookat + room * (position - shots.lookat)
+    index = np.minimum(np.arange(take.frames), len(position) - 1)
+    return shots._replace(lookat=shots.lookat[index], position=position[index])
 
 
 def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) -> Shots:
     """Return the camera that `film` asks for, in front of what moves in `clips`.
 
-    Where there is a water's `surface` [m], the camera stays on one side of it all along. The camera "follow" is on the
-    side from which fixed things hide least of the motion.
+    It stays on one side of the water's `surface` [m]. The camera "follow" is on the side from which fixed things hide
+    least of the motion.
     """
     boxes = bounding_boxes(clips)
     view = VIEWS[film.camera]
     if film.camera != "follow":
         return _shots_from(view, clips, boxes, film, surface)
-    if all(_sways(clip) for clip in clips):
-        view = SWAYING_VIEW
     obstacles = fixed_boxes(clips[0])
-    found = []
-    for azimuth in (view.azimuth, -view.azimuth, 180 - view.azimuth, view.azimuth - 180):
-        side = view._replace(azimuth=azimuth)
-        shots = _shots_from(side, clips, boxes, film, surface)
-        hidden = hidden_share(shots.position, boxes, obstacles)
-        if hidden <= MAX_HIDDEN:
-            return shots
-        found.append((hidden, shots))
-    return min(found, key=lambda one: one[0])[1]
+    sides = []
+    for azimuth in SIDES:
+        shots = _shots_from(view._replace(azimuth=azimuth), clips, boxes, film, surface)
+        hidden = max(hidden_share(shots.position, boxes, obstacles), MAX_HIDDEN)
+        sides.append((hidden, shots))
+    return min(sides, key=lambda side: side[0])[1]
 
 
 def hidden_share(
     positions: Float[np.ndarray, "F 3"], boxes: BoundingBoxes, obstacles: BoundingBoxes
 ) -> float:
-    """Return the share of what is filmed, all images together, that the `obstacles` hide from the camera."""
+    """Return the share of what is filmed, over all frames, that the `obstacles` hide from the camera."""
     hidden = []
     for corner in itertools.product((-LOOKED_AT, LOOKED_AT), repeat=3):
         points = boxes.centres + np.array(corner) * (boxes.high - boxes.low) / 2
@@ -165,13 +154,11 @@ def hidden_share(
 
 
 def _is_hidden(
-    positions: Float[np.ndarray, "F 3"],
-    points: Float[np.ndarray, "F 3"],
-    obstacles: BoundingBoxes,
+    positions: Float[np.ndarray, "F 3"], points: Float[np.ndarray, "F 3"], obstacles: BoundingBoxes
 ) -> Bool[np.ndarray, " F"]:
-    """Return whether one of the `obstacles` stands between the camera and a point, in every image."""
-    ways = (points - positions)[:, None]
-    safe = np.where(np.abs(ways) < MIN_SIZE, MIN_SIZE, ways)
+    """Return for every frame whether an obstacle stands between the camera and a point."""
+    sight = (points - positions)[:, None]
+    safe = np.where(np.abs(sight) < MIN_SIZE, MIN_SIZE, sight)
     # Where the line of sight enters and leaves each pair of planes, as shares of its length (Kay and Kajiya, 1986).
     first = (obstacles.low - positions[:, None]) / safe
     second = (obstacles.high - positions[:, None]) / safe
@@ -181,89 +168,59 @@ def _is_hidden(
 
 
 def _shots_from(
-    view: View,
-    clips: Sequence[Clip],
-    boxes: BoundingBoxes,
-    film: Film,
-    surface: float | None,
+    view: View, clips: Sequence[Clip], boxes: BoundingBoxes, film: Film, surface: float | None
 ) -> Shots:
     """Return the camera that looks from `view` at what moves in `boxes`."""
-    frames = len(boxes.low)
     is_under_water = surface is not None and film.camera != "top" and not _emerges(boxes, surface)
-    azimuth = _headings(clips[0], film, frames) + np.radians(view.azimuth)
-    if film.camera == "still" or (film.camera == "follow" and _stays(clips, boxes, azimuth[:1])):
-        framing = _Framing(boxes.whole, azimuth[:1], SHARE_OF_MOTION, SHARE_OF_MOTION)
-        lookat = np.repeat(boxes.whole.centres, frames, axis=0)
+    azimuth = _headings(clips[0], film, len(boxes.low)) + np.radians(view.azimuth)
+    size = max(float(np.median(boxes.sizes)), MIN_SIZE)
+    is_in_place = len(clips) == 1 and boxes.whole.sizes[0] <= STAYING * boxes.sizes.max()
+    extents = boxes.high - boxes.low
+    share = BODY_SHARE if len(clips) == 1 else MOTION_SHARE
+    usual = _distance(np.median(extents, axis=0), share, film)
+    distance = max(usual, _distance(extents.max(axis=0), MAX_SHARE, film))
+    if film.camera == "still" or (film.camera == "follow" and is_in_place):
+        lookat = np.repeat(boxes.whole.centres, len(boxes.low), axis=0)
+        distance = max(
+            distance, _distance((boxes.whole.high - boxes.whole.low)[0], MOTION_SHARE, film)
+        )
     else:
-        share = WIDTH_SHARE if len(clips) == 1 else WIDTH_SHARE_OF_MANY
-        framing = _Framing(boxes, azimuth, share, HEIGHT_SHARE)
-        lag = MAX_LAG * float(np.median(np.maximum(*boxes.width_and_height(azimuth))))
-        lookat = camera_path(boxes.centres, round(clips[0].rate * SMOOTHING), lag)
-    size, distance = _size_and_distance(framing, film)
+        lookat = camera_path(boxes.centres, round(clips[0].rate * SMOOTHING), MAX_LAG * size)
     elevation = np.radians(view.elevation * (FLATTER_UNDER_WATER if is_under_water else 1.0))
-    position = lookat - distance * _directions(azimuth, elevation)
+    level = np.cos(elevation) * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    ahead = np.column_stack([level, np.full(len(level), np.sin(elevation))])
+    position = lookat - distance * ahead
     if surface is not None:
-        clearance = MIN_CLEARANCE * size
-        position[:, 2] = _on_one_side(position[:, 2], surface, clearance, is_under_water)
+        side = -1.0 if is_under_water else 1.0
+        clearance = CLEARANCE * size
+        # Bent smoothly away from the surface.
+        free = side * (position[:, 2] - surface) / clearance - 1
+        position[:, 2] = surface + side * clearance * (1 + np.logaddexp(0.0, free))
     return Shots(lookat, position, size, is_under_water)
 
 
-def take_shots(take: Take, film: Film, surface: float | None = None) -> Shots:
-    """Return the camera in every image of a take, with room for its ghost; at the end of its clips it stays."""
-    shots = shots_of(take.clips, film, surface)
-    lookat = shots.lookat
-    position = shots.position
-    if take.ghost is not None:
-        astray = _distance_apart(take.clips[0], take.ghost)
-        room = min(1 + astray / shots.size, MAX_GHOST_ROOM)
-        position = lookat + room * (position - lookat)
-    index = np.minimum(np.arange(take.frames), len(lookat) - 1)
-    return shots._replace(lookat=lookat[index], position=position[index])
-
-
-def _distance_apart(clip: Clip, ghost: Clip) -> float:
-    """Return how far apart the middles of two motions of a body come [m]."""
-    centres = bounding_boxes([clip]).centres
-    others = bounding_boxes([ghost]).centres
-    frames = min(len(centres), len(others))
-    return float(np.linalg.norm(centres[:frames] - others[:frames], axis=1).max())
-
-
-def _size_and_distance(framing: _Framing, film: Film) -> tuple[float, float]:
-    """Return the size of what is filmed and the distance of the camera from its middle [m]."""
-    width, height = framing.boxes.width_and_height(framing.azimuth)
-    depth, _ = framing.boxes.width_and_height(framing.azimuth + np.pi / 2)
-    usual_height = float(np.median(height))
-    size = max(float(np.median(np.maximum(width, depth))), usual_height, MIN_SIZE)
-    usual_width = max(float(np.median(width)), FORESHORTENED * size)
-    toward_camera = height if film.camera == "top" else depth
-    half_angle = np.tan(np.radians(FIELD_OF_VIEW) / 2)
+def _distance(extent: Float[np.ndarray, " 3"], share: float, film: Film) -> float:
+    """Return the distance [m] from which a box fills this share of the picture's width or height."""
+    width, depth, height = extent.tolist()
+    length = max(width, depth)
+    upright = length if film.camera == "top" else height
     aspect = film.size[0] / film.size[1]
-    distance = max(
-        usual_width / framing.width_share / (2 * half_angle * aspect),
-        usual_height / framing.height_share / (2 * half_angle),
-    )
-    return size, float(np.median(toward_camera)) / 2 + distance
-
-
-def _directions(azimuth: Float[np.ndarray, " F"], elevation: float) -> Float[np.ndarray, "F 3"]:
-    """Return the unit vectors in which cameras look at these angles [rad]."""
-    x = np.cos(azimuth) * np.cos(elevation)
-    y = np.sin(azimuth) * np.cos(elevation)
-    z = np.full(len(azimuth), np.sin(elevation))
-    return np.stack([x, y, z], axis=1)
+    half_angle = np.tan(np.radians(FIELD_OF_VIEW) / 2)
+    far = max(length / aspect, upright, MIN_SIZE) / share / (2 * half_angle)
+    return far + min(width, depth) / 2
 
 
 def _headings(clip: Clip, film: Film, frames: int) -> Float[np.ndarray, " F"]:
-    """Return where the body points for the camera [rad]: as at first, unless the camera goes ahead of it or behind."""
+    """Return the heading of the body for the camera [rad]: the first one, unless the camera is ahead of it or behind."""
     headings = _body_headings(clip)
     if film.camera not in ("front", "back"):
         return np.repeat(headings[:1], frames)
-    return smoothed(np.unwrap(headings)[:, None], round(clip.rate * SMOOTHING))[:, 0]
+    smooth = smoothed(np.unwrap(headings)[:, None], round(clip.rate * SMOOTHING))[:, 0]
+    return smooth[np.minimum(np.arange(frames), len(smooth) - 1)]
 
 
 def _body_headings(clip: Clip) -> Float[np.ndarray, " F"]:
-    """Return where the body points [rad]: the bone in the middle of a skin, else the first of those that move."""
+    """Return the heading [rad] of the bone in the middle of a skin, else of the first that moves."""
     skeleton = clip.skeleton
     moving = [number for number in range(len(skeleton.bones)) if skeleton.is_moved(number)]
     bone = 0
@@ -277,59 +234,11 @@ def _body_headings(clip: Clip) -> Float[np.ndarray, " F"]:
     return heading_of(orientations[:, bone])
 
 
-def _sways(clip: Clip) -> bool:
-    """Return whether a body with a skin beats from side to side, as a fish does, and not up and down, as a dolphin."""
-    if clip.skeleton.skin is None:
-        return False
-    positions, _ = clip.skeleton.world_poses(clip.states)
-    offsets = positions - positions.mean(axis=1, keepdims=True)
-    headings = _body_headings(clip)[:, None]
-    sideways = np.cos(headings) * offsets[..., 1] - np.sin(headings) * offsets[..., 0]
-    to_the_side = float(sideways.std(axis=0).max())
-    up_and_down = float(offsets[..., 2].std(axis=0).max())
-    length = float(np.linalg.norm(offsets, axis=2).max())
-    return to_the_side > max(SWAY * length, up_and_down)
-
-
-def _stays(clips: Sequence[Clip], boxes: BoundingBoxes, azimuth: Float[np.ndarray, " 1"]) -> bool:
-    """Return whether the motion stays where it is: of bodies fixed to the world, or of one in little more than its room."""
-    if all(_is_anchored(clip) for clip in clips):
-        return True
-    if len(clips) > 1:
-        return False
-    width, height = boxes.width_and_height(np.repeat(azimuth, len(boxes.low)))
-    whole_width, whole_height = boxes.whole.width_and_height(azimuth)
-    own_size = max(float(np.median(width)), float(np.median(height)))
-    return max(float(whole_width.max()), float(whole_height.max())) <= STAYING * own_size
-
-
-def _is_anchored(clip: Clip) -> bool:
-    """Return whether what moves hangs from a place that does not: an arm on its base."""
-    skeleton = clip.skeleton
-    positions, _ = skeleton.world_poses(clip.states)
-    first = [
-        number
-        for number, bone in enumerate(skeleton.bones)
-        if bone.is_moving and not skeleton.is_moved(bone.parent)
-    ]
-    return bool(first) and float(np.ptp(positions[:, first], axis=0).max()) < MIN_SIZE
-
-
 def _emerges(boxes: BoundingBoxes, surface: float) -> bool:
     """Return whether the motion is one to be seen from above the water: a leap, or along the surface."""
     size = float(np.linalg.norm(boxes.high - boxes.low, axis=1).max())
     leaps = bool((boxes.centres[:, 2] > surface + LEAPING * size).any())
     return leaps or float((boxes.high[:, 2] > surface).mean()) > EMERGED
-
-
-def _on_one_side(
-    heights: Float[np.ndarray, " F"], surface: float, clearance: float, is_under_water: bool
-) -> Float[np.ndarray, " F"]:
-    """Return camera heights [m] bent smoothly away from the surface: never nearer than `clearance` [m]."""
-    side = -1.0 if is_under_water else 1.0
-    free = side * (heights - surface) - clearance
-    bent = clearance * np.logaddexp(0.0, free / clearance)
-    return surface + side * (clearance + bent)
 
 
 def camera_path(
@@ -345,7 +254,7 @@ def camera_path(
 
 
 def smoothed(rows: Float[np.ndarray, "F K"], frames: int) -> Float[np.ndarray, "F K"]:
-    """Return `rows` averaged twice over `frames` to either side, ends held by straight continuation."""
+    """Return `rows` averaged twice over `frames` to either side, ends continued straight."""
     zeros = np.zeros((1, rows.shape[1]))
     for _ in range(2):
         if len(rows) > frames:

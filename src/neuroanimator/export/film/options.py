@@ -1,13 +1,14 @@
-"""How a motion is filmed: the picture's size and the camera, as users say it."""
+"""What is filmed and how: takes, the picture's size and the camera."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from neuroanimator.animation.clip import Clip
 from neuroanimator.errors import ArgumentError
 
 CAMERAS = {
-    "follow": "goes along at the body's side, a little above, or behind one that sways",
+    "follow": "goes along at the body's side, a little above",
     "side": "goes along exactly beside it, level",
     "front": "goes ahead of it and looks back",
     "back": "goes behind it",
@@ -17,13 +18,13 @@ CAMERAS = {
 """Cameras by name, and what each does."""
 
 DEFAULT_SIZE = (1280, 720)
-"""Width and height of a picture if nothing else is said [pixels]: 16:9 as screens are."""
+"""Default width and height of a picture [pixels]: 16:9 as screens are."""
 
 MIN_SIDE = 32
 """Least width or height [pixels]: no encoder likes less."""
 
 MAX_SIDE = 4096
-"""Greatest width or height [pixels]: software that draws more takes seconds an image."""
+"""Greatest width or height [pixels]: software that draws more takes seconds a frame."""
 
 
 class Film(NamedTuple):
@@ -33,11 +34,33 @@ class Film(NamedTuple):
     """Width and height [pixels], both even, as H.264 wants them."""
     camera: str = "follow"
     """One of `CAMERAS`."""
-    is_quick: bool = False
-    """Whether it is drawn in a third of the time, with coarser edges and shadows."""
 
 
-def checked_film(size: tuple[int, int], camera: str, *, is_quick: bool = False) -> Film:
+class Take(NamedTuple):
+    """Clips of one system that are seen together, until the longest of them ends."""
+
+    clips: tuple[Clip, ...]
+    ghost: Clip | None = None
+    """Another motion of the first clip's body, translucent at the same place and time."""
+    caption: str = ""
+    """A line below the picture; empty for none."""
+    held: int = 0
+    """Number of times its last frame is shown again."""
+
+    @property
+    def frames(self) -> int:
+        """Number of frames drawn of it."""
+        return max(len(clip.times) for clip in self.everything)
+
+    @property
+    def everything(self) -> tuple[Clip, ...]:
+        """All clips, the ghost last."""
+        if self.ghost is None:
+            return self.clips
+        return (*self.clips, self.ghost)
+
+
+def checked_film(size: tuple[int, int], camera: str) -> Film:
     """Return the film; ArgumentError says what is wrong with `size` [pixels] or `camera`."""
     width, height = size
     for side in (width, height):
@@ -48,7 +71,7 @@ def checked_film(size: tuple[int, int], camera: str, *, is_quick: bool = False) 
             )
     if camera not in CAMERAS:
         raise ArgumentError(f"No camera called '{camera[:40]}'. Cameras: {', '.join(CAMERAS)}.")
-    return Film((width, height), camera, is_quick)
+    return Film((width, height), camera)
 
 
 def read_film(size: str, camera: str) -> Film:

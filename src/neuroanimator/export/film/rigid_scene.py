@@ -1,115 +1,117 @@
-"""A film's scene of rigid bodies: the system's own MuJoCo model, with the camera and lights of the film."""
+"""Rigid bodies as their own MuJoCo model draws them, on a floor where it has none."""
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
+from typing import final
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
-from neuroanimator.export.film.camera import FIELD_OF_VIEW, take_shots
-from neuroanimator.export.film.options import Film
-from neuroanimator.export.film.studio_floor import (
-    StudioFloor,
-    lacks_ground,
-    lowest_of_fixed,
-    pivots_of,
-)
-from neuroanimator.export.film.takes import Take
-from neuroanimator.export.film.trust_shown import doubts, glow
+from neuroanimator.export.film.camera import Shots
+from neuroanimator.export.film.options import Take
+from neuroanimator.export.film.scene import frame_model, glow
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
-NEAREST = 0.05
-"""How near something is still drawn, over the camera's distance."""
+FLOOR_DEPTH = 0.08
+"""Depth of a floor under the lowest point of the motion, over the body's size."""
 
-FARTHEST = 60.0
-"""How far away something is still drawn at least, over the camera's distance."""
+FLOOR_HALF_WIDTH = 1.5
+"""Half the width of a floor, over the distance beyond which nothing is drawn: there it ends, level."""
 
-LIGHT_DISTANCE = 3.0
-"""Distance of a directional light that goes along, over the camera's."""
+FLOOR_COLOUR = (0.78, 0.8, 0.83, 1.0)
+"""Red, green, blue and opacity of a floor."""
 
-SHADOW_REACH = 3.0
-"""Half the width of where shadows fall around a body that rests on scenery, over its size."""
+HEADLIGHT = 0.2
+"""Maximum brightness of the lamp at the camera where there are others: a floor seen from above must not glare."""
+
+GROUND_TYPES = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+"""Shapes that nothing but ground has."""
 
 
+@final
 class RigidScene:
-    """A system's own MuJoCo model; of several clips, the others' bodies in the same place, and the ghost among them."""
+    """A system's own model; of several clips, the others' bodies in the same place, and the ghost among them."""
 
-    def __init__(self, system: MujocoSystem, take: Take, film: Film):
+    def __init__(self, system: MujocoSystem, take: Take, shots: Shots):
         self.model = copy.deepcopy(system.model)
-        self.shots = take_shots(take, film)
+        self.doubt = 0.0
         self._has_ghost = take.ghost is not None
-        self._doubts = np.stack([doubts(clip, take.frames) for clip in take.clips])
-        moves = self.model.body_weldid[self.model.geom_bodyid] != 0
-        self._owners = {int(mujoco.mjtObj.mjOBJ_GEOM): np.where(moves, 0, -1)}
-        self._frame = 0
-        clips = take.everything
-        self._states = [clip.states[:, : self.model.nq] for clip in clips]
-        self._datas = [mujoco.MjData(self.model) for _ in clips]
+        self._datas = [mujoco.MjData(self.model) for _ in take.everything]
         self.data = self._datas[0]
-        # MuJoCo counts these distances in the model's extent.
-        extent = self.model.stat.extent
-        distance = self.shots.distance
-        farthest = max(self.model.vis.map.zfar * extent, FARTHEST * distance)
-        self.model.vis.map.znear = NEAREST * distance / extent
-        self.model.vis.map.zfar = farthest / extent
-        self.model.vis.map.shadowclip = SHADOW_REACH * self.shots.size / extent
-        self.model.vis.global_.fovy = FIELD_OF_VIEW
-        self._floor = self._floor_under(take)
-        is_directional = self.model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-        is_of_the_world = self.model.light_bodyid == 0
-        self._lights = np.flatnonzero(is_directional & is_of_the_world)
+        frame_model(self.model, shots)
+        self._option = mujoco.MjvOption()
+        self._perturbation = mujoco.MjvPerturb()
+        self._floor_place: Float[np.ndarray, " 3"] | None = None
+        farthest = self.model.vis.map.zfar * self.model.stat.extent
+        self._floor_size = FLOOR_HALF_WIDTH * farthest
+        if lacks_ground(self.model, shots.size):
+            lowest = float(bounding_boxes(take.clips).low[:, 2].min())
+            x, y, _ = shots.lookat.mean(axis=0)
+            self._floor_place = np.array([x, y, lowest - FLOOR_DEPTH * shots.size])
+            _light_evenly(self.model)
 
-    def _floor_under(self, take: Take) -> StudioFloor | None:
-        """Return a floor where the model has none: nothing is to hang in an empty sky."""
-        if not lacks_ground(self.model, self.shots.size):
-            return None
-        mujoco.mj_forward(self.model, self.data)
-        lowest = float(bounding_boxes(take.clips).low[:, 2].min())
-        lowest = min(lowest, lowest_of_fixed(self.model, self.data))
-        pivots = pivots_of(self.model, self.data)
-        return StudioFloor(self.model, pivots, lowest, self.shots)
-
-    def prepare(self, scene: mujoco.MjvScene) -> None:
-        """Let the floor fade, if it is ours."""
-        if self._floor is not None:
-            self._floor.prepare(scene)
-
-    def pose(self, frame: int) -> None:
-        """Put the joints, and lights as far away as the sun, where they are in `frame`."""
-        self._frame = frame
-        for light in self._lights:
-            direction = self.model.light_dir[light]
-            offset = direction * LIGHT_DISTANCE * self.shots.distance
-            self.model.light_pos[light] = self.shots.lookat[frame] - offset
+    def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
+        """Put the joints where they are."""
         with warnings_counted:
-            for states, data in zip(self._states, self._datas, strict=True):
-                data.qpos[:] = states[min(frame, len(states) - 1)]
+            for state, data in zip(states, self._datas, strict=True):
+                data.qpos[:] = state[: self.model.nq]
                 mujoco.mj_forward(self.model, data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Add the bodies of the other clips, without their scenery, and the floor; let no plane cast shadows on itself."""
-        for number in range(scene.ngeom):
-            geom = scene.geoms[number]
+        """Add the bodies of the other clips, without their scenery, and the floor."""
+        own = [scene.geoms[number] for number in range(scene.ngeom)]
+        for geom in own:
             if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
-                # Far from the middle of the shadow map it would be strewn with specks.
+                # A plane's shadow on itself is strewn with specks far from the middle of the shadow map.
                 geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-        glow(scene, self._owners, self._doubts[:1, self._frame])
-        option = mujoco.MjvOption()
-        perturbation = mujoco.MjvPerturb()
         moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
+        glow([geom for geom in own if geom.category == moving], self.doubt)
         before = scene.ngeom
         for data in self._datas[1:]:
             before = scene.ngeom
-            mujoco.mjv_addGeoms(self.model, data, option, perturbation, moving, scene)
+            mujoco.mjv_addGeoms(self.model, data, self._option, self._perturbation, moving, scene)
         if self._has_ghost:
             for number in range(before, scene.ngeom):
                 geom = scene.geoms[number]
                 geom.matid = -1
                 geom.rgba[:] = GHOST_RGBA
                 geom.size[:] *= GHOST_GROWTH
-        if self._floor is not None:
-            self._floor.fill(scene, self.shots.lookat[self._frame])
+        if self._floor_place is not None and scene.ngeom < scene.maxgeom:
+            self._add_floor(scene, self._floor_place)
+
+    def _add_floor(self, scene: mujoco.MjvScene, place: Float[np.ndarray, " 3"]) -> None:
+        floor = scene.geoms[scene.ngeom]
+        scene.ngeom += 1
+        mujoco.mjv_initGeom(
+            floor,
+            mujoco.mjtGeom.mjGEOM_PLANE,
+            np.array([self._floor_size, self._floor_size, 1.0]),
+            place,
+            np.eye(3).ravel(),
+            np.array(FLOOR_COLOUR, np.float32),
+        )
+        floor.category = mujoco.mjtCatBit.mjCAT_DECOR
+        floor.specular = 0
+
+
+def _light_evenly(model: mujoco.MjModel) -> None:
+    """Make suns of the lamps, which would leave a bright spot on the floor."""
+    is_fixed = model.light_bodyid == 0
+    model.light_type[is_fixed] = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    if is_fixed.any():
+        diffuse = model.vis.headlight.diffuse
+        diffuse[:] = np.minimum(diffuse, HEADLIGHT)
+
+
+def lacks_ground(model: mujoco.MjModel, size: float) -> bool:
+    """Return whether nothing in `model` is ground for a body of `size` [m]: no plane, no terrain and no broad block."""
+    is_ground = np.isin(model.geom_type, GROUND_TYPES)
+    is_fixed = model.body_weldid[model.geom_bodyid] == 0
+    is_broad = is_fixed & (model.geom_rbound > size)
+    return not (is_ground | is_broad).any()

@@ -1,27 +1,86 @@
-"""What a film needs of a scene: a MuJoCo model that can be posed image by image."""
+"""Scenes: MuJoCo models that show bodies in their places."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Protocol, runtime_checkable
 
 import mujoco
+import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.export.film.camera import Shots
+from neuroanimator.animation.clip import Clip
+from neuroanimator.emulator.trust import EDGE
+from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots
+
+NEAREST = 0.02
+"""Distance from which on things are drawn, over the camera's."""
+
+FARTHEST = 60.0
+"""Least distance up to which things are drawn, over the camera's."""
+
+SHADOW_REACH = 3.0
+"""Half the width of where shadows fall, over the size of what is filmed: the less, the finer they are."""
+
+GLOW = (1.0, 0.54, 0.12)
+"""The colour of doubt, red green blue, as on the studio's stage."""
+
+LOST = 3.0
+"""Mean score at which a body has the colour of doubt all over, as on the studio's stage."""
+
+MAX_GLOW = 0.7
+"""Maximum share of the colour of doubt: what it is a picture of is still to be seen."""
+
+EMISSION = 0.2
+"""Maximum light of its own of a body in doubt."""
+
+SMOOTHED = 0.3
+"""Time over which scores are averaged before they colour a body [s]: a flicker distracts."""
 
 
 @runtime_checkable
 class Scene(Protocol):
-    """What is filmed: a model, its state in the present image, and the camera in every image."""
+    """A MuJoCo model with the bodies of a take."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    shots: Shots
+    doubt: float
+    """Share of the colour of doubt that bodies have, 0 to 1."""
 
-    def prepare(self, scene: mujoco.MjvScene) -> None:
-        """Set how `scene` is drawn."""
-
-    def pose(self, frame: int) -> None:
-        """Put everything where it is in `frame`."""
+    def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
+        """Put each body of the take where its state says, the ghost last."""
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Change what MuJoCo has put into `scene`."""
+        """Change what MuJoCo has put into a picture."""
+
+
+def frame_model(model: mujoco.MjModel, shots: Shots) -> None:
+    """Let a model be drawn as far as `shots` see, and its shadows about what is filmed."""
+    # MuJoCo counts these distances in the model's extent.
+    extent = model.stat.extent
+    model.vis.map.znear = NEAREST * shots.distance / extent
+    model.vis.map.zfar = max(model.vis.map.zfar, FARTHEST * shots.distance / extent)
+    model.vis.map.shadowclip = SHADOW_REACH * shots.size / extent
+    model.vis.global_.fovy = FIELD_OF_VIEW
+
+
+def doubts(clip: Clip, frames: int) -> Float[np.ndarray, " F"]:
+    """Return the share of the colour of doubt, 0 to 1, in each of `frames`; 0 where trust is not shown."""
+    if clip.trust is None:
+        return np.zeros(frames)
+    scores = np.minimum(clip.trust, 2 * LOST)
+    width = max(round(SMOOTHED * clip.rate), 1)
+    past = np.concatenate([np.full(width - 1, scores[0]), scores])
+    smooth = np.convolve(past, np.full(width, 1 / width), mode="valid")
+    held = smooth[np.minimum(np.arange(frames), len(smooth) - 1)]
+    return np.clip((held - EDGE) / (LOST - EDGE), 0, 1)
+
+
+def glow(geoms: Iterable[mujoco.MjvGeom], doubt: float) -> None:
+    """Mix the colour of doubt into shapes, by its share."""
+    if doubt == 0:
+        return
+    share = MAX_GLOW * doubt
+    for geom in geoms:
+        geom.rgba[:3] = (1 - share) * geom.rgba[:3] + share * np.array(GLOW)
+        geom.emission = max(geom.emission, EMISSION * share)

@@ -1,317 +1,223 @@
-"""A film's scene of bodies that have no MuJoCo model of their own: their bones and skins in a sea or a hall."""
+"""Bodies that have no MuJoCo model of their own: bones and skins over a floor or in water."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
-from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin_mesh import skin_mesh
+from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
-from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots, take_shots
-from neuroanimator.export.film.options import Film
-from neuroanimator.export.film.skeleton_model import add_bone, add_skin
-from neuroanimator.export.film.splashes import Splashes
-from neuroanimator.export.film.takes import Take
-from neuroanimator.export.film.trust_shown import doubts, glow
-from neuroanimator.export.ghost import GHOST_RGBA
+from neuroanimator.export.film.camera import Shots
+from neuroanimator.export.film.options import Take
+from neuroanimator.export.film.scene import frame_model, glow
+from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 
 SEABED_DEPTH = 0.45
-"""How far the seabed lies under the deepest point of the motion, over the body's size."""
-
-LIGHT_DISTANCE = 4.0
-"""Distance of the light, over the body's size: near enough for sharp shadows, it goes along."""
-
-SHADOW_REACH = 1.6
-"""Half the width of where shadows fall, over the body's size: the less, the finer they are."""
-
-SAME_PLACE = 1e-9
-"""Bones whose positions [m] and quaternions differ by less are in the same place."""
+"""Depth of the seabed under the deepest point of the motion, over the body's size."""
 
 HALF_WIDTH = 60.0
 """Half the width of floor and water, over the body's size."""
 
-STONES = 90
-"""Stones on the seabed: what a body passes shows how fast it goes."""
-
-STONE_SIZES = (0.02, 0.09)
-"""Half the length of the smallest and the largest stone, over the body's size."""
-
-STONE_BAND = 4.0
-"""How far from the way of the body stones lie, over its size."""
-
-STONE_COLOURS = ((0.46, 0.45, 0.40), (0.56, 0.54, 0.46), (0.37, 0.39, 0.38))
-"""The sRGB colours of stones."""
-
-GHOST_SWELLING = 0.004
-"""How much further out a ghost's surface is drawn, over the body's size: it shows no spots where both are the same."""
-
 WATER_THICKNESS = 0.002
 """Half the thickness of the water's surface, over the body's size."""
 
+PALETTE_WIDTH = 256
+"""Width of the texture of a skin's colours [texels]."""
 
-class Setting(NamedTuple):
-    """Where a motion takes place."""
-
-    surface: float | None
-    """Height of the water's surface [m]; None if there is none to be seen."""
-    has_ground: bool
-    """Whether there is ground at height 0, and air around."""
+PALETTE_MARGIN = 16
+"""Free width at both ends of that texture [texels], which blend into each other."""
 
 
-class Colours(NamedTuple):
-    """The colours of a place, each 'red green blue', and how far one sees, over the body's size."""
+class _Place(NamedTuple):
+    """The colours of a place, each 'red green blue', and the distances at which it fades, over the body's size."""
 
-    above: str
-    """The sky at the top."""
-    below: str
-    """The sky at the bottom."""
-    fog: str
-    """What everything fades into."""
+    sky: str
+    horizon: str
     floor: str
-    ambient: str
-    """The light from everywhere."""
-    near: float
-    """From where on things begin to fade."""
-    far: float
-    """Where all has faded."""
+    squares: str
+    fading: str
 
 
-UNDER_WATER = Colours(
-    above="0.45 0.74 0.86",
-    below="0.04 0.20 0.32",
-    fog="0.12 0.38 0.52",
+UNDER_WATER = _Place(
+    sky="0.45 0.74 0.86",
+    horizon="0.12 0.38 0.52",
     floor="0.66 0.65 0.54",
-    ambient="0.42 0.46 0.5",
-    near=3.0,
-    far=16.0,
+    squares="0.64 0.63 0.525",
+    fading='fogstart="3" fogend="16"',
 )
-"""The colours of a dive."""
-
-OVER_WATER = Colours(
-    above="0.5 0.68 0.86",
-    below="0.86 0.91 0.95",
-    fog="0.62 0.77 0.86",
+OVER_WATER = _Place(
+    sky="0.5 0.68 0.86",
+    horizon="0.62 0.77 0.86",
     floor="0.12 0.34 0.46",
-    ambient="0.42 0.44 0.46",
-    near=6.0,
-    far=45.0,
+    squares="0.11 0.32 0.44",
+    fading='fogstart="6" fogend="45"',
 )
-"""The colours of a look at the sea."""
-
-ON_GROUND = Colours(
-    above="0.5 0.68 0.86",
-    below="0.86 0.91 0.95",
-    fog="0.86 0.91 0.95",
+ON_GROUND = _Place(
+    sky="0.5 0.68 0.86",
+    horizon="0.86 0.91 0.95",
     floor="0.75 0.75 0.76",
-    ambient="0.42 0.44 0.46",
-    near=6.0,
-    far=45.0,
+    squares="0.71 0.72 0.73",
+    fading='fogstart="6" fogend="45"',
 )
-"""The colours of a hall."""
 
 
+@final
 class SkeletonScene:
-    """A MuJoCo model that shows motions of bones in a sea or a hall, image by image."""
+    """Bodies, and a ghost, that are moved from outside."""
 
-    def __init__(self, take: Take, film: Film, setting: Setting):
-        poses = [_held_poses(clip, take.frames) for clip in take.everything]
-        self.positions = np.concatenate([positions for positions, _ in poses], axis=1)
-        self.orientations = np.concatenate([orientations for _, orientations in poses], axis=1)
-        self.shots = take_shots(take, film, setting.surface)
+    def __init__(self, take: Take, shots: Shots, *, surface: float | None, has_ground: bool):
+        """Put them over a floor, or into water whose `surface` is at that height [m]; None: out of sight."""
         floor = 0.0
-        if not setting.has_ground:
+        if not has_ground:
             lowest = float(bounding_boxes(take.clips).low[:, 2].min())
-            floor = lowest - SEABED_DEPTH * self.shots.size
-        spec = mujoco.MjSpec.from_string(_place_mjcf(self.shots, floor, setting))
+            floor = lowest - SEABED_DEPTH * shots.size
+        place = ON_GROUND
+        if not has_ground:
+            is_below = surface is None or shots.is_under_water
+            place = UNDER_WATER if is_below else OVER_WATER
+        spec = mujoco.MjSpec.from_string(_place_mjcf(place, shots.size, floor, surface))
+        self._skeletons = [clip.skeleton for clip in take.everything]
         for number, clip in enumerate(take.clips):
             _add_skeleton(spec, f"{number} ", clip.skeleton)
         if take.ghost is not None:
-            is_elsewhere = ~_are_alike(poses[0], poses[-1])
-            swelling = GHOST_SWELLING * self.shots.size
-            _add_ghost(spec, "ghost ", take.ghost.skeleton, is_elsewhere, swelling)
-        if _colours(self.shots, setting) is UNDER_WATER:
-            _add_stones(spec, self.shots, floor)
+            _add_skeleton(spec, "ghost ", _as_ghost(take.ghost.skeleton), is_ghost=True)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self._doubts = np.stack([doubts(clip, take.frames) for clip in take.clips])
-        self._owners = _owners(self.model, len(take.clips))
-        self._frame = 0
-        self._splashes: Splashes | None = None
-        if setting.surface is not None:
-            bodies = np.concatenate([each.positions for each in poses[: len(take.clips)]], axis=1)
-            rate = take.clips[0].rate
-            self._splashes = Splashes(bodies, rate, setting.surface, self.shots.size)
+        self.doubt = 0.0
+        frame_model(self.model, shots)
 
-    def prepare(self, scene: mujoco.MjvScene) -> None:
-        """Let what is far away fade into water or air."""
-        scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
-        scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
-
-    def pose(self, frame: int) -> None:
-        """Put the bones, and the light, where they are in `frame`."""
-        self._frame = frame
-        self.data.mocap_pos[:] = self.positions[frame]
-        self.data.mocap_quat[:] = self.orientations[frame]
-        offset = self.model.light_dir[0] * LIGHT_DISTANCE * self.shots.size
-        self.model.light_pos[0] = self.shots.lookat[frame] - offset
+    def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
+        """Put the bones where they are."""
+        positions = []
+        orientations = []
+        for skeleton, state in zip(self._skeletons, states, strict=True):
+            position, orientation = skeleton.world_poses(state[None])
+            positions.append(position[0])
+            orientations.append(orientation[0])
+        self.data.mocap_pos[:] = np.concatenate(positions)
+        self.data.mocap_quat[:] = np.concatenate(orientations)
         mujoco.mj_forward(self.model, self.data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Take floor and water out of what casts shadows: the sea's surface would darken a polygon of its bed. Add splashes."""
+        """Let what is far away fade, and bodies in doubt glow."""
+        scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
+        scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
+        bodies = []
         for number in range(scene.ngeom):
             geom = scene.geoms[number]
-            if geom.category == mujoco.mjtCatBit.mjCAT_STATIC:
+            is_skin = geom.objtype == mujoco.mjtObj.mjOBJ_SKIN
+            if not is_skin and self.model.geom_bodyid[geom.objid] == 0:
+                # The sea's surface would cast a shadow on its bed.
                 geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-        glow(scene, self._owners, self._doubts[:, self._frame])
-        if self._splashes is not None:
-            self._splashes.fill(scene, self._frame)
+            elif geom.rgba[3] > GHOST_RGBA[3]:
+                bodies.append(geom)
+        glow(bodies, self.doubt)
 
 
-def _owners(model: mujoco.MjModel, clips: int) -> dict[int, Int[np.ndarray, " N"]]:
-    """Return, by kind of object and number, of which clip it is: -1 for what is scenery or a ghost's."""
-    prefixes = {f"{number} ": number for number in range(clips)}
-
-    def owner(name: str) -> int:
-        return next((number for start, number in prefixes.items() if name.startswith(start)), -1)
-
-    bodies = np.array([owner(model.body(number).name) for number in range(model.nbody)])
-    skins = np.array([owner(model.skin(number).name) for number in range(model.nskin)], int)
-    return {
-        int(mujoco.mjtObj.mjOBJ_GEOM): bodies[model.geom_bodyid],
-        int(mujoco.mjtObj.mjOBJ_SKIN): skins,
-    }
-
-
-def _add_skeleton(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:
-    """Add a skeleton's bones and skin, their names after `prefix`."""
+def _as_ghost(skeleton: Skeleton) -> Skeleton:
+    """Return a skeleton with the shapes that move alone, in the colour of ghosts and a little larger."""
+    bones = []
     for number, bone in enumerate(skeleton.bones):
-        add_bone(spec, f"{prefix}bone{number}", bone)
-    if skeleton.skin is not None:
-        add_skin(spec, prefix, skeleton, skin_mesh(skeleton))
+        shapes = bone.shapes if skeleton.is_moved(number) else ()
+        tinted = []
+        for shape in shapes:
+            size = tuple(GHOST_GROWTH * length for length in shape.size)
+            tinted.append(replace(shape, colour=GHOST_RGBA, size=size))
+        bones.append(replace(bone, shapes=tuple(tinted)))
+    return replace(skeleton, bones=tuple(bones))
 
 
-def _add_stones(spec: mujoco.MjSpec, shots: Shots, floor: float) -> None:
-    """Scatter stones, the same every time, over the seabed at the height `floor` [m] along the body's way."""
-    rng = np.random.default_rng(0)
-    size = shots.size
-    low = shots.lookat[:, :2].min(axis=0) - STONE_BAND * size
-    high = shots.lookat[:, :2].max(axis=0) + STONE_BAND * size
-    small, large = STONE_SIZES
-    for number in range(STONES):
-        # Most are small.
-        length = size * (small + (large - small) * rng.random() ** 3)
-        half_sizes = length * np.array([1.0, rng.uniform(0.6, 0.9), rng.uniform(0.35, 0.6)])
-        turn = rng.uniform(0, np.pi)
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-            size=half_sizes,
-            pos=[*rng.uniform(low, high), floor + 0.3 * half_sizes[2]],
-            quat=[np.cos(turn), 0, 0, np.sin(turn)],
-            rgba=[*STONE_COLOURS[number % len(STONE_COLOURS)], 1],
-            contype=0,
-            conaffinity=0,
-        )
-
-
-def _are_alike(one: Poses, other: Poses) -> Bool[np.ndarray, " B"]:
-    """Return which bones are in the same place all the time in two motions of a body."""
-    apart = np.abs(one.positions - other.positions).max(axis=(0, 2))
-    turned = np.abs(one.orientations - other.orientations).max(axis=(0, 2))
-    return (apart < SAME_PLACE) & (turned < SAME_PLACE)
-
-
-def _add_ghost(
-    spec: mujoco.MjSpec,
-    prefix: str,
-    skeleton: Skeleton,
-    is_shown: Bool[np.ndarray, " B"],
-    swelling: float,
+def _add_skeleton(
+    spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, *, is_ghost: bool = False
 ) -> None:
-    """Add the bones of a skeleton that are shown, and its skin, in the one colour of ghosts; its names after `prefix`.
-
-    They are larger on all sides by `swelling` [m].
-    """
+    """Add a skeleton's bones, as bodies moved from outside whose names begin with `prefix`, and its skin."""
     for number, bone in enumerate(skeleton.bones):
-        shapes = bone.shapes if is_shown[number] else ()
-        tinted = tuple(
-            replace(
-                shape,
-                colour=GHOST_RGBA,
-                size=tuple(length + swelling for length in shape.size),
-            )
-            for shape in shapes
+        body = spec.worldbody.add_body(
+            name=f"{prefix}bone{number}", mocap=True, pos=bone.offset, quat=bone.orientation
         )
-        add_bone(spec, f"{prefix}bone{number}", replace(bone, shapes=tinted))
+        for shape in bone.shapes:
+            body.add_geom(
+                type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"),
+                size=[*shape.size, 0.0, 0.0][:3],
+                pos=shape.position,
+                quat=shape.orientation,
+                rgba=shape.colour,
+                contype=0,
+                conaffinity=0,
+            )
     if skeleton.skin is not None:
-        skin = add_skin(spec, prefix, skeleton, skin_mesh(skeleton), colour=GHOST_RGBA)
-        skin.inflate = swelling
+        _add_skin(spec, prefix, skeleton, is_ghost)
 
 
-class Poses(NamedTuple):
-    """Where the bones of a body are in every image."""
+def _add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, is_ghost: bool) -> None:
+    """Add a skin that follows the bones whose names begin with `prefix`; its colours are a texture."""
+    assert skeleton.skin is not None
+    mesh = skin_mesh(skeleton)
+    name = f"{prefix}skin"
+    material = spec.add_material(name=name, specular=0.35, shininess=0.4)
+    skin = spec.add_skin(name=name, material=name)
+    if is_ghost:
+        material.rgba = GHOST_RGBA
+        skin.inflate = (GHOST_GROWTH - 1) * float(np.ptp(mesh.points, axis=0).max())
+    else:
+        coloured = PALETTE_WIDTH - 1 - 2 * PALETTE_MARGIN
+        shades = np.clip((np.arange(PALETTE_WIDTH) - PALETTE_MARGIN) / coloured, 0, 1)
+        palette = np.round(255 * colours_of(skeleton.skin, shades)).astype(np.uint8)
+        spec.add_texture(
+            name=name,
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            width=PALETTE_WIDTH,
+            height=1,
+            nchannel=3,
+            data=palette.ravel().tolist(),
+        )
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+        across = (PALETTE_MARGIN + mesh.shades * coloured + 0.5) / PALETTE_WIDTH
+        skin.texcoord = np.stack([across, np.full_like(across, 0.5)], axis=1).ravel().tolist()
+    skin.vert = mesh.points.ravel().tolist()
+    skin.face = mesh.triangles.ravel().tolist()
+    skin.bodyname = [f"{prefix}bone{number}" for number in range(len(skeleton.bones))]
+    skin.bindpos = np.ravel([bone.offset for bone in skeleton.bones]).tolist()
+    skin.bindquat = np.ravel([bone.orientation for bone in skeleton.bones]).tolist()
+    points_of_bones = []
+    weights_of_bones = []
+    for number in range(len(skeleton.bones)):
+        weights = np.where(mesh.bones == number, mesh.weights, 0.0).sum(axis=1)
+        points_of_bones.append(np.flatnonzero(weights > 0).tolist())
+        weights_of_bones.append(weights[weights > 0].tolist())
+    skin.vertid = points_of_bones
+    skin.vertweight = weights_of_bones
 
-    positions: Float[np.ndarray, "F B 3"]
-    """In the world [m]."""
-    orientations: Float[np.ndarray, "F B 4"]
-    """Their quaternions in the world."""
 
-
-def _held_poses(clip: Clip, frames: int) -> Poses:
-    """Return the bones' positions and quaternions in the world in all `frames`; a shorter clip stays at its last."""
-    index = np.minimum(np.arange(frames), len(clip.times) - 1)
-    positions, orientations = clip.skeleton.world_poses(clip.states)
-    return Poses(positions[index], orientations[index])
-
-
-def _colours(shots: Shots, setting: Setting) -> Colours:
-    if setting.has_ground:
-        return ON_GROUND
-    if setting.surface is None or shots.is_under_water:
-        return UNDER_WATER
-    return OVER_WATER
-
-
-def _place_mjcf(shots: Shots, floor: float, setting: Setting) -> str:
+def _place_mjcf(place: _Place, size: float, floor: float, surface: float | None) -> str:
     """Return the place without the bodies, as MJCF; `floor` is the height of floor or seabed [m]."""
-    size = shots.size
-    colours = _colours(shots, setting)
-    floor_texture = "checker" if setting.has_ground else "flat"
     wide = HALF_WIDTH * size
     water = ""
-    if setting.surface is not None:
+    if surface is not None:
         thin = WATER_THICKNESS * size
-        water = f"""<geom type="box" pos="0 0 {setting.surface - thin:.6g}" size="{wide:.6g} {wide:.6g} {thin:.6g}"
-            material="water" contype="0" conaffinity="0"/>"""
+        water = f"""<geom type="box" pos="0 0 {surface - thin:.6g}" size="{wide:.6g} {wide:.6g} {thin:.6g}"
+          rgba="0.5 0.72 0.84 0.25" contype="0" conaffinity="0"/>"""
     return f"""<mujoco>
       <statistic extent="{size:.6g}" center="0 0 0"/>
       <visual>
-        <global fovy="{FIELD_OF_VIEW}"/>
-        <map znear="0.02" zfar="150" fogstart="{colours.near}" fogend="{colours.far}" shadowclip="{SHADOW_REACH}"/>
-        <headlight ambient="{colours.ambient}" diffuse="0.25 0.25 0.25" specular="0 0 0"/>
-        <rgba fog="{colours.fog} 1" haze="{colours.fog} 1"/>
+        <map {place.fading}/>
+        <headlight ambient="0.43 0.45 0.47" diffuse="0.25 0.25 0.25" specular="0 0 0"/>
+        <rgba fog="{place.horizon} 1"/>
       </visual>
       <asset>
-        <texture type="skybox" builtin="gradient" rgb1="{colours.above}" rgb2="{colours.below}" width="256" height="1536"/>
-        <texture name="floor" type="2d" builtin="{floor_texture}" mark="random" random="0.015"
-          rgb1="{colours.floor}" rgb2="0.68 0.69 0.71" markrgb="0.36 0.38 0.34" width="512" height="512"/>
-        <material name="floor" texture="floor" texuniform="true" texrepeat="{1 / size:.6g} {1 / size:.6g}"
-          specular="0" shininess="0"/>
-        <texture name="water" type="2d" builtin="flat" mark="random" random="0.012" rgb1="0.5 0.75 0.85"
-          rgb2="0.5 0.75 0.85" markrgb="1 1 1" width="512" height="512"/>
-        <material name="water" texture="water" texuniform="true" texrepeat="{0.9 / size:.6g} {0.9 / size:.6g}"
-          rgba="0.55 0.75 0.85 0.25" specular="0.5" shininess="0.8"/>
+        <texture type="skybox" builtin="gradient" rgb1="{place.sky}" rgb2="{place.horizon}" width="256" height="1536"/>
+        <texture name="floor" type="2d" builtin="checker" rgb1="{place.floor}" rgb2="{place.squares}" width="512" height="512"/>
+        <material name="floor" texture="floor" texuniform="true" texrepeat="{1 / size:.6g} {1 / size:.6g}" specular="0"/>
       </asset>
       <worldbody>
-        <light type="directional" dir="-0.12 0.22 -1" pos="0 0 {10 * size:.6g}" diffuse="0.45 0.45 0.42"
-          specular="0.2 0.2 0.2" castshadow="true"/>
-        <geom type="plane" pos="0 0 {floor:.6g}" size="{wide:.6g} {wide:.6g} 1" material="floor"
-          contype="0" conaffinity="0"/>
+        <light type="directional" dir="-0.12 0.22 -1" diffuse="0.45 0.45 0.42" specular="0.2 0.2 0.2"/>
+        <geom type="plane" pos="0 0 {floor:.6g}" size="{wide:.6g} {wide:.6g} 1" material="floor" contype="0" conaffinity="0"/>
         {water}
       </worldbody>
     </mujoco>"""

@@ -1,58 +1,47 @@
-"""Clips as an MP4 video, drawn by MuJoCo without a screen.
-
-Drawing happens in a process of its own, because MuJoCo chooses its graphics library once, when
-it is first imported, and by then this process has long imported it.
-"""
+"""Clips as an MP4 video, drawn by MuJoCo without a screen and encoded by ffmpeg."""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from threading import Timer
+
+import imageio_ffmpeg
+import numpy as np
+from jaxtyping import UInt8
 
 from neuroanimator.animation.clip import Clip, check_drawable
 from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.executor.python_command import python_command
-from neuroanimator.export.film.clip_bytes import pack_takes
-from neuroanimator.export.film.options import DEFAULT_SIZE, checked_film
-from neuroanimator.export.film.takes import Take
-from neuroanimator.export.film.video_worker import NO_GRAPHICS
+from neuroanimator.export.film.graphics import needed_graphics
+from neuroanimator.export.film.options import DEFAULT_SIZE, Film, Take, checked_film
 from neuroanimator.storage.unfinished import finish, unfinished
-from neuroanimator.terminal import Bar, progress_bar
+from neuroanimator.terminal import progress_bar
 from neuroanimator.text import printable
 
-BACKENDS = ("egl", "osmesa")
-"""Graphics libraries that draw without a screen, tried in this order."""
-
-HOW_TO_GET_GL = (
-    "No OpenGL to draw with, so no video: install EGL or OSMesa (Debian: apt-get install libegl1 libosmesa6) "
-    "and run again. Everything else works without."
-)
-"""What an error says where nothing can be drawn."""
-
-NOT_WITH_THIS_GL = (
-    "MUJOCO_GL={asked} asks to draw with {asked} alone, which does not work here{why}. "
-    "Unset it, or set it to egl or osmesa."
-)
-"""What an error says where the graphics library that was asked for cannot draw."""
-
-WORKER = "neuroanimator.export.film.video_worker"
-"""The module that the drawing process runs."""
-
-MAX_DRAWING = 3600
-"""Time after which a drawing process is given up [s]."""
-
 MAX_CLIPS = 64
-"""The most clips filmed together: MuJoCo's picture has no room for many thousand shapes."""
+"""Maximum number of clips filmed together: a picture has no room for many thousand shapes."""
 
 MAX_COMPLAINT = 200
-"""Characters of a drawing process's complaint that an error shows."""
+"""Maximum number of letters of ffmpeg's complaint that an error shows."""
 
 UNEVEN_RATES = 1e-6
 """Share by which the rates of clips filmed together may differ."""
+
+ENCODING = (
+    "-c:v",
+    "libx264",
+    "-pix_fmt",
+    "yuv420p",
+    "-preset",
+    "superfast",
+    "-crf",
+    "20",
+    "-movflags",
+    "+faststart",
+)
+"""ffmpeg's options: a constant rate factor of 20 shows no loss; a slower preset takes as long as drawing."""
 
 
 def write_video(
@@ -79,26 +68,66 @@ def write_takes(
     *,
     size: tuple[int, int] = DEFAULT_SIZE,
     camera: str = "follow",
-    is_quick: bool = False,
 ) -> None:
-    """Write `takes` one after another to `path`, as `write_video` does one; all are of one rate.
-
-    What `is_quick` is drawn in a third of the time, with coarser edges and shadows.
-    """
+    """Write `takes` one after another to `path`, as `write_video` does one; all are of one rate."""
     path = Path(path)
-    film = checked_film(size, camera, is_quick=is_quick)
+    film = checked_film(size, camera)
     for take in takes:
         _check_together(take.everything)
     _check_rates([take.clips[0] for take in takes])
-    content = pack_takes(takes, film)
-    images = sum(take.frames + take.held for take in takes)
+    needed_graphics()
+    from neuroanimator.export.film.drawing import draw_takes
+
+    count = sum(take.frames + take.held for take in takes)
     try:
         with unfinished(path, path.suffix) as temporary:
-            with progress_bar(f"drawing {path.name}", images) as bar:
-                _draw(content, temporary, path.name, images, bar)
+            with progress_bar(f"drawing {path.name}", count) as bar:
+                _encode(draw_takes(takes, film, bar), temporary, film, takes[0].clips[0].rate)
             finish(temporary, path)
     except OSError as error:
         raise ResourceError(f"Could not write {path}: {error.strerror}.") from error
+
+
+def _encode(
+    images: Iterable[UInt8[np.ndarray, "H W 3"]], out: Path, film: Film, rate: float
+) -> None:
+    """Write `images` to `out` as they come, `rate` a second."""
+    width, height = film.size
+    source = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:.9g}")
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(),
+        "-v",
+        "error",
+        "-y",
+        *source,
+        "-i",
+        "-",
+        *ENCODING,
+        str(out),
+    ]
+    with tempfile.TemporaryFile() as complaints:
+        # In a session of its own: what the terminal sends on Ctrl-C is for this process.
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stderr=complaints, start_new_session=True
+        )
+        assert process.stdin is not None
+        try:
+            # What ends early says why.
+            with suppress(BrokenPipeError):
+                for image in images:
+                    process.stdin.write(image.tobytes())
+                process.stdin.close()
+            code = process.wait()
+        finally:
+            process.kill()
+            process.wait()
+            with suppress(BrokenPipeError):
+                process.stdin.close()
+        complaints.seek(0)
+        lines = complaints.read().decode(errors="replace").strip().splitlines()
+    if code:
+        reason = lines[-1] if lines else f"ffmpeg ended with {code}"
+        raise ResourceError(f"The film was not written: {printable(reason)[:MAX_COMPLAINT]}.")
 
 
 def _check_together(clips: Sequence[Clip]) -> None:
@@ -122,86 +151,3 @@ def _check_rates(clips: Sequence[Clip]) -> None:
             raise ArgumentError(
                 f"clips: wanted one rate, came {clip.rate:g} beside {first.rate:g} a second."
             )
-
-
-def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> None:
-    """Draw with the first graphics library that works here; ResourceError if none does."""
-    for backend in _backends():
-        code, complaint = _run_drawing(content, temporary, backend, images, bar)
-        if code == 0:
-            return
-        if code != NO_GRAPHICS:
-            raise ResourceError(
-                f"Drawing {name} failed: {complaint[:MAX_COMPLAINT]}. 'neuroanimator doctor' says more."
-            )
-    raise ResourceError(why_no_graphics())
-
-
-def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar) -> tuple[int, str]:
-    """Return the drawing process's exit code and its last complaint; it ends whenever this function does."""
-    command = python_command("-m", WORKER, str(out))
-    with tempfile.TemporaryFile() as clips, tempfile.TemporaryFile() as complaints:
-        clips.write(content)
-        clips.seek(0)
-        with subprocess.Popen(
-            command,
-            env=_environment(backend),
-            stdin=clips,
-            stdout=subprocess.PIPE,
-            stderr=complaints,
-        ) as process:
-            alarm = Timer(MAX_DRAWING, process.kill)
-            alarm.daemon = True
-            alarm.start()
-            try:
-                assert process.stdout is not None
-                for line in process.stdout:
-                    _show_progress(bar, line, images)
-                code = process.wait()
-            finally:
-                alarm.cancel()
-                process.kill()
-        complaints.seek(0)
-        lines = complaints.read().decode(errors="replace").strip().splitlines()
-    return code, lines[-1] if lines else "no message"
-
-
-def _show_progress(bar: Bar, line: bytes, images: int) -> None:
-    """Show the number of the image on a `line` of the drawing process, if it is one."""
-    text = line.strip()
-    if not text.isdigit():
-        return
-    done = int(text)
-    bar.advance_to(done, "encoding" if done >= images else "")
-
-
-def graphics_backend() -> str | None:
-    """Return the first of EGL and OSMesa that can draw here; None if neither can."""
-    command = python_command("-m", WORKER)
-    for backend in _backends():
-        trial = subprocess.run(
-            command, env=_environment(backend), capture_output=True, timeout=MAX_DRAWING
-        )
-        if trial.returncode == 0:
-            return backend
-    return None
-
-
-def why_no_graphics() -> str:
-    """Return why nothing can be drawn here, and what helps."""
-    asked = os.environ.get("MUJOCO_GL")
-    if not asked:
-        return HOW_TO_GET_GL
-    why = ": it needs a display" if asked == "glfw" else ""
-    return NOT_WITH_THIS_GL.format(asked=printable(asked), why=why)
-
-
-def _environment(backend: str) -> dict[str, str]:
-    """Return the environment of a process that draws with that graphics library."""
-    return {**os.environ, "MUJOCO_GL": backend}
-
-
-def _backends() -> tuple[str, ...]:
-    """Return the graphics libraries to try: the one the user asks for, or all."""
-    asked = os.environ.get("MUJOCO_GL")
-    return (asked,) if asked else BACKENDS

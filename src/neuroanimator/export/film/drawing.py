@@ -1,0 +1,162 @@
+"""Takes drawn frame by frame by MuJoCo, without a screen."""
+
+from __future__ import annotations
+
+import atexit
+import importlib
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from typing import Any, final
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from neuroanimator.export.film.camera import Shots, take_shots
+from neuroanimator.export.film.footer import Footer
+from neuroanimator.export.film.graphics import context_module, needed_graphics
+from neuroanimator.export.film.options import Film, Take
+from neuroanimator.export.film.rigid_scene import RigidScene
+from neuroanimator.export.film.scene import Scene, doubts
+from neuroanimator.export.film.skeleton_scene import SkeletonScene
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.loading import MissingPhysicsError
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.terminal import Bar
+
+SAMPLES = 4
+"""Number of samples a pixel, for smooth edges."""
+
+SHADOW_MAP = 2048
+"""Side of the shadow map [texels]: its edges are hardly coarser than a pixel."""
+
+MAX_SLICES = 32
+"""Maximum number of sides of a round shape: more take longer, and are not seen."""
+
+MAX_SHAPES = 10_000
+"""Maximum number of shapes in a picture."""
+
+LIGHT_DISTANCE = 3.0
+"""Distance of a light as far away as the sun, which goes along, over the camera's."""
+
+
+@final
+class Canvas:
+    """Pictures of a scene; `close` it when done."""
+
+    def __init__(self, scene: Scene, size: tuple[int, int]):
+        """Prepare pictures of `size` (width, height) [pixels]; ResourceError where nothing can be drawn."""
+        backend = needed_graphics()
+        width, height = size
+        self._scene = scene
+        model = scene.model
+        model.vis.global_.offwidth = width
+        model.vis.global_.offheight = height
+        model.vis.quality.offsamples = SAMPLES
+        model.vis.quality.shadowsize = SHADOW_MAP
+        model.vis.quality.numslices = min(model.vis.quality.numslices, MAX_SLICES)
+        is_sun = model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        self._suns = np.flatnonzero(is_sun & (model.light_bodyid == 0))
+        self._shapes = mujoco.MjvScene(model, MAX_SHAPES)
+        self._option = mujoco.MjvOption()
+        self._perturbation = mujoco.MjvPerturb()
+        self._rectangle = mujoco.MjrRect(0, 0, width, height)
+        with _loading(backend):
+            self._context: Any = importlib.import_module(context_module(backend)).GLContext(*size)
+            self._context.make_current()
+            self._target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
+        # What nobody closed must go before the graphics library does.
+        atexit.register(self.close)
+
+    def draw(
+        self, lookat: Float[np.ndarray, " 3"], angles: tuple[float, float, float]
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """Return the picture of the scene as it is posed; `angles` are those of `Shots.angles`."""
+        scene = self._scene
+        camera = mujoco.MjvCamera()
+        camera.lookat[:] = lookat
+        camera.azimuth, camera.elevation, camera.distance = angles
+        for sun in self._suns:
+            offset = LIGHT_DISTANCE * camera.distance * scene.model.light_dir[sun]
+            scene.model.light_pos[sun] = camera.lookat - offset
+        mujoco.mj_camlight(scene.model, scene.data)
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(
+            scene.model,
+            scene.data,
+            self._option,
+            self._perturbation,
+            camera,
+            everything,
+            self._shapes,
+        )
+        scene.fill(self._shapes)
+        image = np.empty((self._rectangle.height, self._rectangle.width, 3), np.uint8)
+        self._context.make_current()
+        mujoco.mjr_render(self._rectangle, self._shapes, self._target)
+        mujoco.mjr_readPixels(image, None, self._rectangle, self._target)
+        return image[::-1]
+
+    def close(self) -> None:
+        """Give the graphics library's memory back."""
+        atexit.unregister(self.close)
+        self._context.make_current()
+        self._target.free()
+        self._context.free()
+
+
+def scene_of(take: Take, film: Film) -> tuple[Scene, Shots]:
+    """Return what is filmed of a take, and the camera: rigid bodies as MuJoCo has them, others as bones and skins.
+
+    Of models that are not at hand the bones are filmed, too.
+    """
+    clip = take.clips[0]
+    try:
+        system = carried_system(clip.name, clip.definition)
+    except MissingPhysicsError:
+        shots = take_shots(take, film)
+        return SkeletonScene(take, shots, surface=None, has_ground=True), shots
+    if isinstance(system, MujocoSystem):
+        shots = take_shots(take, film)
+        return RigidScene(system, take, shots), shots
+    shots = take_shots(take, film, system.water_surface)
+    surface = system.water_surface
+    return SkeletonScene(take, shots, surface=surface, has_ground=system.has_ground), shots
+
+
+def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
+    """Yield the images of the takes, one after another."""
+    done = 0
+    for take in takes:
+        footer = Footer(take, film.size)
+        scene, shots = scene_of(take, film)
+        glow = doubts(take.clips[0], take.frames)
+        with closing(Canvas(scene, film.size)) as canvas:
+            for frame in range(take.frames):
+                scene.pose(
+                    [clip.states[min(frame, len(clip.states) - 1)] for clip in take.everything]
+                )
+                scene.doubt = float(glow[frame])
+                image = canvas.draw(shots.lookat[frame], shots.angles(frame))
+                footer.write(image, frame)
+                repeats = 1 + (take.held if frame == take.frames - 1 else 0)
+                for _ in range(repeats):
+                    yield image
+                done += repeats
+                bar.advance_to(done)
+
+
+@contextmanager
+def _loading(backend: str) -> Iterator[None]:
+    """Let MuJoCo load the functions of this graphics library, which it does when it first draws."""
+    before = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = backend
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = before

@@ -1,0 +1,124 @@
+"""Rows below a picture: a caption, and the curve of how far to believe the emulator."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from neuroanimator.animation.clip import Clip
+from neuroanimator.emulator.trust import EDGE
+from neuroanimator.export.film.options import Take
+from neuroanimator.text import printable
+
+CAPTION_SHARE = 0.055
+"""Height of the caption, over the picture's."""
+
+CURVE_SHARE = 0.09
+"""Height of the curve, over the picture's."""
+
+CAPTION_LETTERS = 0.62
+"""Size of the caption's letters, over its height, if they fit."""
+
+CURVE_LETTERS = 0.3
+"""Size of the curve's letters, over its height."""
+
+MARGIN = 0.02
+"""Free space on both sides of a caption, over the picture's width."""
+
+SMALLER = 0.93
+"""Factor by which letters are made smaller until they fit."""
+
+MAX_LETTERS = 160
+"""Maximum number of letters of a caption: nobody reads more in a second or two."""
+
+POINTS = 72.0
+"""Points in an inch, in which letters are measured."""
+
+PAPER = "#14191f"
+INK = "#dbe3ec"
+CURVE = "#7cc4ff"
+DOUBT = "#ff8a1f"
+
+MAX_SCORE = 3.0
+"""Score beyond which all are drawn at the top."""
+
+LEAST_TOP = 1.5
+"""Least score at the top of the curve, so that its edge is seen."""
+
+
+@final
+class Footer:
+    """What is written into the lowest rows of a take's pictures; no rows where there is nothing to say."""
+
+    def __init__(self, take: Take, size: tuple[int, int]):
+        """Draw it for pictures of `size` (width, height) [pixels]."""
+        width, height = size
+        empty = np.zeros((0, width, 3), np.uint8)
+        clip = take.clips[0]
+        self._frames = len(clip.times)
+        self._curve = empty
+        if clip.trust is not None:
+            self._curve = _curve_image(clip, clip.trust, width, max(round(CURVE_SHARE * height), 8))
+        self._caption = empty
+        if take.caption:
+            rows = max(round(CAPTION_SHARE * height), 2)
+            self._caption = caption_image(take.caption, width, rows)
+
+    def write(self, image: UInt8[np.ndarray, "H W 3"], frame: int) -> None:
+        """Write it into the image of `frame`, with a line in the curve where the film is."""
+        curve = self._curve.copy()
+        width = image.shape[1]
+        done = min(frame, self._frames - 1) / max(self._frames - 1, 1)
+        column = round(done * (width - 2))
+        curve[:, column : column + 2] = 255
+        below = np.concatenate([curve, self._caption])
+        image[len(image) - len(below) :] = below
+
+
+def caption_image(text: str, width: int, rows: int) -> UInt8[np.ndarray, "H W 3"]:
+    """Return a line of text in letters small enough for it to fit."""
+    figure = _figure(width, rows)
+    # Matplotlib reads what is between dollars as formulas.
+    line = printable(text[:MAX_LETTERS]).replace("$", r"\$")
+    letters = CAPTION_LETTERS * rows
+    written = figure.text(0.5, 0.5, line, ha="center", va="center", color=INK, size=letters)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    while written.get_window_extent(renderer).width > (1 - 2 * MARGIN) * width and letters > 1:
+        letters *= SMALLER
+        written.set_fontsize(letters)
+    return _pixels(figure)
+
+
+def _curve_image(
+    clip: Clip, scores: Float[np.ndarray, " F"], width: int, rows: int
+) -> UInt8[np.ndarray, "H W 3"]:
+    """Return the curve of the scores over time, red where they are beyond the edge of training."""
+    figure = _figure(width, rows)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+    top = float(np.clip(scores.max() * 1.1, LEAST_TOP, MAX_SCORE))
+    shown = np.minimum(scores, top)
+    frames = np.arange(len(scores))
+    axes.set(xlim=(0, len(scores) - 1), ylim=(0, top * 1.05))
+    axes.fill_between(frames, EDGE, shown, where=shown > EDGE, color=DOUBT, alpha=0.6, step="pre")
+    axes.plot(frames, shown, color=CURVE, lw=max(rows / 40, 1), drawstyle="steps-pre")
+    axes.axhline(EDGE, color=DOUBT, lw=max(rows / 60, 0.8), ls="--")
+    words = "trust: 1 (dashed) is the edge of training"
+    if clip.verdict:
+        words += f"; the emulator there: {clip.verdict}"
+    figure.text(0.01, 0.92, words, color=INK, size=CURVE_LETTERS * rows, va="top")
+    return _pixels(figure)
+
+
+def _figure(width: int, rows: int) -> Figure:
+    return Figure(figsize=(width / POINTS, rows / POINTS), dpi=POINTS, facecolor=PAPER)
+
+
+def _pixels(figure: Figure) -> UInt8[np.ndarray, "H W 3"]:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[..., :3]

@@ -1,0 +1,79 @@
+"""Scenes of films: a floor under what would hang in an empty sky, and nothing that casts shadows on itself."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from neuroanimator import Clip, load_system
+from neuroanimator.export.film.bounding_boxes import bounding_boxes
+from neuroanimator.export.film.camera import take_shots
+from neuroanimator.export.film.options import Film, Take
+from neuroanimator.export.film.rigid_scene import RigidScene, lacks_ground
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+
+def rigid(name: str) -> MujocoSystem:
+    system = load_system(name)
+    assert isinstance(system, MujocoSystem)
+    return system
+
+
+def still(name: str, frames: int = 2) -> Clip:
+    system = rigid(name)
+    states = np.repeat(system.rest[None], frames, axis=0)
+    return Clip(name, system.skeleton, np.arange(frames) / 30, states)
+
+
+def filled(scene: RigidScene) -> mujoco.MjvScene:
+    """Return what is drawn of a scene."""
+    picture = mujoco.MjvScene(scene.model, 1000)
+    options = (mujoco.MjvOption(), mujoco.MjvPerturb(), mujoco.MjvCamera())
+    everything = mujoco.mjtCatBit.mjCAT_ALL
+    mujoco.mjv_updateScene(scene.model, scene.data, *options, everything, picture)
+    scene.fill(picture)
+    return picture
+
+
+def shapes(picture: mujoco.MjvScene, kind: mujoco.mjtGeom) -> list[mujoco.MjvGeom]:
+    every = [picture.geoms[number] for number in range(picture.ngeom)]
+    return [geom for geom in every if geom.type == kind]
+
+
+@pytest.mark.parametrize("name", ["pendulum", "truck", "lander"])
+def test_there_is_one_floor_under_all_that_moves_and_it_casts_no_shadow(name: str):
+    clip = still(name)
+    take = Take((clip,))
+    shots = take_shots(take, Film())
+    scene = RigidScene(rigid(name), take, shots)
+    assert lacks_ground(scene.model, shots.size) == (name == "pendulum")
+    scene.pose([clip.states[0]])
+    picture = filled(scene)
+    (floor,) = shapes(picture, mujoco.mjtGeom.mjGEOM_PLANE)
+    assert floor.pos[2] < bounding_boxes([clip]).low[:, 2].min() + 0.1
+    assert floor.category == mujoco.mjtCatBit.mjCAT_DECOR
+    moving = [geom for geom in shapes(picture, mujoco.mjtGeom.mjGEOM_CAPSULE) if geom.objid >= 0]
+    assert all(geom.category != mujoco.mjtCatBit.mjCAT_DECOR for geom in moving)
+
+
+def test_the_model_that_physics_runs_on_is_left_alone():
+    system = rigid("pendulum")
+    before = system.model.light_type.copy()
+    take = Take((still("pendulum"),))
+    RigidScene(system, take, take_shots(take, Film()))
+    assert (system.model.light_type == before).all()
+
+
+def test_a_ghost_is_the_body_in_another_place_and_colour():
+    clip = still("pendulum")
+    elsewhere = Clip(clip.name, clip.skeleton, clip.times, clip.states + 0.5)
+    take = Take((clip,), elsewhere)
+    scene = RigidScene(rigid("pendulum"), take, take_shots(take, Film()))
+    scene.pose([clip.states[0], elsewhere.states[0]])
+    links = shapes(filled(scene), mujoco.mjtGeom.mjGEOM_CAPSULE)
+    bodies = [geom for geom in links if geom.rgba[3] == 1]
+    ghosts = [geom for geom in links if geom.rgba[3] < 1]
+    assert len(bodies) == len(ghosts) == 3
+    for body, ghost in zip(bodies, ghosts, strict=True):
+        assert np.abs(np.array(body.pos) - ghost.pos).max() > 0.05
