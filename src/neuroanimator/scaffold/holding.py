@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -68,19 +68,17 @@ class Stance(NamedTuple):
 def holding_controls(system: ModelSystem, keyframe: int) -> Hold:
     """Return the controls that keep the model stillest at rest.
 
-    The keyframe's own (`keyframe` is its number, or -1), those of inverse dynamics, and those that only keep the driven
-    joints from moving are tried for a moment; no control at all unless one of them is clearly better.
+    The keyframe's own (`keyframe` is its number, or -1) and those of inverse dynamics are tried for a moment; no control
+    at all unless one of them is clearly better.
     """
     model = system.model
     low, high = possible_controls(model, system.bounds)
-    candidates = []
-    if keyframe >= 0:
-        candidates.append(Hold(np.clip(model.key_ctrl[keyframe], low, high), "the keyframe's own"))
-    sources = ("holds it", "keeps its joints from moving")
     best = Hold(np.clip(np.zeros(model.nu), low, high), "")
     with warnings_counted:
-        for controls, source in zip(_inverse_dynamics(system, low, high), sources, strict=True):
-            candidates.append(Hold(controls, source))
+        candidates = [Hold(_inverse_dynamics(system, low, high), "holds it")]
+        if keyframe >= 0:
+            given = np.clip(model.key_ctrl[keyframe], low, high)
+            candidates.insert(0, Hold(given, "the keyframe's own"))
         least = BETTER * _motion_after(system, best.controls)
         for candidate in candidates:
             motion = _motion_after(system, candidate.controls)
@@ -90,10 +88,10 @@ def holding_controls(system: ModelSystem, keyframe: int) -> Hold:
     return best
 
 
-def _inverse_dynamics(system: ModelSystem, low: Controls, high: Controls) -> Iterator[Controls]:
-    """Yield the controls with least acceleration of all joints, and with least acceleration of those they drive.
+def _inverse_dynamics(system: ModelSystem, low: Controls, high: Controls) -> Controls:
+    """Return the controls with least acceleration of all joints, without contacts and limits.
 
-    Accelerations are those without contacts and limits, which are linear in the controls of almost every actuator.
+    Such accelerations are linear in the controls of almost every actuator.
     """
     model = system.model
     middle = (low + high) / 2
@@ -105,11 +103,8 @@ def _inverse_dynamics(system: ModelSystem, low: Controls, high: Controls) -> Ite
         controls[actuator] += reach[actuator]
         change = at(model, system.rest, controls).qacc_smooth - base
         slopes[:, actuator] = change / reach[actuator]
-    # Roots that nothing drives directly are left to fall; a motor's own joint is where it acts most.
-    driven = np.unique(np.abs(slopes).argmax(axis=0))
-    for rows in (np.arange(model.nv), driven):
-        wanted = slopes[rows] @ middle - base[rows]
-        yield np.asarray(lsq_linear(slopes[rows], wanted, bounds=(low, high)).x)
+    solution = lsq_linear(slopes, slopes @ middle - base, bounds=(low, high))
+    return np.asarray(solution.x)
 
 
 def holding_table(bounds: Mapping[str, tuple[float, float]], hold: Hold) -> dict[str, float]:

@@ -71,8 +71,7 @@ def _variance_of_change(runs: Runs, span: int) -> Float[np.ndarray, " S"]:
 def slow_substeps(runs: Runs, noise: Noise, usual: int) -> int:
     """Return how many samples of something slow a super step should have: as many as leave it near where it was."""
     substeps = usual
-    longest = max(len(states) for states in runs)
-    while substeps < min(MAX_SUBSTEPS, longest - 1):
+    while substeps < _longest(runs):
         if share_of_change(runs, noise, substeps + 1).max() > MAX_CHANGE:
             break
         substeps += 1
@@ -82,14 +81,18 @@ def slow_substeps(runs: Runs, noise: Noise, usual: int) -> int:
 def substeps_through_noise(runs: Runs, noise: Noise, usual: int, most: int) -> int:
     """Return how many samples a super step should have so that its changes stand out from noise: `usual` to `most`."""
     substeps = usual
-    longest = max(len(states) for states in runs)
-    while substeps < min(most, MAX_SUBSTEPS, longest - 1):
-        if share_of_noise(runs, noise, substeps) <= MAX_NOISE:
-            break
+    while (
+        substeps < min(most, _longest(runs)) and share_of_noise(runs, noise, substeps) > MAX_NOISE
+    ):
         if share_of_change(runs, noise, substeps + 1).max() > MAX_CHANGE_THROUGH_NOISE:
             break
         substeps += 1
     return substeps
+
+
+def _longest(runs: Runs) -> int:
+    """Return the largest number of samples a super step may have: one run is longer than it."""
+    return min(MAX_SUBSTEPS, max(len(states) for states in runs) - 1)
 
 
 def fastest_rate(step: Step, states: States, dt: float) -> float:
