@@ -36,12 +36,14 @@ from neuroanimator.evaluation.weakness.inspection import Extrapolation, Inspecti
 from neuroanimator.evaluation.weakness.readings import Reading
 from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
+from neuroanimator.parsing.names import MAX_MODEL_NAME
+from neuroanimator.scaffold.proposal import Proposal, as_toml
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import canonical_json, read_tensors
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.model_system import ModelSystem
-from neuroanimator.tables import check_table
+from neuroanimator.tables import check_table, read_toml
 from neuroanimator.terminal import print_rows, print_table, progress_bar
 from neuroanimator.zoo import SHIPPED, shipped_path
 
@@ -315,3 +317,26 @@ def test_every_shipped_emulator_says_the_same_after_the_checks():
 
 def test_shipped_names_keep_the_rules():
     assert load_emulator("fish-50").state.names[0] == "nose[0] m"
+
+
+@pytest.mark.parametrize("title", sorted(set(HOSTILE_TEXTS) - {"half a surrogate pair"}))
+def test_a_proposal_with_hostile_names_is_a_toml_file_that_says_the_same(
+    title: str, tmp_path: Path
+):
+    # As long as a model's names are kept.
+    text = HOSTILE_TEXTS[title][:MAX_MODEL_NAME]
+    values = {
+        "name": "mine",
+        "model": "mine.xml",
+        "keyframe": text,
+        "physics": {"step": 1e-8, "truth_step": 0.1 / 3, "fine_step": 2e-5},
+        "state": {text: "sine"},
+        "control": {text: [-1e22, 0.1 + 0.2]},
+        "sensors": [text],
+        "sampling": {"position": {text: [-1 / 3, 5e-324]}},
+    }
+    definition = check_table(values, "mine.toml", Definition)
+    comments = dict.fromkeys((*values, f"control.{text}", "physics.step"), text)
+    path = tmp_path / "mine.toml"
+    path.write_text(as_toml(Proposal(definition, comments, parts=(text,))), encoding="utf-8")
+    assert check_table(read_toml(path), "mine.toml", Definition) == definition

@@ -11,6 +11,7 @@ import pytest
 from neuroanimator import NeuroAnimatorError, load_system
 from neuroanimator.scaffold.defaults import MAX_TURN
 from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.tables import check_table, read_toml
 
 PENDULUM = """\
 import numpy as np
@@ -32,6 +33,8 @@ def step(state, control, dt):
 def parts_of(path: Path) -> dict[str, Any]:
     toml, proposal = write_definition(str(path))
     load_system(str(toml))
+    definition = proposal.definition
+    assert check_table(read_toml(toml), toml.name, type(definition)) == definition
     return {part.name: part for part in proposal.definition.state}
 
 

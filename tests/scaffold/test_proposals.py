@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, load_system
-from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.scaffold.holding import at
 from neuroanimator.scaffold.model import Proposal, propose
 from neuroanimator.scaffold.motion import MAX_TURN
-from neuroanimator.scaffold.teacher import recording_seconds, warm_up_seconds
 from neuroanimator.scaffold.trials import fastest_turning, run_trial
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.layout import Bounds
@@ -188,17 +186,6 @@ def test_how_long_the_data_will_take_is_said_before_they_are_made(tmp_path: Path
     result = cli("new", tmp_path / "arm.xml")
     assert "300,000 transitions take about" in result.stdout
     assert "300,000 transitions take about" in (tmp_path / "arm.toml").read_text()
-
-
-def test_warming_a_run_up_takes_as_long_as_recording_it(tmp_path: Path):
-    system, _ = written(tmp_path, ARM)
-    dt = 20 * system.physics_dt
-    cost = 1e-6
-    assert warm_up_seconds(system, cost) == 0
-    system.warm_up = RUN_STEPS * dt
-    assert warm_up_seconds(system, cost) == pytest.approx(
-        recording_seconds(system.scheme, dt, cost)
-    )
 
 
 def test_a_joint_that_is_flung_and_a_motor_that_does_nothing_are_named(tmp_path: Path):

@@ -10,7 +10,7 @@ import pytest
 from conftest import Cli
 
 import neuroanimator as na
-from neuroanimator.scaffold.time_scales import (
+from neuroanimator.scaffold.scales import (
     MAX_CHANGE,
     fastest_rate,
     share_of_change,

@@ -1,4 +1,4 @@
-"""What a model's actuators should be allowed, read off the model, and models that nothing drives."""
+"""Ranges of a model's actuators, read off the model or guessed, and models that nothing drives."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.scaffold.defaults import tidy
-from neuroanimator.scaffold.surroundings import servo_of
+from neuroanimator.scaffold.defaults import rounded
+from neuroanimator.scaffold.root_invariance import is_servo
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.touching import is_disabled
 
 GUESS = (-1.0, 1.0)
-"""An actuator of which nothing is known is proposed this range, with a word to correct it."""
+"""Range proposed for an actuator of which nothing is known."""
 
 ANY = 1e4
-"""An actuator of which the model gives no range might have to push so hard to hold it."""
+"""Largest control tried to hold a model, of an actuator of which the model gives no range."""
 
 HALF_TURN = (-3.1416, 3.1416)
-"""A servo of a hinge without a range is proposed this one [rad]."""
+"""Range proposed for a servo of a hinge without one [rad]."""
 
 
 def actuator_faults(path: Path, model: mujoco.MjModel) -> str:
@@ -39,6 +39,11 @@ def actuator_faults(path: Path, model: mujoco.MjModel) -> str:
     return f"{path.name} has no actuators. {how}"
 
 
+def actuators_without_range(model: mujoco.MjModel) -> list[int]:
+    """Return the actuators of which the model does not say what they can do."""
+    return [i for i in range(model.nu) if control_range(model, i) is None]
+
+
 def proposed_bounds(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
     """Return the least and the largest control of each actuator: the model's own, else what it can be guessed from."""
     bounds = {}
@@ -54,23 +59,24 @@ def possible_controls(
     model: mujoco.MjModel, bounds: Bounds
 ) -> tuple[Float[np.ndarray, " C"], Float[np.ndarray, " C"]]:
     """Return the least and the largest controls that might hold the model: `bounds`, but any where it gives no range."""
-    is_limited = np.array([control_range(model, i) is not None for i in range(model.nu)], bool)
-    low = np.where(is_limited, bounds.low, np.minimum(bounds.low, -ANY))
-    high = np.where(is_limited, bounds.high, np.maximum(bounds.high, ANY))
+    low = np.array(bounds.low)
+    high = np.array(bounds.high)
+    unlimited = actuators_without_range(model)
+    low[unlimited] = np.minimum(low[unlimited], -ANY)
+    high[unlimited] = np.maximum(high[unlimited], ANY)
     return low, high
 
 
-def wide_enough(
+def widen_guesses(
     model: mujoco.MjModel, bounds: dict[str, tuple[float, float]], held: Float[np.ndarray, " C"]
-) -> dict[str, tuple[float, float]]:
-    """Return the bounds, guessed ones wide enough to hold the model with half of them by the controls `held`."""
-    wide = {}
-    for actuator, (name, (low, high)) in enumerate(bounds.items()):
-        wide[name] = (low, high)
-        if control_range(model, actuator) is None and not servo_of(model, actuator):
-            needed = tidy(2 * abs(float(held[actuator])), 2)
-            wide[name] = (min(low, -needed), max(high, needed))
-    return wide
+) -> None:
+    """Widen guessed bounds so that half of them holds the model by the controls `held`."""
+    for actuator in actuators_without_range(model):
+        if not is_servo(model, actuator):
+            name = actuator_name(model, actuator)
+            low, high = bounds[name]
+            needed = rounded(2 * abs(float(held[actuator])), 2)
+            bounds[name] = (min(low, -needed), max(high, needed))
 
 
 def _guessed(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
@@ -78,19 +84,15 @@ def _guessed(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
     joint = -1
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         joint = int(model.actuator_trnid[actuator][0])
-    if servo_of(model, actuator) and joint >= 0:
+    if is_servo(model, actuator) and joint >= 0:
         if model.jnt_limited[joint]:
-            low, high = model.jnt_range[joint]
-            return float(low), float(high)
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
-            return HALF_TURN
-        return GUESS
+            return tuple(model.jnt_range[joint].tolist())
+        is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+        return HALF_TURN if is_hinge else GUESS
     gain = abs(float(model.actuator_gainprm[actuator][0]))
     if model.actuator_forcelimited[actuator] and gain > 0:
-        low, high = model.actuator_forcerange[actuator] / gain
-        return float(low), float(high)
-    gear = abs(float(model.actuator_gear[actuator][0]))
-    if joint >= 0 and model.jnt_actfrclimited[joint] and gain * gear > 0:
-        low, high = np.array(model.jnt_actfrcrange[joint]) / (gain * gear)
-        return float(low), float(high)
+        return tuple((model.actuator_forcerange[actuator] / gain).tolist())
+    gain *= abs(float(model.actuator_gear[actuator][0]))
+    if joint >= 0 and model.jnt_actfrclimited[joint] and gain > 0:
+        return tuple((model.jnt_actfrcrange[joint] / gain).tolist())
     return GUESS

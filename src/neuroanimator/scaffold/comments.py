@@ -1,106 +1,128 @@
-"""Words about a proposal: a comment on each value of the TOML file, and what the user should look at."""
+"""Words about a proposal for a model: comments on its values, rows for the screen, and what the user should look at."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from neuroanimator.data.config import USUAL_COUNT
 from neuroanimator.parsing.names import model_name
+from neuroanimator.scaffold.actuators import actuators_without_range
 from neuroanimator.scaffold.holding import Hold
-from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, free_spread, system_of
-from neuroanimator.scaffold.surroundings import (
-    LEVEL,
+from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, free_spread, is_urdf
+from neuroanimator.scaffold.root_invariance import (
     can_touch_ground,
     gravity_of,
     has_free_root,
-    what_tells_place,
-    world_axis_actuators,
+    why_root_is_placed,
 )
-from neuroanimator.scaffold.teacher import (
-    Teacher,
-    in_words,
-)
+from neuroanimator.scaffold.teacher import Teacher, in_words
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.symmetry import Symmetry
-from neuroanimator.systems.rigid.actuators import actuator_name, control_range
-from neuroanimator.systems.rigid.joints import joint_name, sensor_name
+from neuroanimator.systems.rigid.actuators import actuator_name
+from neuroanimator.systems.rigid.joints import FEATURES, joint_name, sensor_name
 from neuroanimator.systems.rigid.limbs import acts_on
 from neuroanimator.systems.rigid.model_system import ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.text import listed
 
-SETTLING = "something can touch something: let contacts settle first"
-"""Why runs are driven before they are recorded."""
-
 SLOW = 0.05
-"""A fall from rest that grows at most by e to this in a super step is not worth a word."""
+"""Growth exponent of a fall over one super step below which it is not worth a word."""
+
+COMMENTS = {
+    "base": "of a URDF: fixed to the world, or free to move over a floor",
+    "passive": "joints with an effort that no motor drives all the same",
+    "physics": "How the physics is stepped. Speed-ups are measured against step and integrator.\n"
+    "truth teaches; fine is the reference of every error, at most a tenth of the step.",
+    "physics.step": "the model's own, or MuJoCo's [s]",
+    "state": "How the network sees each joint.\n"
+    f"hinge: {', '.join(FEATURES['hinge'][:3])}; slide: {', '.join(FEATURES['slide'][:2])}; ball: ball; free: free, placed.\n"
+    "cyclic: where it stands does not matter, how fast it moves does; free: nor which way it faces; placed: both matter.",
+    "frame": "What of the root's position matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
+    "contacts: what of the whole body may touch the ground, and joints that may reach their stops;\n"
+    "symmetries: mirrors and like limbs, by which every example stands for several;\n"
+    "planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
+    "control": "The least and the largest value of each actuator.",
+    "holding": "The control that holds the model at rest; where controls cease, they cease to this.",
+    "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
+    "reset_share: of runs that begin just at rest or at a keyframe, but for reset_noise;\n"
+    "warm_up: random driving before the others are recorded [s]; tilt: of a free root [rad].",
+    "sampling.above_ground": "lifts starts that would lie in the ground",
+    "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
+    "or as far as one number to either side of rest.",
+    "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
+}
+"""Titles of tables and comments on values that are the same for every model."""
+
+FEATURE_NOTES = {
+    "cyclic": "nothing can tell where it stands",
+    "planar": "a root that moves in the plane",
+    "sine": "may turn more than half round",
+}
+"""Reasons for the features that are not plain."""
 
 
 class Findings(NamedTuple):
-    """What was found out about a model."""
+    """Everything trial runs showed of a model."""
 
     motion: Motion
-    """How it moves under the controls that are proposed."""
+    """Its motion under the controls that are proposed."""
     hold: Hold
     growth: float
-    """How fast a fall from rest grows [1/s]."""
+    """Rate at which a fall from rest grows [1/s]."""
     whole: dict[str, tuple[float, float]]
     """The whole range of each control."""
     teacher: Teacher
     symmetries: dict[Symmetry, float]
-    """What leaves the motion what it is, to which share of a usual change."""
+    """Symmetries of the motion, and the error of each as a share of a usual change."""
     lost: list[str]
-    """Which of rest and keyframes runs diverge from."""
+    """Those of rest and keyframes that runs diverge from."""
 
 
 def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
     """Return the comments on the values proposed for `system`, by key of the TOML file."""
     model = system.model
-    values = found.motion.values
     sensors = [sensor_name(model, sensor) for sensor in range(model.nsensor)]
     keyframes = [keyframe_name(model, keyframe) for keyframe in range(model.nkey)]
-    notes = {
-        "substeps": _substeps_note(found.motion, found.growth),
-        "passive": "joints with an effort that no motor drives all the same",
-        "base": "of a URDF: fixed to the world, or free to move over a floor",
+    comments = COMMENTS | {
+        "substeps": _substeps_note(found),
         "keyframe": f"the state of rest, of: {listed(keyframes) or 'none; the reference pose'}",
-        "physics.step": "the model's own [s]",
-        "physics.integrator": "the model's own",
+        "physics.truth_step": _teacher_note(found.teacher),
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
         "frame.contacts": _contacts_note(system.structure.contacts),
         "frame.symmetries": _symmetries_note(found.symmetries),
-        "sampling.reset_share": "random starts may never be there, and motions begin there",
-        "sampling.warm_up": _warm_up_note(found.motion),
-        "sampling.above_ground": "lifts starts that would lie in the ground",
+        "sampling.warm_up": _warm_up_note(system, found.motion),
     }
-    if values["sampling"]["tilt"]:
-        notes["sampling.tilt"] = "as in trial runs, within bounds"
-    if values["sampling"]["reset_noise"]:
-        notes["sampling.reset_noise"] = "as the environment resets"
-    if is_urdf(found):
-        notes["physics.step"] = notes["physics.integrator"] = "the model's own, or MuJoCo's"
     for actuator in range(model.nu):
-        name = actuator_name(model, actuator)
-        notes[f"control.{name}"] = _control_note(model, found, actuator)
-    for joint in range(model.njnt):
-        name = joint_name(model, joint)
-        notes[f"sampling.position.{name}"] = _spread_note(model, values, joint)
-        notes[f"state.{name}"] = _feature_note(model, values, joint)
-    notes["physics.truth_step"] = _teacher_note(found.teacher)
-    return {key: note for key, note in notes.items() if note}
+        comments[f"control.{actuator_name(model, actuator)}"] = _control_note(
+            model, found, actuator
+        )
+    for view in system.views:
+        spread = "as in trial runs"
+        if free_spread(model, view.index) is not None:
+            limited = is_limited(model, view.index)
+            spread = "the joint's range" if limited else "all the way round, as nothing limits it"
+        comments[f"sampling.position.{view.name}"] = spread
+        note = FEATURE_NOTES.get(view.feature, "")
+        if view.feature == "placed":
+            why = why_root_is_placed(model) if view.index == 0 else "it is not the first joint"
+            note = f"where it stands matters: {why}"
+        comments[f"state.{view.name}"] = note
+    return {key: comment for key, comment in comments.items() if comment}
 
 
-def _substeps_note(motion: Motion, growth: float) -> str:
+def _substeps_note(found: Findings) -> str:
     """Return why the super step is as long as it is."""
-    note = f"a super step of {motion.dt:g} s"
+    motion = found.motion
+    exponent = found.growth * motion.trial.dt
+    note = f"a super step of {motion.trial.dt:g} s"
     if motion.joint:
-        note += f"; {motion.joint} turns at {motion.speed:.2g} rad/s, {motion.speed * motion.dt:.2g} rad in it"
-    if growth * motion.dt > SLOW:
-        note += f"; a fall from rest grows {np.exp(growth * motion.dt):.2g} times in it"
+        note += f"; {motion.joint} turns at {motion.speed:.2g} rad/s, {motion.turn:.2g} rad in it"
+    if exponent > SLOW:
+        note += f"; a fall from rest grows {np.exp(exponent):.2g} times in it"
     return note
 
 
@@ -108,55 +130,36 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
     """Return where the bounds of an actuator come from."""
     name = actuator_name(model, actuator)
     low, high = found.whole[name]
-    proposed = found.motion.values["control"][name]
+    held = found.hold.controls[actuator]
     notes = []
-    if is_urdf(found):
+    if is_urdf(found.motion.values):
         notes.append(f"a motor of <limit effort>; new --passive {name} leaves it out")
-    if control_range(model, actuator) is None:
+    if actuator in actuators_without_range(model):
         notes.append("the model gives no range: say what your motor can do")
-    if found.hold.source and abs(found.hold.controls[actuator]) > OFF_MIDDLE * (high - low):
-        notes.append(f"{found.hold.controls[actuator]:.3g} {found.hold.source}")
-    if proposed != (low, high):
+    if found.hold.source and abs(held) > OFF_MIDDLE * (high - low):
+        notes.append(f"{held:.3g}: {found.hold.source}")
+    if found.motion.values["control"][name] != (low, high):
         why = "as far to either side"
         if found.motion.share < 1:
-            why = f"with all of which {found.motion.joint} would turn too fast to learn; widen if need be"
-            if found.motion.stance is not None:
-                why = "with all of which it would fall, or turn too fast to learn; widen if need be"
+            why = "with all of which it would fall, or turn too fast to learn; widen if need be"
         notes.append(f"of {low:.4g} to {high:.4g}, {why}")
     return "; ".join(notes)
 
 
-def is_urdf(found: Findings) -> bool:
-    """Return whether the model is a URDF, of which less is the model's own."""
-    return str(found.motion.values["model"]).lower().endswith(".urdf")
-
-
-def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ...]:
-    """Return what is told on the screen of a proposal, as rows."""
-    rows = []
-    if is_urdf(found):
-        motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
-        added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"
-        if found.motion.values["base"] == "free":
-            added += "; a floor, as slippery as MuJoCo's usually are"
-        rows.append(
-            ("added", f"{added}; a step of {model.opt.timestep:g} s, if the file sets none")
-        )
-    if found.motion.stance is not None:
-        rows.append(("trial runs", found.motion.in_words()))
-    seconds = in_words(found.teacher.seconds)
-    rows.append(("data", f"{USUAL_COUNT:,} transitions take about {seconds}"))
-    return tuple(rows)
-
-
-def _warm_up_note(motion: Motion) -> str:
+def _warm_up_note(system: ModelSystem, motion: Motion) -> str:
     """Return why runs are or are not driven before they are recorded."""
-    if motion.stance is None:
-        is_driven = motion.values["sampling"]["warm_up"]
-        return SETTLING if is_driven else "nothing can touch anything"
-    if motion.values["sampling"]["warm_up"]:
-        return f"{SETTLING}; {motion.in_words()}"
-    return f"none, as it falls; {motion.in_words()}"
+    note = "none: nothing can touch anything"
+    if system.warm_up:
+        note = "something can touch something: let contacts settle first"
+    elif system.sampling.above_ground:
+        note = "none, as it falls"
+    if system.sampling.above_ground:
+        note += f"; {_posture(motion)}"
+    return note
+
+
+def _posture(motion: Motion) -> str:
+    return f"upright for {motion.upright:.0%} of the time"
 
 
 def _contacts_note(contacts: Contacts | None) -> str:
@@ -178,46 +181,6 @@ def _symmetries_note(symmetries: dict[Symmetry, float]) -> str:
     )
 
 
-def _spread_note(model: mujoco.MjModel, values: dict[str, Any], joint: int) -> str:
-    """Return where the spread of a joint's random positions comes from."""
-    name = joint_name(model, joint)
-    if name not in values["sampling"]["position"]:
-        return ""
-    if free_spread(model, joint) is None:
-        return "as in trial runs"
-    if is_limited(model, joint):
-        return "the joint's range"
-    return "all the way round, as nothing limits it"
-
-
-def _feature_note(model: mujoco.MjModel, values: dict[str, Any], joint: int) -> str:
-    """Return why a joint is seen as it is, where that is not plain."""
-    feature = values["state"][joint_name(model, joint)]
-    if feature == "cyclic":
-        return "nothing can tell where it stands"
-    if feature == "planar":
-        return "a root that moves in the plane"
-    if feature == "placed":
-        return _place_note(model, joint)
-    if feature == "sine":
-        return "may turn more than half round"
-    return ""
-
-
-def _place_note(model: mujoco.MjModel, joint: int) -> str:
-    """Return why it matters where a free joint stands."""
-    note = "where it stands matters"
-    if np.sum(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) > 1:
-        return f"{note}: it is not the only free body"
-    pushing = [actuator_name(model, actuator) for actuator in world_axis_actuators(model)]
-    if pushing:
-        return f"{note}: {listed(pushing)} push it along the world's axes"
-    reason = what_tells_place(model, joint, LEVEL)
-    if reason:
-        return f"{note}: '{model_name(reason, reason)}' can tell"
-    return f"{note}: it is not the first joint"
-
-
 def _teacher_note(teacher: Teacher) -> str:
     """Return the comment on the teacher's step."""
     note = (
@@ -230,12 +193,28 @@ def _teacher_note(teacher: Teacher) -> str:
     return note
 
 
-def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
+def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ...]:
+    """Return what is told on the screen of a proposal, as rows."""
+    values = found.motion.values
+    rows = []
+    if is_urdf(values):
+        motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
+        added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"
+        if values["base"] == "free":
+            added += "; a floor, as slippery as MuJoCo's usually are"
+        added += f"; a step of {model.opt.timestep:g} s, if the file sets none"
+        rows.append(("added", added))
+    if values["sampling"]["above_ground"]:
+        rows.append(("trial runs", _posture(found.motion)))
+    seconds = in_words(found.teacher.seconds)
+    rows.append(("data", f"{USUAL_COUNT:,} transitions take about {seconds}"))
+    return tuple(rows)
+
+
+def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
     """Yield what the user should look at, one line each."""
-    unlimited = []
-    for actuator in range(model.nu):
-        if control_range(model, actuator) is None:
-            unlimited.append(actuator_name(model, actuator))
+    model = system.model
+    unlimited = [actuator_name(model, i) for i in actuators_without_range(model)]
     if unlimited:
         yield (
             f"control: the model gives no range for {listed(unlimited)}; the proposed ones are guesses. "
@@ -248,16 +227,14 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
             f"mocap: {named} stays where it is, as no control moves a mocap body. Give the model actuators for what it should "
             "move."
         )
-    idle = _actuators_without_effect(model)
+    # Those of bodies act on contacts, which there may not be now.
+    is_idle = ~acts_on(model).any(axis=1)
+    is_idle &= model.actuator_trntype != mujoco.mjtTrn.mjTRN_BODY
+    idle = [actuator_name(model, i) for i in np.flatnonzero(is_idle).tolist()]
     if idle:
         yield f"control: {listed(idle)} move no joint. Check the joint, the site and the gear, or take them out."
-    yield from _root_warnings(model, found.hold)
-    yield from _trial_warnings(model, found)
-
-
-def _trial_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
-    """Yield what trial runs gave reason to say: roots that go away or fall, poses and runs that diverge."""
-    for view in system_of(found.motion.values, model).views:
+    yield from _fall_warnings(model, found)
+    for view in system.views:
         if view.kind != "slide" or view.feature == "planar" or is_limited(model, view.index):
             continue
         reach = float(np.abs(found.motion.trial.states[..., view.position_entry]).max())
@@ -266,11 +243,6 @@ def _trial_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
                 f"state.{view.name}: neither a range nor a spring keeps it near; it went {reach:.0f} m away in trial "
                 "runs. Give the joint a range or stiffness in the model, or weaken what drives it."
             )
-    if found.motion.upright < MOST:
-        yield (
-            f"{joint_name(model, 0)}: {found.motion.in_words()}, whatever was tried, so most of the data are of falls. "
-            "Narrow [control], or let servos or a keyframe's ctrl hold it."
-        )
     if found.lost:
         yield (
             f"{listed(found.lost)}: runs that begin there diverge, so none is in the data. Correct the pose, or use a "
@@ -284,22 +256,11 @@ def _trial_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
         )
 
 
-def _actuators_without_effect(model: mujoco.MjModel) -> list[str]:
-    """Return the actuators that drive no degree of freedom; those of bodies act on contacts, which there may not be now."""
-    is_driven = acts_on(model).any(axis=1)
-    acts_on_contacts = model.actuator_trntype == mujoco.mjtTrn.mjTRN_BODY
-    without = np.flatnonzero(~is_driven & ~acts_on_contacts)
-    return [actuator_name(model, int(actuator)) for actuator in without]
-
-
-def _root_warnings(model: mujoco.MjModel, hold: Hold) -> Iterator[str]:
-    """Yield what is to be said of a free root: what it may fall through, and what its place would tell it."""
-    if not has_free_root(model):
-        return
+def _fall_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
+    """Yield what is to be said of a root that falls, onto a floor or for ever."""
     name = joint_name(model, 0)
-    weight = gravity_of(model)
-    if np.any(weight) and not can_touch_ground(model):
-        if hold.source:
+    if has_free_root(model) and gravity_of(model).any() and not can_touch_ground(model):
+        if found.hold.source:
             yield (
                 f"{name}: there is no floor, so nothing stops a fall but the controls. Add a plane to the model if it "
                 "should land."
@@ -309,3 +270,8 @@ def _root_warnings(model: mujoco.MjModel, hold: Hold) -> Iterator[str]:
                 f"{name}: there is no floor and no control holds it, so it falls for ever. Add a plane, or set "
                 'gravity="0 0 0" if it floats.'
             )
+    if found.motion.upright < MOST:
+        yield (
+            f"{name}: {_posture(found.motion)}, whatever was tried, so most of the data are of falls. "
+            "Narrow [control], or let servos or a keyframe's ctrl hold it."
+        )

@@ -8,22 +8,38 @@ from pathlib import Path
 from neuroanimator.systems import SYSTEMS
 
 MAX_USUAL_NAME = 30
-"""Characters of a name taken from a file: with `my-` before it, it may be a system's."""
+"""Number of characters of a name taken from a file: with `my-` before it, it may be a system's."""
 
 WANTED_SUPER_STEP = 0.1
-"""A proposed super step lasts at most about this long [s], and never less than one step: three pictures of a film."""
+"""Longest super step that is proposed [s], unless one step is longer: three pictures of a film."""
+
+FINE_PARTS = 10
+"""Number of parts into which the step is cut for the fine reference of every error."""
 
 MAX_TEACHER_ERROR = 0.002
-"""A scheme may teach if its one-step error is at most this share of the change's standard deviation."""
+"""Largest one-step error of a scheme that may teach, as a share of the change's standard deviation."""
+
+MIN_CHANGE = 1e-9
+"""Smallest change in a super step by which errors are divided."""
 
 ANGLE_SPREAD = 3.1416
-"""This half width [rad] spreads random starts over all angles; it is pi, rounded for people to read."""
+"""Half width that spreads random starts over all angles [rad]; it is pi, rounded for people to read."""
 
 MAX_TURN = 0.5
-"""Nothing should turn farther than this in a super step [rad], but in a twentieth of the time."""
+"""Largest angle by which something should turn in a super step [rad], but in a twentieth of the time."""
 
 FASTEST = 95
-"""This percentile of the velocities counts as the fastest that occurs."""
+"""Percentile of the velocities that counts as the fastest that occurs."""
+
+PART_TITLES = {
+    "physics": "The step the function is called with, or the sampling interval [s].\n"
+    "Of a function: truth_step is the dt that teaches, fine_step the one every error is measured against.",
+    "state": "The state, part by part. feature: plain, sine (an angle that may turn all the way round) or\n"
+    "cyclic (where it is does not matter, how fast it moves does); rate: the part that is its rate of change.",
+    "control": "The control, part by part, with its least (low) and greatest (high) values.",
+    "sampling": "Random starts: a share of them near rest, spread by a share of the others' spread.",
+}
+"""Titles of the tables of a step function or recordings."""
 
 
 def proposed_substeps(step: float) -> int:
@@ -31,8 +47,8 @@ def proposed_substeps(step: float) -> int:
     return max(1, round(WANTED_SUPER_STEP / step))
 
 
-def tidy(value: float, digits: int = 12) -> float:
-    """Return a number without the last digits that arithmetic leaves, for people to read."""
+def rounded(value: float, digits: int) -> float:
+    """Return a number with this many significant digits, for people to read."""
     return float(f"{value:.{digits}g}")
 
 

@@ -1,398 +1,318 @@
-"""Propose a definition for a step function: what its file declares, and what a few trial runs show."""
+"""Proposal for a step function: what its file declares, and what a few trial runs show."""
 
 from __future__ import annotations
 
-import re
+import time
 from collections.abc import Iterator
-from functools import lru_cache
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.function import MAX_STEP, PythonDefinition, StartSampling
+from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
+from neuroanimator.definitions.function import PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.names import PART_PATTERN
+from neuroanimator.scaffold.declarations import Declarations, read_declarations
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
     FASTEST,
+    FINE_PARTS,
     MAX_TEACHER_ERROR,
     MAX_TURN,
+    MIN_CHANGE,
+    PART_TITLES,
+    WANTED_SUPER_STEP,
     proposed_substeps,
+    rounded,
     usual_name,
 )
-from neuroanimator.scaffold.scales import refuse_large, warn_of_small
-from neuroanimator.scaffold.step_checks import (
-    SLOW_CALL,
-    refuse_memory,
-    refuse_nan,
-    seconds_of_data,
-    seconds_per_call,
-    takes_batches,
+from neuroanimator.scaffold.proposal import Proposal
+from neuroanimator.scaffold.scales import (
+    MAX_CHANGE,
+    MAX_SUBSTEPS,
+    fastest_rate,
+    refuse_large,
+    warn_of_small,
 )
-from neuroanimator.scaffold.step_structure import (
+from neuroanimator.scaffold.structure import (
+    States,
     placeless_entries,
     rate_entries,
     turning_entries,
     wrapped,
 )
-from neuroanimator.scaffold.time_scales import MAX_CHANGE, MAX_SUBSTEPS, fastest_rate, is_slow
-from neuroanimator.systems.functions.function_system import PythonSystem
+from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem, are_too_large
 from neuroanimator.systems.functions.step_file import call_step, run_file
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
-from neuroanimator.tables import MIN_STEP, check_table
+from neuroanimator.tables import check_table
 from neuroanimator.text import listed
 
-FINE_PARTS = 10
-"""The fine step, which every error is measured against, is the user's step cut into this many."""
-
 TEACHER_PARTS = (1, 2, 5, 10)
-"""The teacher's step is the user's, cut into the first of these numbers of parts whose error is small enough."""
+"""Numbers of parts into which the user's step is cut for the teacher: the first of which the error is small enough."""
 
 TRIAL_RUNS = 8
-"""This many trial runs show how far the state goes; each starts elsewhere."""
+"""Number of trial runs, which show how far the state goes; each starts elsewhere."""
 
 TRIAL_STEPS = 25
-"""A trial run has this many super steps, each under another random control."""
+"""Number of super steps in a trial run, each under another random control."""
 
 TRIAL_SEED = 0
-"""Trial runs are drawn with this seed, so that a proposal is the same every time."""
-
-MIN_CHANGE = 1e-9
-"""An entry that changes less than this in a step does not count by more than its difference over this."""
+"""Seed of trial runs, so that a proposal is the same every time."""
 
 MAX_TRIAL_SECONDS = 1.0
-"""Trial runs of a slow function are shorter, so that they take about this long [s]."""
+"""Time that trial runs of a slow function may take [s], about: they are then shorter."""
 
 MAX_SLOW_STATES = 30
 """Number of states looked at of a slow function's trial runs."""
 
 MIN_TRIAL_STEPS = 3
-"""Minimum length, in super steps."""
+"""Minimum number of super steps in a trial run."""
 
-MAX_SHOWN = 60
-"""An error shows at most this many characters of a wrong declaration."""
+SLOW_CALL = 1e-3
+"""Time of a call from which on a function counts as slow [s]."""
+
+TIMED = 5
+"""Number of calls timed; the quickest counts."""
+
+REPEATED = 20
+"""Number of states asked about twice."""
+
+TOLERANCES = {"rtol": 1e-9, "atol": 1e-12}
+"""Share, and amount about zero, by which equal answers may differ: the same sums, perhaps in another order."""
+
+MAX_PLAIN = 1e6
+"""Magnitude of states up to which a step does not overflow: NaN then comes of the function itself."""
+
+LATER = 5
+"""Number of steps after which a control should have made a difference."""
 
 AT_ITS_OWN_STEP = (
     "the function at its own step is the truth. Where it integrates an equation and is the better the smaller dt is, "
     "say ODE = True in {file}"
 )
-"""This note stands at the teacher's step if the file does not say that it integrates an equation."""
-
-EXAMPLES = {
-    "STEP": "STEP = 0.01",
-    "STATE": 'STATE = {"angle": "rad", "speed": "rad/s"}',
-    "CONTROL": 'CONTROL = {"torque": ("N·m", -2.0, 2.0)}',
-    "ANGLES": 'ANGLES = ["angle"]',
-    "RATES": 'RATES = {"angle": "speed"}',
-    "REST": 'REST = {"angle": 0.0}',
-    "SPREAD": 'SPREAD = {"angle": 3.14, "speed": 4.0}',
-    "ODE": "ODE = True",
-}
-"""Each declaration is shown by its example in the error about it."""
+"""Note at the teacher's step if the file does not say that it integrates an equation."""
 
 
-def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str], tuple[str, ...]]:
-    """Return a definition of the step file at `path` and notes on its keys; this runs the file.
+class Trial(NamedTuple):
+    """States of a function's trial runs, each under a control of its own."""
+
+    system: PythonSystem
+    states: States
+    controls: Float[np.ndarray, "N C"]
+
+    @property
+    def dt(self) -> float:
+        """Duration of the function's own step [s]."""
+        return self.system.physics_dt
+
+    def after(self, states: States) -> States:
+        """Return what follows on `states` after one step."""
+        return self.later(1, states)
+
+    def later(self, steps: int, states: States) -> States:
+        """Return what follows on `states` after some steps."""
+        return self.by(self.system.scheme, steps * self.dt, states)
+
+    def by(self, scheme: Scheme, duration: float, states: States) -> States:
+        """Return what follows by `scheme` on `states` after `duration` [s]."""
+        runs = self.system.simulate(states, self.controls[:, None], duration, scheme=scheme)
+        return runs.states[:, 1]
+
+
+def propose_function(path: Path) -> Proposal:
+    """Return a definition of the step file at `path`; this runs the file.
 
     The user must have allowed that, see `trust_file`. Raises BadFileError for a missing or wrong
     declaration, a function that diverges, one that answers batches otherwise, and one that says ODE
     and ignores dt.
     """
     digest = digest_of(path)
-    module = run_file(digest, path.name)
-    files = {"name": path.name, "sha256": digest}
-    values = _declared(path, module)
-    notes: dict[str, str] = {}
-    system = PythonSystem(_check(values, path), files)
-    states, controls = _trial(system)
-    refuse_memory(system, states, controls)
-    refuse_large(path.name, system.state.names, states)
-    _see_structure(system, module, values, notes)
-    system = PythonSystem(_check(values, path), files)
-    if not getattr(module, "SPREAD", None):
-        widths = _spread_of_trials(system)
-        for part, width in zip(values["state"], widths, strict=True):
-            part["spread"] = width
-        notes["state.spread"] = "as far as trial runs went; SPREAD in the file says it better"
-        system = PythonSystem(_check(values, path), files)
-    values["substeps"], notes["substeps"] = _substeps(system)
-    system = PythonSystem(_check(values, path), files)
-    if _see_batches(system, module) and not system.batched:
+    declared = read_declarations(path, run_file(digest, path.name))
+    values = _declared_values(path, declared)
+    comments = PART_TITLES | {
+        "state.feature": "from calls that differ by a whole turn, or by where a part is",
+        "state.rate": "where a step changes one part by dt times another",
+        "physics.truth_step": AT_ITS_OWN_STEP.format(file=path.name),
+    }
+
+    def system() -> PythonSystem:
+        definition = check_table(values, path.name, PythonDefinition)
+        return PythonSystem(definition, {"name": path.name, "sha256": digest})
+
+    trial = _run_trial(system())
+    _refuse_memory(trial)
+    refuse_large(path.name, trial.system.state.names, trial.states)
+    _fill_structure(values["state"], trial, declared)
+    trial = _run_trial(system())
+    if not declared.SPREAD:
+        _fill_spread(values["state"], trial)
+        comments["state.spread"] = "as far as trial runs went; SPREAD in the file says it better"
+        trial = _run_trial(system())
+    values["substeps"], comments["substeps"] = _substeps(trial)
+    if _takes_batches(trial, declared) and not declared.BATCHED:
         values["batched"] = True
-        notes["batched"] = "seen by calls: it answers (S, B) arrays as it answers (S,)"
-        system = PythonSystem(_check(values, path), files)
-    notes["physics.truth_step"] = AT_ITS_OWN_STEP.format(file=path.name)
-    if _is_ode(path, module):
-        parts, error = _teacher(system)
-        step = values["physics"]["step"]
-        values["physics"]["truth_step"] = step / parts
-        values["physics"]["fine_step"] = step / FINE_PARTS
-        notes["physics.truth_step"] = (
+        comments["batched"] = "seen by calls: it answers (S, B) arrays as it answers (S,)"
+    if declared.ODE:
+        parts, error = _teacher(trial)
+        values["physics"]["truth_step"] = declared.STEP / parts
+        values["physics"]["fine_step"] = declared.STEP / FINE_PARTS
+        comments["physics.truth_step"] = (
             f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
         )
-    definition = _check(values, path)
-    return definition, notes, tuple(_warnings(system, definition.substeps))
+    warnings = tuple(_warnings(trial, values))
+    definition = check_table(values, path.name, PythonDefinition)
+    return Proposal(definition, comments, tuple(declared.STATE), warnings)
 
 
-def _see_structure(
-    system: PythonSystem, module: ModuleType, values: dict[str, Any], notes: dict[str, str]
-) -> None:
-    """Fill in what trial calls show and the file does not declare: angles, what may stand anywhere, and rates."""
-    states, controls = _trial(system)
-    units = []
-    for part in system.state.slices:
-        units += [part.unit] * part.size
-
-    def step(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N S"]:
-        runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
-        return runs.states[:, 1]
-
-    is_turning = turning_entries(step, states, units)
-    is_placeless = placeless_entries(step, states, units)
-    rates = rate_entries(states, step(states), system.physics_dt, units)
-    for part in values["state"]:
-        entries = system.state.index(part["name"])
-        is_given = part["feature"] != "plain" or getattr(module, "ANGLES", ())
-        if is_placeless[entries].all():
-            part["feature"] = "cyclic"
-        elif is_turning[entries].all() and not is_given:
-            part["feature"] = "sine"
-            part["spread"] = (
-                part["spread"] if any(part["spread"]) else [ANGLE_SPREAD] * part["size"]
-            )
-        if not part["rate"] and not getattr(module, "RATES", None):
-            part["rate"] = _rate_part(system, entries, rates)
-    notes["state.feature"] = "from calls that differ by a whole turn, or by where a part is"
-    notes["state.rate"] = "where a step changes one part by dt times another"
-
-
-def _rate_part(system: PythonSystem, entries: slice, rates: dict[int, int]) -> str:
-    """Return the part whose entries, in order, are the rates of those at `entries`; empty if none is."""
-    found = [rates.get(entry) for entry in range(entries.start, entries.stop)]
-    for part in system.state.slices:
-        place = system.state.index(part.name)
-        if found == list(range(place.start, place.stop)):
-            return part.name
-    return ""
-
-
-def _substeps(system: PythonSystem) -> tuple[int, str]:
-    """Return how many steps a super step should have, and why: no angle should turn too far in it."""
-    substeps = proposed_substeps(system.physics_dt)
-    entries = [row.index(1) for row in system.structure.angles]
-    if is_slow(system.physics_dt):
-        substeps = _slow_substeps(system)
-    if not entries:
-        return substeps, f"a super step of {substeps * system.physics_dt:g} s"
-    states, controls = _trial(system)
-    runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
-    turns = np.abs(wrapped((runs.states[:, 1] - states)[:, entries]))
-    turn = float(np.percentile(turns, FASTEST, axis=0).max())
-    if turn > 0:
-        substeps = max(1, min(substeps, int(MAX_TURN / turn)))
-    return substeps, (
-        f"a super step of {substeps * system.physics_dt:g} s, in which angles turn by up to {substeps * turn:.2g} rad"
-    )
-
-
-def _slow_substeps(system: PythonSystem) -> int:
-    """Return how many steps of something slow a super step should have: in it the fastest motion goes only a little way."""
-    states, controls = _trial(system)
-
-    def step(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N S"]:
-        runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
-        return runs.states[:, 1]
-
-    rate = fastest_rate(step, states, system.physics_dt)
-    if rate == 0:
-        return 1
-    return max(1, min(MAX_SUBSTEPS, int(MAX_CHANGE / (rate * system.physics_dt))))
-
-
-def _warnings(system: PythonSystem, substeps: int) -> Iterator[str]:
-    """Yield what the user should look at, one line each."""
-    states, controls = _trial(system)
-    runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
-    is_still = (runs.states[:, 1] == states).all(axis=0)
-    still = [name for name, stands in zip(system.state.names, is_still, strict=True) if stands]
-    if still:
-        yield f"state: {listed(still)} never change. Leave them out of STATE, or check step."
-    following = system.simulate(
-        states, controls[:, None], system.physics_dt * substeps, scheme=system.scheme
-    )
-    changes = (following.states[:, 1] - states)[~following.has_diverged]
-    yield from warn_of_small(system.state.names, changes)
-    other = controls + np.where(controls < system.bounds.middle, 0.5, -0.5) * system.bounds.half
-    driven = system.simulate(states, other[:, None], system.physics_dt * 5, scheme=system.scheme)
-    usual = system.simulate(states, controls[:, None], system.physics_dt * 5, scheme=system.scheme)
-    if np.array_equal(driven.states, usual.states):
-        yield "control: nothing that step returns depends on it. Check step."
-    each = seconds_per_call(system)
-    if each > SLOW_CALL and not system.batched:
-        hours = seconds_of_data(system, substeps) / 3600
-        yield (
-            f"step takes {each * 1e3:.2g} ms: 100,000 transitions take about {hours:.2g} hours. Write it for (S, B) arrays, "
-            "or make fewer: neuroanimator generate --count."
-        )
-
-
-def _check(values: dict[str, Any], path: Path) -> PythonDefinition:
-    return check_table(values, path.name, PythonDefinition)
-
-
-def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
+def _declared_values(path: Path, declared: Declarations) -> dict[str, Any]:
     """Return the definition's table as far as the file itself says it."""
-    step = _declaration(path, module, "STEP", (int, float))
-    if not MIN_STEP <= step <= MAX_STEP:
-        raise BadFileError(
-            f"{path.name}: STEP: wanted {MIN_STEP:g} to {MAX_STEP:g} s, came {step:g}."
-        )
-    state = _declaration(path, module, "STATE", dict)
-    control = _declaration(path, module, "CONTROL", dict)
-    _refuse_names(path, "STATE", state)
-    _refuse_names(path, "CONTROL", control)
-    by_part = {}
-    for name in ("RATES", "REST", "SPREAD"):
-        by_part[name] = _declaration(path, module, name, dict, {})
-    angles = _declaration(path, module, "ANGLES", (list, tuple), ())
-    for name, parts in by_part.items():
-        _refuse_unknown_parts(path, name, parts, state)
-    _refuse_unknown_parts(path, "ANGLES", angles, state)
-    substeps = proposed_substeps(step)
-    state_parts = []
-    for name, value in state.items():
-        state_parts.append(_state_part(path, name, value, name in angles, by_part))
-    control_parts = []
-    for name, value in control.items():
-        control_parts.append(_control_part(path, name, value))
+    step = declared.STEP
+    control = []
+    for name, (unit, low, high) in declared.CONTROL.items():
+        control.append({"name": name, "unit": unit, "low": low, "high": high})
     return {
         "name": usual_name(path),
         "kind": "python",
         "file": path.name,
-        "batched": bool(getattr(module, "BATCHED", False)),
-        "substeps": substeps,
+        "batched": bool(declared.BATCHED),
+        "substeps": proposed_substeps(step),
         "physics": {"step": step, "truth_step": step, "fine_step": step},
-        "state": state_parts,
-        "control": control_parts,
+        "state": declared.parts(),
+        "control": control,
         "sampling": StartSampling().model_dump(),
     }
 
 
-def _refuse_names(path: Path, declaration: str, parts: dict[Any, Any]) -> None:
-    """Raise BadFileError for a part that is called what nothing may be called."""
-    for name in parts:
-        if not isinstance(name, str) or not re.fullmatch(PART_PATTERN, name):
-            raise BadFileError(
-                f"{path.name}: {declaration}: wanted a name of letters, digits and _ . -, at most 40, beginning with a letter, "
-                f"came {repr(name)[:MAX_SHOWN]}."
-            )
-
-
-def _refuse_unknown_parts(path: Path, name: str, parts: Any, state: dict[str, Any]) -> None:
-    """Raise BadFileError if the declaration `name` is about a part that STATE does not have."""
+def _fill_structure(parts: list[dict[str, Any]], trial: Trial, declared: Declarations) -> None:
+    """Fill in what trial calls show and the file does not declare: angles, what may stand anywhere, and rates."""
+    layout = trial.system.state
+    units: list[str] = []
+    for part in layout.slices:
+        units += [part.unit] * part.size
+    is_turning = turning_entries(trial.after, trial.states, units)
+    is_placeless = placeless_entries(trial.after, trial.states, units)
+    is_angle = np.array(units) == "rad"
+    following = trial.after(trial.states)
+    change = following - trial.states
+    change[:, is_angle] = wrapped(change[:, is_angle])
+    following = trial.states + change
+    steps = list(np.stack([trial.states, following], axis=1))
+    rates = rate_entries(steps, trial.dt, units)
+    names = {tuple(_entries(layout.index(name))): name for name in declared.STATE}
     for part in parts:
-        if part not in state:
-            raise BadFileError(
-                f"{path.name}: {name}: no part '{part}' in STATE. Parts: {', '.join(state)}."
-            )
+        entries = layout.index(part["name"])
+        if is_placeless[entries].all():
+            part["feature"] = "cyclic"
+        elif is_turning[entries].all() and not declared.ANGLES:
+            part["feature"] = "sine"
+            if not any(part["spread"]):
+                part["spread"] = [ANGLE_SPREAD] * part["size"]
+        if not declared.RATES:
+            found = tuple(rates.get(entry, -1) for entry in _entries(entries))
+            part["rate"] = names.get(found, "")
 
 
-def _is_ode(path: Path, module: ModuleType) -> bool:
-    """Return whether the file says that its function integrates an equation, the better the smaller dt is."""
-    value = getattr(module, "ODE", False)
-    if not isinstance(value, bool):
+def _entries(part: slice) -> range:
+    return range(part.start, part.stop)
+
+
+def _fill_spread(parts: list[dict[str, Any]], trial: Trial) -> None:
+    """Fill in, where no spread is known, how far trial runs went from rest: twice the rms, two digits."""
+    system = trial.system
+    reach = 2 * np.sqrt(np.mean((trial.states - system.rest) ** 2, axis=0))
+    widths = np.where(system.spread > 0, system.spread, reach)
+    for part in parts:
+        part["spread"] = [rounded(width, 2) for width in widths[system.state.index(part["name"])]]
+
+
+def _substeps(trial: Trial) -> tuple[int, str]:
+    """Return how many steps a super step should have, and why.
+
+    No angle should turn too far in it, and of something slow the fastest motion should go only a little way.
+    """
+    substeps = proposed_substeps(trial.dt)
+    if trial.dt > WANTED_SUPER_STEP:
+        rate = fastest_rate(trial.after, trial.states, trial.dt)
+        substeps = 1
+        if rate > 0:
+            substeps = int(np.clip(MAX_CHANGE / (rate * trial.dt), 1, MAX_SUBSTEPS))
+    entries = [row.index(1) for row in trial.system.structure.angles]
+    if not entries:
+        return substeps, f"a super step of {substeps * trial.dt:g} s"
+    turns = np.abs(wrapped((trial.after(trial.states) - trial.states)[:, entries]))
+    turn = float(np.percentile(turns, FASTEST, axis=0).max())
+    if turn > 0:
+        substeps = max(1, min(substeps, int(MAX_TURN / turn)))
+    return substeps, (
+        f"a super step of {substeps * trial.dt:g} s, in which angles turn by up to {substeps * turn:.2g} rad"
+    )
+
+
+def _teacher(trial: Trial) -> tuple[int, float]:
+    """Return into how many parts the teacher cuts the step, and its error; refuse a function that ignores dt."""
+
+    def states_after(parts: int, duration: float = trial.dt) -> States:
+        return trial.by(Scheme(FUNCTION, duration / parts), duration, trial.states)
+
+    if np.array_equal(states_after(1), states_after(1, trial.dt / 2)):
         raise BadFileError(
-            f"{path.name}: ODE: wanted a line like `{EXAMPLES['ODE']}`, came {repr(value)[:MAX_SHOWN]}."
+            f"{trial.system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step."
         )
-    return value
+    exact = states_after(FINE_PARTS)
+    unit = np.maximum((exact - trial.states).std(axis=0), MIN_CHANGE)
+    for parts in TEACHER_PARTS:
+        errors = (states_after(parts) - exact) / unit
+        rms_error = float(np.sqrt(np.mean(errors**2)))
+        if rms_error <= MAX_TEACHER_ERROR:
+            return parts, rms_error
+    return FINE_PARTS, 0.0
 
 
-def _declaration(path: Path, module: ModuleType, name: str, kind: Any, default: Any = None) -> Any:
-    """Return what the file declares under `name`, of the type `kind`; without a default it must say something."""
-    value = getattr(module, name, default)
-    is_missing = default is None and not value
-    if isinstance(value, bool) or not isinstance(value, kind) or is_missing:
-        came = "nothing"
-        if value is not None:
-            came = repr(value)[:MAX_SHOWN]
-        raise BadFileError(
-            f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {came}."
+def _warnings(trial: Trial, values: dict[str, Any]) -> Iterator[str]:
+    """Yield what the user should look at, one line each."""
+    system = trial.system
+    states = trial.states
+    substeps = values["substeps"]
+    is_still = (trial.after(states) == states).all(axis=0)
+    still = [system.state.names[entry] for entry in np.flatnonzero(is_still)]
+    if still:
+        yield f"state: {listed(still)} never change. Leave them out of STATE, or check step."
+    following = trial.later(substeps, states)
+    is_whole = ~are_too_large(following)
+    yield from warn_of_small(system.state.names, (following - states)[is_whole])
+    side = np.where(trial.controls < system.bounds.middle, 0.5, -0.5)
+    other = trial._replace(controls=trial.controls + side * system.bounds.half)
+    if np.array_equal(other.later(LATER, states), trial.later(LATER, states)):
+        yield "control: nothing that step returns depends on it. Check step."
+    seconds = _seconds_per_call(system)
+    if seconds > SLOW_CALL and not values["batched"]:
+        parts = round(values["physics"]["step"] / values["physics"]["truth_step"])
+        runs = USUAL_COUNT / USUAL_SAMPLES_PER_RUN
+        hours = runs * RUN_STEPS * substeps * parts * seconds / 3600
+        yield (
+            f"step takes {seconds * 1e3:.2g} ms: {USUAL_COUNT:,} transitions take about {hours:.2g} hours. Write it for (S, B) "
+            "arrays, or make fewer: neuroanimator generate --count."
         )
-    return value
 
 
-def _state_part(
-    path: Path, name: str, value: Any, is_angle: bool, by_part: dict[str, Any]
-) -> dict[str, Any]:
-    """Return the TOML table of the part `name`; STATE gives its unit, or (unit, size)."""
-    if isinstance(value, str):
-        unit = value
-        size = 1
-    else:
-        unit, size = _unpacked(path, "STATE", value, 2)
-    if type(size) is not int:
-        raise BadFileError(
-            f"{path.name}: STATE: {name}: wanted a unit, or (unit, size), came {value!r}."
-        )
-    feature = "plain"
-    usual_spread = 0.0
-    if is_angle:
-        feature = "sine"
-        usual_spread = ANGLE_SPREAD
-    return {
-        "name": name,
-        "unit": unit,
-        "size": size,
-        "feature": feature,
-        "rate": by_part["RATES"].get(name, ""),
-        "rest": _several(by_part["REST"].get(name, 0.0), size),
-        "spread": _several(by_part["SPREAD"].get(name, usual_spread), size),
-    }
-
-
-def _control_part(path: Path, name: str, value: Any) -> dict[str, Any]:
-    """Return the TOML table of the control `name`; CONTROL gives (unit, low, high)."""
-    unit, low, high = _unpacked(path, "CONTROL", value, 3)
-    return {"name": name, "unit": unit, "low": _several(low, 1), "high": _several(high, 1)}
-
-
-def _unpacked(path: Path, name: str, value: Any, count: int) -> Any:
-    """Return `value` if it is a tuple or list of `count`; BadFileError shows how `name` is declared."""
-    if not isinstance(value, (tuple, list)) or len(value) != count:
-        raise BadFileError(
-            f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {value!r}."
-        )
-    return value
-
-
-def _several(value: Any, size: int) -> list[Any]:
-    """Return a list: the numbers given, or one number `size` times."""
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return list(value)
-    return [value] * size
-
-
-@lru_cache(maxsize=2)
-def _trial(
-    system: PythonSystem,
-) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
-    """Return the states and controls of all steps of trial runs under random controls, kept for whoever asks again."""
+def _run_trial(system: PythonSystem) -> Trial:
+    """Return the states and controls of all steps of trial runs under random controls; fewer where a call takes long."""
     rng = np.random.default_rng(TRIAL_SEED)
     starts = system.sample_starts(rng, TRIAL_RUNS)
     substeps = proposed_substeps(system.physics_dt)
-    steps = _trial_steps(system, substeps)
-    is_shortened = steps < TRIAL_STEPS
+    seconds = _seconds_per_call(system)
+    steps = TRIAL_STEPS
+    if seconds >= SLOW_CALL:  # as many whatever else the machine does
+        affordable = int(MAX_TRIAL_SECONDS / (seconds * TRIAL_RUNS * substeps))
+        steps = max(MIN_TRIAL_STEPS, min(TRIAL_STEPS, affordable))
     shape = (TRIAL_RUNS, steps, system.control.size)
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half
-    dt = substeps * system.physics_dt
-    runs = system.simulate(starts, controls, dt, scheme=system.scheme)
+    runs = system.simulate(starts, controls, substeps * system.physics_dt, scheme=system.scheme)
     is_whole = ~runs.has_diverged
     if is_whole.sum() < TRIAL_RUNS / 2:
-        refuse_nan(system, starts, controls, substeps)
+        _refuse_nan(system, starts, np.repeat(controls, substeps, axis=1))
         raise BadFileError(
             f"{system.file}: {runs.has_diverged.sum()} of {TRIAL_RUNS} trial runs under random controls diverged. "
             "Use a smaller STEP, a smaller SPREAD or weaker CONTROL."
@@ -400,65 +320,81 @@ def _trial(
     states = runs.states[is_whole, :-1].reshape(-1, system.state.size)
     held = controls[is_whole].reshape(-1, system.control.size)
     every = 1
-    if is_shortened:
+    if steps < TRIAL_STEPS:
         every = -(-len(states) // MAX_SLOW_STATES)
-    return states[::every], held[::every]
+    return Trial(system, states[::every], held[::every])
 
 
-def _trial_steps(system: PythonSystem, substeps: int) -> int:
-    """Return how many super steps of `substeps` calls a trial run has: fewer where a call takes long."""
-    each = seconds_per_call(system)
-    if each < SLOW_CALL:  # as many whatever else the machine does
-        return TRIAL_STEPS
-    affordable = int(MAX_TRIAL_SECONDS / (each * TRIAL_RUNS * substeps))
-    return max(MIN_TRIAL_STEPS, min(TRIAL_STEPS, affordable))
+def _refuse_nan(system: PythonSystem, starts: States, controls: Float[np.ndarray, "B T C"]) -> None:
+    """Raise BadFileError if the function answers a plain state with NaN on the way from one of `starts`."""
+    for start, held in zip(starts, controls, strict=True):
+        state = start
+        for control in held:
+            if are_too_large(state) or np.abs(state).max() > MAX_PLAIN:
+                break
+            following = _answer(system, state, control)
+            if np.isnan(following).any():
+                entry = int(np.argmax(np.isnan(following)))
+                shown = np.array2string(
+                    state, precision=4, threshold=8, edgeitems=4, separator=", "
+                )
+                raise BadFileError(
+                    f"{system.file}: step returns NaN for {system.state.names[entry]} in the state {shown}. "
+                    "Correct the function, or use a smaller SPREAD."
+                )
+            state = following
 
 
-def _spread_of_trials(system: PythonSystem) -> list[list[float]]:
-    """Return per part how far trial runs went from rest: twice the rms, two digits."""
-    states, _ = _trial(system)
-    reach = 2 * np.sqrt(np.mean((states - system.rest) ** 2, axis=0))
-    widths = np.where(system.spread > 0, system.spread, reach)
-    spreads = []
-    for part in system.state.slices:
-        part_widths = widths[system.state.index(part.name)]
-        spreads.append([float(f"{width:.2g}") for width in part_widths])
-    return spreads
+def _refuse_memory(trial: Trial) -> None:
+    """Raise BadFileError for a function that answers the same question in two ways: it remembers, or draws lots."""
+    system = trial.system
+    asked = list(zip(trial.states[:REPEATED], trial.controls[:REPEATED], strict=True))
+    first = [_answer(system, *question) for question in asked]
+    again = [_answer(system, *question) for question in reversed(asked)]
+    for one, other in zip(first, reversed(again), strict=True):
+        if not np.allclose(one, other, **TOLERANCES, equal_nan=True):
+            entry = int(np.argmax(np.abs(one - other)))
+            raise BadFileError(
+                f"{system.file}: step answers the same state and control with {one[entry]:.6g} and with "
+                f"{other[entry]:.6g} for {system.state.names[entry]}. It must keep nothing between calls and draw no lots."
+            )
 
 
-def _see_batches(system: PythonSystem, module: ModuleType) -> bool:
+def _takes_batches(trial: Trial, declared: Declarations) -> bool:
     """Return whether the function takes batches; BadFileError if it says so and answers them otherwise."""
-    states, controls = _trial(system)
-    is_batched = takes_batches(system, states, controls)
-    if system.batched and not is_batched:
-        # An error in the function itself is told as such.
-        call_step(system.function, system.file, states.T, controls.T, system.physics_dt)
+    if declared.BATCHED is False:
+        return False
+    system = trial.system
+    singly = [
+        _answer(system, *question) for question in zip(trial.states, trial.controls, strict=True)
+    ]
+    try:
+        together = _answer(system, trial.states.T, trial.controls.T)
+    except BadFileError:
+        # An error in the function itself is told as such, if it says that it takes batches.
+        if declared.BATCHED:
+            raise
+        return False
+    is_same = np.allclose(np.stack(singly), together.T, **TOLERANCES, equal_nan=True)
+    if declared.BATCHED and not is_same:
         raise BadFileError(
             f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out."
         )
-    is_declared = hasattr(module, "BATCHED")
-    return system.batched if is_declared else is_batched
+    return is_same
 
 
-def _teacher(system: PythonSystem) -> tuple[int, float]:
-    """Return (parts of the step that teach well enough, their error); refuse a function that ignores dt."""
-    states, controls = _trial(system)
-    step = system.physics_dt
+def _answer(
+    system: PythonSystem, state: Float[np.ndarray, " S *B"], control: Float[np.ndarray, " C *B"]
+) -> Float[np.ndarray, " S *B"]:
+    """Return what the function itself says to one state, or to a batch of them."""
+    return call_step(system.function, system.file, state, control, system.physics_dt)
 
-    def states_after(parts: int, duration: float = step) -> Float[np.ndarray, "N S"]:
-        scheme = Scheme("function", duration / parts)
-        runs = system.simulate(states, controls[:, None], duration, scheme=scheme)
-        return runs.states[:, 1]
 
-    if np.array_equal(states_after(1), states_after(1, step / 2)):
-        raise BadFileError(
-            f"{system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step."
-        )
-    exact = states_after(FINE_PARTS)
-    unit = np.maximum((exact - states).std(axis=0), MIN_CHANGE)
-    for parts in TEACHER_PARTS:
-        errors = (states_after(parts) - exact) / unit
-        rms_error = float(np.sqrt(np.mean(errors**2)))
-        if rms_error <= MAX_TEACHER_ERROR:
-            return parts, rms_error
-    return FINE_PARTS, 0.0
+def _seconds_per_call(system: PythonSystem) -> float:
+    """Return how long one call of the function for one state takes [s]."""
+    best = float("inf")
+    for _ in range(TIMED):
+        began = time.perf_counter()
+        _answer(system, system.rest, system.bounds.middle)
+        best = min(best, time.perf_counter() - began)
+    return best

@@ -1,4 +1,4 @@
-"""Controls that hold a model in its pose of rest: hover thrust, the servo angles of a stance, what carries an arm."""
+"""Controls that hold a model in its pose of rest, how it stands under them, and how fast it falls."""
 
 from __future__ import annotations
 
@@ -7,86 +7,117 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import lsq_linear
 
-from neuroanimator.scaffold.defaults import tidy
+from neuroanimator.scaffold.actuators import possible_controls
+from neuroanimator.scaffold.defaults import rounded
+from neuroanimator.scaffold.root_invariance import gravity_of, has_contacts
+from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
 HOLD_SECONDS = 0.3
-"""Controls are judged by how fast the model has become after this time [s]: a fall shows, a stance has settled."""
+"""Time after which controls are judged by how fast the model moves [s]: a fall shows, a stance has settled."""
 
 BETTER = 0.5
-"""Controls count as holding a model if it then moves less than this share of what it does uncontrolled."""
+"""Share of the uncontrolled model's motion below which controls count as holding it."""
 
 NEGLIGIBLE = 0.01
-"""Less than this share of a control's range is taken for no control at all."""
+"""Share of a control's range that is taken for no control at all."""
 
 DIGITS = 5
 """Number of digits of the controls that hold a model."""
 
 PROBE = 1e-3
-"""Accelerations are differentiated with controls this far apart, as a share of their range."""
+"""Distance over which accelerations are differentiated by controls, as a share of their range."""
+
+MAX_LEAN = 1.0
+"""Largest angle between a root's up axis and where that points at rest at which the root counts as upright [rad]."""
+
+STAND_SECONDS = 2.0
+"""Time after which a root must still be upright to be held by its controls [s]."""
+
+NUDGE = 1e-6
+"""Size of the differences by which the model at rest is linearised."""
+
+Controls = Float[np.ndarray, " C"]
+"""One control of each actuator."""
 
 
 class Hold(NamedTuple):
     """Controls that hold a model at rest, and where they come from."""
 
-    controls: Float[np.ndarray, " C"]
+    controls: Controls
     source: str
     """Words for a comment; empty if nothing holds it better than no control at all."""
 
 
-def holding_controls(
-    model: mujoco.MjModel,
-    rest: Float[np.ndarray, " P"],
-    low: Float[np.ndarray, " C"],
-    high: Float[np.ndarray, " C"],
-    keyframe: int,
-) -> Hold:
-    """Return the controls between `low` and `high` that keep `model` stillest at `rest` (qpos, qvel, act).
+class Stance(NamedTuple):
+    """The way a root that may fall stands at rest."""
 
-    The keyframe's own (`keyframe` is its number, or -1), those of inverse dynamics, and those that only keep the driven
-    joints from moving are tried for a moment; no control at all unless one of them is clearly better.
+    up: Float[np.ndarray, " 3"]
+    """The root's axis that points up at rest."""
+    lies: bool
+    """Whether the root itself is on the ground at rest."""
+    hovers: bool
+    """Whether its controls hold it in the air."""
+    is_held: bool
+    """Whether it stays upright under the controls that hold it: where it does not, gentler ones are of no help."""
+
+
+def holding_controls(system: ModelSystem, keyframe: int) -> Hold:
+    """Return the controls that keep the model stillest at rest.
+
+    The keyframe's own (`keyframe` is its number, or -1) and those of inverse dynamics are tried for a moment; no control
+    at all unless one of them is clearly better.
     """
-    idle = np.clip(np.zeros(model.nu), low, high)
+    model = system.model
+    low, high = possible_controls(model, system.bounds)
+    best = Hold(np.clip(np.zeros(model.nu), low, high), "")
     with warnings_counted:
-        held, driven = _inverse_dynamics(model, rest, low, high)
-        candidates = [
-            Hold(held, "holds it, by inverse dynamics"),
-            Hold(driven, "keeps its joints from moving, by inverse dynamics"),
-        ]
+        candidates = [Hold(_inverse_dynamics(system, low, high), "holds it")]
         if keyframe >= 0:
             given = np.clip(model.key_ctrl[keyframe], low, high)
             candidates.insert(0, Hold(given, "the keyframe's own"))
-        best = Hold(idle, "")
-        least = BETTER * _motion_after(model, rest, idle)
+        least = BETTER * _motion_after(system, best.controls)
         for candidate in candidates:
-            motion = _motion_after(model, rest, candidate.controls)
+            motion = _motion_after(system, candidate.controls)
             if motion < least:
                 best = candidate
                 least = motion
     return best
 
 
-def holding_table(
-    model: mujoco.MjModel, bounds: Mapping[str, tuple[float, float]], hold: Hold
-) -> dict[str, float]:
+def _inverse_dynamics(system: ModelSystem, low: Controls, high: Controls) -> Controls:
+    """Return the controls with least acceleration of all joints, without contacts and limits.
+
+    Such accelerations are linear in the controls of almost every actuator.
+    """
+    model = system.model
+    middle = (low + high) / 2
+    reach = PROBE * (high - low)
+    base = at(model, system.rest, middle).qacc_smooth.copy()
+    slopes = np.zeros((model.nv, model.nu))
+    for actuator in range(model.nu):
+        controls = middle.copy()
+        controls[actuator] += reach[actuator]
+        change = at(model, system.rest, controls).qacc_smooth - base
+        slopes[:, actuator] = change / reach[actuator]
+    solution = lsq_linear(slopes, slopes @ middle - base, bounds=(low, high))
+    return np.asarray(solution.x)
+
+
+def holding_table(bounds: Mapping[str, tuple[float, float]], hold: Hold) -> dict[str, float]:
     """Return by an actuator's name the control that holds the model, within `bounds`; empty if it is none at all."""
-    if not hold.source:
-        return {}
     table = {}
     is_worth_saying = False
-    for actuator, (name, (low, high)) in enumerate(bounds.items()):
-        held = float(np.clip(tidy(hold.controls[actuator], DIGITS), low, high))
-        table[name] = held
-        is_worth_saying |= abs(held) > NEGLIGIBLE * (high - low)
-    return table if is_worth_saying else {}
+    for (name, (low, high)), control in zip(bounds.items(), hold.controls, strict=True):
+        table[name] = float(np.clip(rounded(control, DIGITS), low, high))
+        is_worth_saying |= abs(table[name]) > NEGLIGIBLE * (high - low)
+    return table if is_worth_saying and hold.source else {}
 
 
-def at(
-    model: mujoco.MjModel, rest: Float[np.ndarray, " P"], controls: Float[np.ndarray, " C"]
-) -> mujoco.MjData:
+def at(model: mujoco.MjModel, rest: Float[np.ndarray, " P"], controls: Controls) -> mujoco.MjData:
     """Return the model's data at `rest` under `controls`, activations having followed these."""
     data = mujoco.MjData(model)
     data.qpos[:] = rest[: model.nq]
@@ -101,42 +132,89 @@ def at(
     return data
 
 
-def _inverse_dynamics(
-    model: mujoco.MjModel,
-    rest: Float[np.ndarray, " P"],
-    low: Float[np.ndarray, " C"],
-    high: Float[np.ndarray, " C"],
-) -> tuple[Float[np.ndarray, " C"], Float[np.ndarray, " C"]]:
-    """Return the controls with least acceleration of all joints, and with least acceleration of those they drive.
-
-    Accelerations are those without contacts and limits, which are linear in the controls of almost every actuator.
-    """
-    middle = (low + high) / 2
-    reach = PROBE * (high - low)
-    base = at(model, rest, middle).qacc_smooth.copy()
-    columns = []
-    for actuator in range(model.nu):
-        controls = middle.copy()
-        controls[actuator] += reach[actuator]
-        change = at(model, rest, controls).qacc_smooth - base
-        columns.append(change / reach[actuator])
-    slopes = np.stack(columns, axis=1)
-    # Roots that nothing drives directly are left to fall; a motor's own joint is where it acts most.
-    driven = np.unique(np.abs(slopes).argmax(axis=0))
-    solutions = []
-    for rows in (np.arange(model.nv), driven):
-        wanted = slopes[rows] @ middle - base[rows]
-        solution = lsq_linear(slopes[rows], wanted, bounds=(low, high))
-        solutions.append(np.asarray(solution.x))
-    return solutions[0], solutions[1]
-
-
-def _motion_after(
-    model: mujoco.MjModel, rest: Float[np.ndarray, " P"], controls: Float[np.ndarray, " C"]
-) -> float:
-    """Return the rms of all velocities a moment after `rest` under `controls`; infinite if it diverges."""
-    data = at(model, rest, controls)
-    steps = max(1, round(HOLD_SECONDS / model.opt.timestep))
-    mujoco.mj_step(model, data, steps)
+def _motion_after(system: ModelSystem, controls: Controls) -> float:
+    """Return the rms of all velocities a moment after rest under `controls`; infinite if it diverges."""
+    data = at(system.model, system.rest, controls)
+    mujoco.mj_step(system.model, data, max(1, round(HOLD_SECONDS / system.model.opt.timestep)))
     speed = float(np.sqrt(np.mean(data.qvel**2)))
     return speed if np.isfinite(speed) else float("inf")
+
+
+def growth_at_rest(system: ModelSystem, controls: Controls) -> float:
+    """Return the rate at which the fastest fall from rest under `controls` grows [1/s]; 0 if none does.
+
+    It is the largest real part of the linearised model's eigenvalues. Of a model that can touch something it is taken
+    for 0: what just touches at rest would look as if it were thrown off.
+    """
+    model = system.model.__copy__()
+    if has_contacts(model):
+        return 0.0
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    size = 2 * model.nv + model.na
+    transition = np.zeros((size, size))
+    with warnings_counted:
+        data = at(model, system.rest, controls)
+        if data.nefc:
+            return 0.0
+        mujoco.mjd_transitionFD(model, data, NUDGE, True, transition, None, None, None)
+    if not np.isfinite(transition).all():
+        return 0.0
+    largest = float(np.abs(np.linalg.eigvals(transition)).max())
+    return float(np.log(max(largest, 1.0))) / model.opt.timestep
+
+
+def stance_of(system: ModelSystem, hold: Hold) -> Stance | None:
+    """Return how the root stands at rest, a moment after `hold` took it over; None for one that cannot fall."""
+    model = system.model
+    if not system.sampling.above_ground or not gravity_of(model).any():
+        return None
+    step = model.opt.timestep
+    with warnings_counted:
+        data = at(model, system.rest, hold.controls)
+        up = data.xmat[_root(model)].reshape(3, 3)[2].copy()
+        mujoco.mj_step(model, data, max(1, round(HOLD_SECONDS / step)))
+        mujoco.mj_fwdPosition(model, data)
+        touching = _bodies_on_ground(model, data)
+        lies = _root(model) in touching
+        hovers = bool(hold.source) and not touching.size
+        mujoco.mj_step(model, data, max(1, round((STAND_SECONDS - HOLD_SECONDS) / step)))
+        mujoco.mj_fwdPosition(model, data)
+        stance = Stance(up, lies, hovers, is_held=True)
+        return stance._replace(is_held=_is_upright(model, data, stance))
+
+
+def are_upright(
+    system: ModelSystem, stance: Stance | None, states: Float[np.ndarray, "*B S"]
+) -> Bool[np.ndarray, "*B"]:
+    """Return in which states the root leans by less than `MAX_LEAN`, and does not lie unless it does so at rest.
+
+    What cannot fall is always upright.
+    """
+    upright = np.ones(states.shape[:-1], bool)
+    if stance is None:
+        return upright
+    data = mujoco.MjData(system.model)
+    with warnings_counted:
+        for row in np.ndindex(upright.shape):
+            system.put(data, states[row])
+            mujoco.mj_fwdPosition(system.model, data)
+            upright[row] = _is_upright(system.model, data, stance)
+    return upright
+
+
+def _is_upright(model: mujoco.MjModel, data: mujoco.MjData, stance: Stance) -> bool:
+    root = _root(model)
+    height = data.xmat[root].reshape(3, 3)[2] @ stance.up
+    lies_down = not stance.lies and root in _bodies_on_ground(model, data)
+    return bool(height > np.cos(MAX_LEAN)) and not lies_down
+
+
+def _root(model: mujoco.MjModel) -> int:
+    """Return the body that the first joint's tree begins with."""
+    return int(model.body_rootid[model.jnt_bodyid[0]])
+
+
+def _bodies_on_ground(model: mujoco.MjModel, data: mujoco.MjData) -> Int[np.ndarray, " N"]:
+    """Return the bodies that touch something fixed."""
+    bodies = model.body_weldid[model.geom_bodyid[data.contact.geom]].reshape(-1, 2)
+    return bodies[(bodies == 0).any(axis=1)].max(axis=1)

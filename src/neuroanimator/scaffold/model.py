@@ -1,8 +1,7 @@
-"""Propose a definition for a MuJoCo model: what can be read off it, and what a few trial runs show."""
+"""Proposal for a MuJoCo model: what can be read off it, and what a few trial runs show."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,36 +9,24 @@ import mujoco
 import numpy as np
 
 from neuroanimator.data.config import RUN_STEPS
-from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
-from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
-from neuroanimator.scaffold.actuators import (
-    actuator_faults,
-    possible_controls,
-    proposed_bounds,
-    wide_enough,
-)
+from neuroanimator.scaffold.actuators import actuator_faults, proposed_bounds, widen_guesses
 from neuroanimator.scaffold.comments import Findings, comments_on, told_of, warnings_about
-from neuroanimator.scaffold.defaults import WANTED_SUPER_STEP, tidy, usual_name
-from neuroanimator.scaffold.holding import holding_controls, holding_table
+from neuroanimator.scaffold.defaults import FINE_PARTS, proposed_substeps, rounded, usual_name
+from neuroanimator.scaffold.holding import growth_at_rest, holding_controls, holding_table
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
-from neuroanimator.scaffold.surroundings import (
+from neuroanimator.scaffold.proposal import Proposal
+from neuroanimator.scaffold.root_invariance import (
     can_touch_ground,
-    free_root_is_placed,
     gravity_of,
     has_contacts,
     has_free_root,
     is_placeless,
     planar_root,
+    why_root_is_placed,
 )
-from neuroanimator.scaffold.teacher import (
-    choose_teacher,
-)
-from neuroanimator.scaffold.trials import (
-    Trial,
-    growth_at_rest,
-)
+from neuroanimator.scaffold.teacher import choose_teacher
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.ground import height_entry
@@ -52,29 +39,11 @@ from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase
 
-FINE_PARTS = 10
-"""The fine step, which every error is measured against, is the model's step cut into this many."""
-
 WARM_UP = 1.0
 """Time for which models with contacts are driven before a run is recorded [s]: random starts float in the air or overlap."""
 
 RESET_SHARE = 0.2
 """Share of runs that begin at rest or at a keyframe: there motions are begun, and random starts may never be there."""
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A definition, and what is worth telling the user about it."""
-
-    definition: Definition | PythonDefinition | RecordedDefinition
-    notes: dict[str, str]
-    """Per key of the TOML file, why its value was proposed."""
-    parts: list[str]
-    """Names of the parts of the state."""
-    warnings: tuple[str, ...] = ()
-    """What the user should look at before anything is generated."""
-    told: tuple[tuple[str, str], ...] = ()
-    """What else is told on the screen, as rows: what was added to the model or left out, and what trial runs showed."""
 
 
 def propose(
@@ -98,53 +67,72 @@ def propose(
     faults = actuator_faults(path, model)
     if faults:
         raise BadFileError(faults)
-    values = _read_off(path, model, keyframe, base)
-    values["passive"] = passive
-    values["sampling"] |= {"reset_share": RESET_SHARE, "reset_noise": reset_noise}
+    keyframes = [keyframe_name(model, number) for number in range(model.nkey)]
+    if not keyframe and keyframes:
+        keyframe = HOME if HOME in keyframes else keyframes[0]
+    bounds = proposed_bounds(model)
+    values: dict[str, Any] = {
+        "name": usual_name(path),
+        "model": path.name,
+        "base": base,
+        "passive": passive,
+        "keyframe": keyframe,
+        "substeps": proposed_substeps(float(model.opt.timestep)),
+        "physics": _physics(model),
+        "control": bounds,
+        "sampling": {"reset_share": RESET_SHARE, "reset_noise": reset_noise},
+    }
+    _read_structure(values, model)
     system = system_of(values, model)
-    low, high = possible_controls(model, system.bounds)
-    number = _keyframe_number(model, values["keyframe"])
-    hold = holding_controls(model, system.rest[: system.physical_size], low, high, number)
-    whole = wide_enough(model, values["control"], hold.controls)
-    values["control"] = whole
-    growth = growth_at_rest(model, system.rest[: system.physical_size], hold.controls)
+    hold = holding_controls(system, keyframes.index(keyframe) if keyframe else -1)
+    widen_guesses(model, bounds, hold.controls)
+    growth = growth_at_rest(system, hold.controls)
     with phase("simulating"):
         motion = choose_motion(values, model, hold, growth)
     values = motion.values
-    values["holding"] = holding_table(model, values["control"], hold)
+    values["holding"] = holding_table(values["control"], hold)
     system = system_of(values, model)
+    trial = motion.trial
     with phase("looking for symmetries"):
-        trial = motion.trial
         states = trial.states[:, :-1].reshape(-1, system.state.size)
         symmetries = symmetries_of(system, states, trial.controls.reshape(len(states), -1))
     values["frame"]["symmetries"] = bool(symmetries)
-    teacher = choose_teacher(system, motion.trial, _usual_contacts(system, motion.trial))
-    lost = _resets_that_diverge(system, motion.dt)
+    teacher = choose_teacher(system, trial)
     values["physics"] |= {
         "truth_step": teacher.scheme.dt,
         "truth_integrator": teacher.scheme.integrator,
         "fine_step": teacher.fine.dt,
         "fine_integrator": teacher.fine.integrator,
     }
-    found = Findings(motion, hold, growth, whole, teacher, symmetries, lost)
-    definition = check_table(values, path.name, Definition)
-    parts = [part.name for part in system.state.slices]
+    lost = _resets_that_diverge(system, trial.dt)
+    found = Findings(motion, hold, growth, bounds, teacher, symmetries, lost)
     return Proposal(
-        definition,
+        check_table(values, path.name, Definition),
         comments_on(system, found),
-        parts,
-        tuple(warnings_about(model, found)),
+        tuple(part.name for part in system.state.slices),
+        tuple(warnings_about(system, found)),
         told_of(model, found),
     )
 
 
-def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> dict[str, Any]:
-    """Return the definition's table as far as the model itself says it."""
+def _physics(model: mujoco.MjModel) -> dict[str, Any]:
+    """Return the model's own step and integrator, which also teach as long as no better ones are known."""
+    names = {int(value): name for name, value in INTEGRATORS.items()}
     step = float(model.opt.timestep)
-    integrator = _own_integrator(model)
+    own = names[int(model.opt.integrator)]
+    return {
+        "step": step,
+        "integrator": own,
+        "truth_step": step,
+        "truth_integrator": own,
+        "fine_step": rounded(step / FINE_PARTS, 12),
+        "fine_integrator": "rk4",
+    }
+
+
+def _read_structure(values: dict[str, Any], model: mujoco.MjModel) -> None:
+    """Fill in what the model itself says of the state, of the frame and of random starts."""
     planar = planar_root(model)
-    is_free = has_free_root(model) and not free_root_is_placed(model)
-    has_weight = bool(np.any(gravity_of(model)))
     has_ground = can_touch_ground(model)
     features = {}
     widths = {}
@@ -152,64 +140,22 @@ def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> di
         name = joint_name(model, joint)
         features[name] = proposed_feature(model, joint, planar)
         width = free_spread(model, joint)
-        if features[name] not in ("cyclic", "free", "placed") and width is not None:
+        is_somewhere = features[name] not in ("cyclic", "free", "placed")
+        if is_somewhere and name not in planar[:2] and width is not None:
             widths[name] = width
-    for name in planar[:2]:
-        widths.pop(name, None)
-    warm_up = 0.0
-    if has_contacts(model):
-        warm_up = WARM_UP
-    tilt = 0.0
-    if has_free_root(model):
-        tilt = TILTS[0]
-    return {
-        "name": usual_name(path),
-        "model": path.name,
-        "base": base,
-        "keyframe": keyframe or _usual_keyframe(model),
-        "substeps": max(1, round(WANTED_SUPER_STEP / step)),
-        "physics": {
-            "step": step,
-            "integrator": integrator,
-            "truth_step": step,
-            "truth_integrator": integrator,
-            "fine_step": tidy(step / FINE_PARTS),
-            "fine_integrator": "rk4",
-        },
-        "state": features,
-        "frame": {
-            "ground": is_free and has_weight and has_ground,
-            "contacts": has_ground or any(is_limited(model, i) for i in range(model.njnt)),
-            "planar": planar,
-        },
-        "control": proposed_bounds(model),
-        "sampling": {
-            "warm_up": warm_up,
-            "tilt": tilt,
-            "above_ground": has_ground and height_entry(model) is not None,
-            "position": widths,
-        },
+    has_weight = bool(np.any(gravity_of(model)))
+    values["state"] = features
+    values["frame"] = {
+        "ground": features[joint_name(model, 0)] == "free" and has_weight and has_ground,
+        "contacts": has_ground or any(is_limited(model, i) for i in range(model.njnt)),
+        "planar": planar,
     }
-
-
-def _usual_keyframe(model: mujoco.MjModel) -> str:
-    """Return the keyframe that is the state of rest if the user names none: `home`, else the first."""
-    names = [keyframe_name(model, i) for i in range(model.nkey)]
-    if HOME in names:
-        return HOME
-    return names[0] if names else ""
-
-
-def _keyframe_number(model: mujoco.MjModel, name: str) -> int:
-    """Return the number of a keyframe, -1 if there is none of this name."""
-    names = [keyframe_name(model, i) for i in range(model.nkey)]
-    return names.index(name) if name in names else -1
-
-
-def _own_integrator(model: mujoco.MjModel) -> str:
-    """Return our name of the integrator the model asks for."""
-    names = {int(value): name for name, value in INTEGRATORS.items()}
-    return names[int(model.opt.integrator)]
+    values["sampling"] |= {
+        "warm_up": WARM_UP if has_contacts(model) else 0.0,
+        "tilt": TILTS[0] if has_free_root(model) else 0.0,
+        "above_ground": has_ground and height_entry(model) is not None,
+        "position": widths,
+    }
 
 
 def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
@@ -217,7 +163,7 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
     kind = JOINT_NAMES[int(model.jnt_type[joint])]
     if joint_name(model, joint) in planar:
         return "planar"
-    if kind == "free" and (joint > 0 or free_root_is_placed(model)):
+    if kind == "free" and (joint > 0 or why_root_is_placed(model)):
         return "placed"
     if kind == "hinge":
         is_bounded = is_limited(model, joint) and np.ptp(model.jnt_range[joint]) < np.pi
@@ -227,18 +173,11 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
     return FEATURES[kind][0]
 
 
-def _usual_contacts(system: ModelSystem, trial: Trial) -> float:
-    """Return how many contacts there are on average in trial runs."""
-    every = max(1, trial.states.shape[1] // 4)
-    states = trial.states[:, ::every].reshape(-1, system.state.size)
-    return float(np.mean(system.contact_counts(states)))
-
-
 def _resets_that_diverge(system: ModelSystem, dt: float) -> list[str]:
-    """Return which of rest and keyframes a run cannot begin at: such runs diverge, and are left out of the data."""
+    """Return at which of rest and keyframes a run cannot begin: such runs diverge, and are left out of the data."""
     starts = system.with_sensors(system.resets)
     controls = np.broadcast_to(system.bounds.idle, (len(starts), RUN_STEPS, system.control.size))
     runs = system.simulate_fastest(starts, controls, dt)
-    names = ["rest"]
-    names += [f"keyframe {keyframe_name(system.model, i)}" for i in range(system.model.nkey)]
+    keyframes = range(system.model.nkey)
+    names = ["rest", *(f"keyframe {keyframe_name(system.model, i)}" for i in keyframes)]
     return [name for name, lost in zip(names, runs.has_diverged, strict=True) if lost]

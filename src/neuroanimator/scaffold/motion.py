@@ -1,8 +1,8 @@
-"""How a model moves under its own controls, and so what controls, starts and super step are proposed."""
+"""Controls, starts and super step with which a model does what can be learned, found by trial runs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import mujoco
@@ -16,24 +16,22 @@ from neuroanimator.scaffold.defaults import (
     FASTEST,
     MAX_TURN,
     WANTED_SUPER_STEP,
-    tidy,
+    rounded,
 )
-from neuroanimator.scaffold.holding import Hold
-from neuroanimator.scaffold.stance import Posture, Stance, posture_of, stance_of
-from neuroanimator.scaffold.surroundings import (
+from neuroanimator.scaffold.holding import Hold, Stance, are_upright, stance_of
+from neuroanimator.scaffold.root_invariance import (
     actuated_joint,
     has_free_root,
     has_servo,
     has_spring,
-    servo_of,
+    is_servo,
+    obstacle,
 )
 from neuroanimator.scaffold.trials import (
-    MAX_GROWTH,
     Trial,
     fastest_turning,
     occurring_range,
     run_trial,
-    two_digits,
     usual_velocities,
 )
 from neuroanimator.state.rotation import rotate
@@ -41,18 +39,19 @@ from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import JointView, joint_name
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import DIVERGED_VELOCITY
-from neuroanimator.systems.rigid.touching import is_limited, touching_geoms
+from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import progress_bar
 
 SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
-"""Super steps of about these lengths are tried, the longest first [s]."""
+"""Lengths of the super steps that are tried, about, the longest first [s]."""
 
+MAX_GROWTH = 0.5
+"""Largest growth exponent of a fall over one super step; above it control comes too late, and errors grow as fast."""
 
 HOPEFUL = 2.5
 """Maximum factor by which things may turn too far, at the last speeds, for a shorter super step to be tried."""
-
 
 ENOUGH = 0.04
 """Length of the super step [s] for which controls of a model that only they hold are narrowed."""
@@ -61,54 +60,47 @@ BEARABLE = 1.5
 """Minimum factor by which things would turn too far, even in the shortest super step, for others' controls to be narrowed."""
 
 SHARES = (1.0, 0.5, 0.25, 0.125)
-"""Controls are tried over these shares of their room, the largest first."""
-
+"""Shares of their room over which controls are tried, the largest first."""
 
 MOST = 0.5
 """Least share of the time that a root should be upright in the data."""
 
 FEW = 0.05
-"""Where the root is upright for less than this share of the time, starts are spread as all trial runs show it."""
+"""Share of the time for which a root must be upright if starts are to be spread as it is then, not as all trial runs show."""
 
 HOVER_HEIGHT = 2.0
 """Highest random start, over its rest, of a body that only its controls hold in the air [m]."""
 
 OFF_MIDDLE = 0.02
-"""What holds a model is off the middle of a control's range if it is by more than this share of it."""
-
+"""Share of a control's range by which what holds a model must be off its middle to count as that."""
 
 MIN_ROOM = 0.1
-"""Controls are centred on what holds the model if they have at least this share of half their range on either side."""
-
+"""Share of half a control's range that must be left on either side of what holds the model for it to be centred there."""
 
 BALL_SPREAD = 0.5
-"""Random starts of a ball joint have this standard deviation [rad]."""
-
+"""Standard deviation of the random starts of a ball joint [rad]."""
 
 TILTS = (0.1, 0.5)
-"""A free root starts with a tilt of at least and at most this standard deviation [rad]."""
-
+"""Minimum and maximum standard deviation of the tilt with which a free root starts [rad]."""
 
 REACHES = (0.05, 2.0)
 """Minimum and maximum distance from rest along x and y [m] at which a free body starts whose place matters."""
 
 UNDRIVEN_REACH = 1.0
-"""A slide with a range in a part that nothing drives, such as a thing to be pushed, starts within this of rest [m]."""
+"""Distance from rest [m] within which a slide starts that nothing drives, such as a thing to be pushed."""
 
 FAR = 10.0
-"""A slide that goes farther than this in a trial run goes away [m]."""
-
+"""Distance [m] beyond which a slide counts as gone away in a trial run."""
 
 SMALLER_STEPS = (2, 5, 10)
-"""If a model explodes, its step cut into these numbers of parts is tried, so that the error can name one that works."""
-
+"""Numbers of parts into which the step of a model that explodes is cut, so that the error can name one that works."""
 
 EXPLOSION_STEPS = 2000
 """Number of steps for which a model that explodes is watched, to see which of its joints does so first."""
 
 
 class Motion(NamedTuple):
-    """How a model moves under controls over some share of their room."""
+    """A model's motion under controls over some share of their room."""
 
     values: dict[str, Any]
     """The definition's table, controls, sampling and super step filled in."""
@@ -116,41 +108,35 @@ class Motion(NamedTuple):
     joint: str
     """The joint that turns fastest."""
     speed: float
-    """How fast it turns [rad/s]."""
+    """Its angular velocity [rad/s]."""
     share: float
+    upright: float
+    """Share of the time in which the root is upright."""
+
+    @property
+    def turn(self) -> float:
+        """Angle by which the fastest joint turns in a super step [rad]."""
+        return self.speed * self.trial.dt
+
+
+@dataclass(frozen=True)
+class Search:
+    """A model whose controls, starts and super step are looked for, and what bounds them."""
+
+    model: mujoco.MjModel
+    hold: Hold
+    longest: float
+    """Length of the longest super step there may be [s]."""
     stance: Stance | None
-    """How its root stands at rest; none of one that cannot fall."""
-    posture: Posture
-    """Of the trial's states."""
 
-    @property
-    def upright(self) -> float:
-        """Share of the time in which the root is upright."""
-        return float(self.posture.is_upright.mean())
-
-    def in_words(self) -> str:
-        """Return how its root spends the time of trial runs."""
-        airborne = float(self.posture.is_airborne.mean())
-        return f"upright for {self.upright:.0%} of the time, in the air for {airborne:.0%}"
-
-    @property
-    def dt(self) -> float:
-        """Time one super step covers [s]."""
-        return self.trial.dt
-
-    @property
-    def is_slow(self) -> bool:
-        """Whether nothing turns too far in a super step to be learned."""
-        return self.speed * self.dt <= MAX_TURN
-
-    def is_good(self, must_be_held: bool, longest: float) -> bool:
-        """Return whether the controls need not be narrowed further; `longest` is the longest super step there may be [s].
+    def is_good(self, motion: Motion) -> bool:
+        """Return whether the controls need not be narrowed further.
 
         A model that only its controls hold is not flung about: that takes super steps of some length.
         """
-        if must_be_held:
-            return self.is_slow and self.dt >= min(ENOUGH, longest)
-        return self.speed * self.dt <= BEARABLE * MAX_TURN
+        if has_free_root(self.model) and self.hold.source:
+            return motion.turn <= MAX_TURN and motion.trial.dt >= min(ENOUGH, self.longest)
+        return motion.turn <= BEARABLE * MAX_TURN
 
 
 def choose_motion(
@@ -160,33 +146,33 @@ def choose_motion(
 
     The whole room of the controls, if the super step need not become too short for that, and if a root that may fall is
     then upright most of the time; else a smaller share of it. Where a root falls, it is not driven before a run is
-    recorded, and starts higher if it hovers.
+    recorded, and starts higher if it hovers. `growth` is the rate of a fall from rest [1/s].
     Raises BadFileError if the model explodes whatever is tried.
     """
     longest = WANTED_SUPER_STEP
     if growth > 0:
         longest = max(SUPER_STEPS[-1], min(longest, MAX_GROWTH / growth))
-    must_be_held = has_free_root(model) and bool(hold.source)
     stance = stance_of(system_of(values, model), hold)
+    search = Search(model, hold, longest, stance)
     tried: list[Motion] = []
     with progress_bar("shares of the controls tried", len(SHARES)) as bar:
         for number, share in enumerate(SHARES):
-            motion = _motion_under(values, model, hold, share, longest, stance)
+            motion = _motion_under(search, values, share)
             if stance is not None and motion is not None and motion.upright < MOST:
                 tried.append(motion)
                 values = _before_it_falls(values, stance)
-                motion = _motion_under(values, model, hold, share, longest, stance)
+                motion = _motion_under(search, values, share)
             if motion is not None:
                 tried.append(motion)
                 is_upright = motion.upright >= MOST or not stance or not stance.is_held
-                if is_upright and motion.is_good(must_be_held, longest):
+                if is_upright and search.is_good(motion):
                     return motion
             bar.advance_to(number + 1)
     if not tried:
         raise BadFileError(_explosion(values, model))
     upright = [motion for motion in tried if motion.upright >= MOST]
-    slow = [motion for motion in tried if motion.is_good(must_be_held, longest)]
-    best = upright or slow or tried
+    good = [motion for motion in tried if search.is_good(motion)]
+    best = upright or good or tried
     # What does not help leaves at least the controls to be used in full.
     fullest = [motion for motion in best if motion.share == best[0].share]
     return max(fullest, key=lambda motion: motion.upright)
@@ -200,102 +186,80 @@ def _before_it_falls(values: dict[str, Any], stance: Stance) -> dict[str, Any]:
     return values | {"sampling": sampling}
 
 
-def _motion_under(
-    values: dict[str, Any],
-    model: mujoco.MjModel,
-    hold: Hold,
-    share: float,
-    longest: float,
-    stance: Stance | None,
-) -> Motion | None:
+def _motion_under(search: Search, values: dict[str, Any], share: float) -> Motion | None:
     """Return the motion under a share of the controls, in the longest super step that nothing turns too far in.
 
     None if half the trial runs diverge.
     """
-    controls = _narrowed(model, values["control"], hold, share)
-    step = float(model.opt.timestep)
+    step = float(search.model.opt.timestep)
+    counts = [max(1, round(min(dt, search.longest) / step)) for dt in SUPER_STEPS]
+    controls = _narrowed(search, values["control"], share)
     motion = None
-    for substeps in _substeps_to_try(step, longest):
+    for substeps in dict.fromkeys(counts):
         if motion is not None and motion.speed * substeps * step > HOPEFUL * MAX_TURN:
             continue
         draft = values | {"control": controls, "substeps": substeps}
-        trial = _fill_sampling(draft, model, stance)
+        trial = _fill_sampling(draft, search)
         if trial is None:
             return None
-        system = system_of(draft, model)
+        system = system_of(draft, search.model)
         joint, speed = fastest_turning(system, trial)
-        posture = posture_of(system, stance, trial.states)
-        motion = Motion(draft, trial, joint, speed, share, stance, posture)
-        if motion.is_slow:
+        upright = float(are_upright(system, search.stance, trial.states).mean())
+        motion = Motion(draft, trial, joint, speed, share, upright)
+        if motion.turn <= MAX_TURN:
             break
     return motion
 
 
-def _substeps_to_try(step: float, longest: float) -> Iterator[int]:
-    """Yield numbers of steps in a super step, the largest first; at least one."""
-    last = 0
-    for dt in SUPER_STEPS:
-        substeps = max(1, round(min(dt, longest) / step))
-        if substeps != last:
-            yield substeps
-        last = substeps
-
-
 def _narrowed(
-    model: mujoco.MjModel, bounds: dict[str, tuple[float, float]], hold: Hold, share: float
+    search: Search, bounds: dict[str, tuple[float, float]], share: float
 ) -> dict[str, tuple[float, float]]:
     """Return `share` of the range of each control, around what holds the model where that is a root that may fall.
 
     A servo of a model that stands fixed keeps its range: wherever it goes, the model is held.
     """
-    may_fall = has_free_root(model)
+    may_fall = has_free_root(search.model)
     narrowed = {}
     for actuator, (name, (low, high)) in enumerate(bounds.items()):
         center = (low + high) / 2
         half = (high - low) / 2
         reach = share * half
-        held = float(hold.controls[actuator])
-        is_off = bool(hold.source) and abs(held - center) > OFF_MIDDLE * half
+        held = float(search.hold.controls[actuator])
+        is_off = bool(search.hold.source) and abs(held - center) > OFF_MIDDLE * half
         room = half - abs(held - center)
         if may_fall and is_off and room >= MIN_ROOM * half:
             center = held
             reach = min(reach, room)
-        elif not may_fall and servo_of(model, actuator):
+        elif not may_fall and is_servo(search.model, actuator):
             reach = half
-        ends = (low, high)
+        narrowed[name] = (low, high)
         if reach < half:
-            ends = (max(low, tidy(center - reach, 4)), min(high, tidy(center + reach, 4)))
-        narrowed[name] = ends
+            least = max(low, rounded(center - reach, 4))
+            narrowed[name] = (least, min(high, rounded(center + reach, 4)))
     return narrowed
 
 
-def _fill_sampling(
-    values: dict[str, Any], model: mujoco.MjModel, stance: Stance | None
-) -> Trial | None:
+def _fill_sampling(values: dict[str, Any], search: Search) -> Trial | None:
     """Fill in how random starts are spread, and return trial runs from there; None if half of them diverge.
 
     First runs begin at rest, where the ground, springs or servos decide, and show positions and velocities; those
     returned begin where and as fast as these went while upright.
     """
-    sampling = values["sampling"] | {
-        "velocity": {},
-        "position": dict(values["sampling"]["position"]),
-    }
+    sampling = values["sampling"] | {"velocity": {}}
+    sampling["position"] = dict(sampling["position"])
     values["sampling"] = sampling
-    system = system_of(values, model)
+    system = system_of(values, search.model)
     trial = run_trial(system, values["substeps"])
-    if trial.explodes:
+    if 2 * trial.diverged >= trial.runs:
         return None
-    is_upright = posture_of(system, stance, trial.states).is_upright
+    is_upright = are_upright(system, search.stance, trial.states)
     if FEW <= is_upright.mean() < 1:
         trial = trial._replace(states=trial.states[is_upright][None])
     for view in system.views:
         _fill_joint(sampling, system, trial, view)
     sampling["velocity"] = usual_velocities(system, trial)
-    trial = run_trial(system_of(values, model), values["substeps"])
-    if trial.explodes:
-        return None
-    return trial
+    trial = run_trial(system_of(values, search.model), values["substeps"])
+    return None if 2 * trial.diverged >= trial.runs else trial
 
 
 def _fill_joint(
@@ -303,10 +267,16 @@ def _fill_joint(
 ) -> None:
     """Fill in how random starts of one joint are spread, as `trial` shows it, unless that is said already."""
     position = sampling["position"]
+    first = view.position_entry
     if view.feature == "placed":
-        position[view.name] = _usual_reach(trial, view.position_entry, system.rest)
+        level = slice(first, first + 2)
+        distances = np.abs(trial.states[..., level] - system.rest[level])
+        reach = float(np.clip(np.percentile(distances, FASTEST), *REACHES))
+        position[view.name] = rounded(reach, 2)
     if view.kind == "free" and view.index == 0:
-        sampling["tilt"] = _usual_tilt(trial, view.position_entry + 3, system.rest)
+        orientation = slice(first + 3, first + 7)
+        tilt = _usual_tilt(trial.states[..., orientation], system.rest[orientation])
+        sampling["tilt"] = rounded(float(np.clip(tilt, *TILTS)), 2)
     if view.name in position:
         return
     if view.kind == "ball":
@@ -315,33 +285,19 @@ def _fill_joint(
         limits = (-FAR, FAR)
         if is_limited(system.model, view.index):
             limits = tuple(system.model.jnt_range[view.index])
-        ends = occurring_range(trial, view.position_entry, limits)
-        if view.feature == "sine" and ends[1] - ends[0] > 2 * np.pi:
-            position[view.name] = ANGLE_SPREAD
-        else:
-            position[view.name] = ends
+        ends = occurring_range(trial, first, limits)
+        is_all_round = view.feature == "sine" and ends[1] - ends[0] > 2 * np.pi
+        position[view.name] = ANGLE_SPREAD if is_all_round else ends
 
 
-def _usual_reach(trial: Trial, entry: int, rest: Float[np.ndarray, " S"]) -> float:
-    """Return how far from rest a free body goes along x or y [m], seldom-reached places left out, within `REACHES`."""
-    level = slice(entry, entry + 2)
-    distances = np.abs(trial.states[..., level] - rest[level])
-    return two_digits(float(np.clip(np.percentile(distances, FASTEST), *REACHES)))
-
-
-def _usual_tilt(trial: Trial, entry: int, rest: Float[np.ndarray, " S"]) -> float:
-    """Return the standard deviation of the tilt of an orientation from its upright at rest [rad], within `TILTS`."""
-    upright = np.array([0.0, 0.0, 1.0])
-    # What is up at rest, in the body's own axes.
-    inverse = rest[entry : entry + 4] * [1, -1, -1, -1]
-    own_up = rotate(inverse, upright)
-    up = rotate(
-        trial.states[..., entry : entry + 4], np.broadcast_to(own_up, (*trial.states.shape[:2], 3))
-    )
+def _usual_tilt(orientations: Float[np.ndarray, "B T 4"], rest: Float[np.ndarray, " 4"]) -> float:
+    """Return the standard deviation of the tilt of `orientations` from what is upright at rest [rad]."""
+    # The axis that is up at rest, in the body's own frame.
+    own_up = rotate(rest * [1, -1, -1, -1], np.array([0.0, 0.0, 1.0]))
+    up = rotate(orientations, np.broadcast_to(own_up, (*orientations.shape[:2], 3)))
     tilt = np.arccos(np.clip(up[..., 2], -1, 1))
     # Of two angles, about two level axes.
-    deviation = np.sqrt(np.mean(tilt**2) / 2)
-    return two_digits(float(np.clip(deviation, *TILTS)))
+    return float(np.sqrt(np.mean(tilt**2) / 2))
 
 
 def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
@@ -353,12 +309,12 @@ def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
     )
     for integrator in (values["physics"]["integrator"], "implicitfast"):
         for parts in SMALLER_STEPS:
-            physics = values["physics"] | {"step": tidy(step / parts), "integrator": integrator}
+            smaller = rounded(step / parts, 12)
+            physics = values["physics"] | {"step": smaller, "integrator": integrator}
             system = system_of(values | {"physics": physics}, model)
-            trial = run_trial(system, values["substeps"] * parts)
-            if not trial.diverged:
-                option = f'<option timestep="{tidy(step / parts):g}" integrator="{integrator}"/>'
-                if values["model"].lower().endswith(".urdf"):
+            if not run_trial(system, values["substeps"] * parts).diverged:
+                option = f'<option timestep="{smaller:g}" integrator="{integrator}"/>'
+                if is_urdf(values):
                     option = f"<mujoco>{option}</mujoco>"
                 return f"{fault} None did with {option}: set that in the model."
     joint = _wildest_joint(values, model)
@@ -381,14 +337,20 @@ def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:
     return joint_name(model, int(model.dof_jntid[int(np.argmax(speeds))]))
 
 
+def is_urdf(values: dict[str, Any]) -> bool:
+    """Return whether a drafted definition is of a URDF, of which less is the model's own."""
+    return values["model"].lower().endswith(".urdf")
+
+
 def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float] | None:
     """Return the spread of a joint's random starts, as `Sampling.position` says; None if trial runs should show it.
 
     Springs, servos and the ground decide where a joint occurs; else it is its range, or a whole turn.
     """
     kind = JOINT_NAMES[int(model.jnt_type[joint])]
-    is_swung = not (has_spring(model, joint) or has_servo(model, joint) or _meets(model, joint))
-    if kind == "free" or not is_swung:
+    # No plane is the same along all three axes.
+    is_decided = obstacle(model, joint, np.eye(3)) or has_spring(model, joint)
+    if kind == "free" or is_decided or has_servo(model, joint):
         return None
     if kind == "ball":
         return BALL_SPREAD
@@ -399,26 +361,14 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
             low = max(low, rest - UNDRIVEN_REACH)
             high = min(high, rest + UNDRIVEN_REACH)
         return round(float(low), 4), round(float(high), 4)
-    if kind == "hinge":
-        return ANGLE_SPREAD
-    return None
+    return ANGLE_SPREAD if kind == "hinge" else None
 
 
 def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
     """Return whether an actuator drives a joint of the same tree of bodies; one that is on no joint counts as any's."""
-    tree = model.body_rootid[model.jnt_bodyid[joint]]
-    for actuator in range(model.nu):
-        driven = actuated_joint(model, actuator)
-        if driven < 0 or model.body_rootid[model.jnt_bodyid[driven]] == tree:
-            return True
-    return False
-
-
-def _meets(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether the bodies a joint belongs to can touch anything else than one another."""
-    tree = model.body_rootid[model.jnt_bodyid[joint]]
-    is_own = model.body_rootid[model.geom_bodyid[touching_geoms(model)]] == tree
-    return bool((is_own.any(axis=1) & ~is_own.all(axis=1)).any())
+    tree_of = model.body_rootid[model.jnt_bodyid]
+    driven = [actuated_joint(model, actuator) for actuator in range(model.nu)]
+    return any(other < 0 or tree_of[other] == tree_of[joint] for other in driven)
 
 
 def system_of(values: dict[str, Any], model: mujoco.MjModel) -> ModelSystem:

@@ -1,4 +1,4 @@
-"""Numbers an emulator cannot hold: too large for single precision, or changing by less than its rounding."""
+"""Scales of states: super steps neither too long for what moves nor too short for noise, numbers an emulator can hold."""
 
 from __future__ import annotations
 
@@ -10,25 +10,123 @@ from jaxtyping import Float
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import BadFileError
+from neuroanimator.scaffold.structure import Runs, States, Step, changes_of
+
+MAX_CHANGE = 0.2
+"""Largest change in a super step of something slow, as a share of how far it goes at all."""
+
+MAX_CHANGE_THROUGH_NOISE = 0.5
+"""The same where noise wants a longer super step."""
+
+MAX_NOISE = 0.2
+"""Largest share of noise in the changes in a super step."""
+
+MAX_SUBSTEPS = 1000
+"""Maximum number of steps in a super step."""
+
+MAX_STATE = 64
+"""Maximum size of a state whose rates are looked for: that takes two calls for each number."""
+
+DIFFERENCE = 1e-4
+"""Share of its spread by which a number of the state is moved to see what follows."""
+
+MIN_FACTOR = 1e-9
+"""Factor of a step below which what shrinks by it is gone."""
 
 OTHER_UNIT = "Give it in another unit, written as the unit 1."
-"""What to do about a number that is too large or too small."""
+"""Advice about a number that is too large or too small."""
+
+Noise = Float[np.ndarray, " S"]
+"""Standard deviation of the noise in each number of a state."""
 
 
-def refuse_large(file: str, names: Sequence[str], states: Float[np.ndarray, "N S"]) -> None:
+def share_of_change(runs: Runs, noise: Noise, span: int) -> Float[np.ndarray, " S"]:
+    """Return how far each number goes in `span` samples, as a share of how far it goes at all; noise does not count.
+
+    1 is as far as between two samples that know nothing of each other.
+    """
+    variance = np.concatenate(runs).var(axis=0) - noise**2
+    change = _variance_of_change(runs, span) - 2 * noise**2
+    shares = np.zeros(len(noise))
+    moves = variance > 0
+    shares[moves] = np.sqrt(np.maximum(change[moves], 0) / (2 * variance[moves]))
+    return shares
+
+
+def share_of_noise(runs: Runs, noise: Noise, span: int) -> float:
+    """Return how much of the changes over `span` samples is noise, in root mean squares over what moves."""
+    change = _variance_of_change(runs, span)
+    moves = change > 0
+    if not moves.any():
+        return 0.0
+    return float(np.sqrt(np.mean(2 * noise[moves] ** 2 / change[moves])))
+
+
+def _variance_of_change(runs: Runs, span: int) -> Float[np.ndarray, " S"]:
+    """Return the variance of each number's change over `span` samples; zeros where no run is long enough."""
+    changes = changes_of(runs, span)
+    return changes.var(axis=0) if len(changes) else np.zeros(changes.shape[1])
+
+
+def slow_substeps(runs: Runs, noise: Noise, usual: int) -> int:
+    """Return how many samples of something slow a super step should have: as many as leave it near where it was."""
+    substeps = usual
+    while substeps < _longest(runs):
+        if share_of_change(runs, noise, substeps + 1).max() > MAX_CHANGE:
+            break
+        substeps += 1
+    return substeps
+
+
+def substeps_through_noise(runs: Runs, noise: Noise, usual: int, most: int) -> int:
+    """Return how many samples a super step should have so that its changes stand out from noise: `usual` to `most`."""
+    substeps = usual
+    while (
+        substeps < min(most, _longest(runs)) and share_of_noise(runs, noise, substeps) > MAX_NOISE
+    ):
+        if share_of_change(runs, noise, substeps + 1).max() > MAX_CHANGE_THROUGH_NOISE:
+            break
+        substeps += 1
+    return substeps
+
+
+def _longest(runs: Runs) -> int:
+    """Return the largest number of samples a super step may have: one run is longer than it."""
+    return min(MAX_SUBSTEPS, max(len(states) for states in runs) - 1)
+
+
+def fastest_rate(step: Step, states: States, dt: float) -> float:
+    """Return how fast the fastest motion of a step function is [1/s], by the eigenvalues of its step around `states`.
+
+    0 for large systems, whose rates are not looked for.
+    """
+    count, size = states.shape
+    if size > MAX_STATE:
+        return 0.0
+    shifts = DIFFERENCE * np.maximum(states.std(axis=0), DIFFERENCE)
+    slopes = np.zeros((count, size, size))
+    for entry, shift in enumerate(np.diag(shifts)):
+        slopes[:, :, entry] = (step(states + shift) - step(states - shift)) / (2 * shifts[entry])
+    factors = np.linalg.eigvals(slopes[np.isfinite(slopes).all(axis=(1, 2))])
+    if not factors.size:
+        return 0.0
+    sizes = np.maximum(np.abs(factors), MIN_FACTOR)
+    rates = np.abs(np.log(sizes) + 1j * np.angle(factors)) / dt
+    return float(np.median(rates.max(axis=1)))
+
+
+def refuse_large(file: str, names: Sequence[str], states: States) -> None:
     """Raise BadFileError for a number of the state that is larger than an emulator takes; `names` are with units."""
-    largest = np.abs(states).max(axis=0)
-    for name, magnitude in zip(names, largest, strict=True):
+    for name, magnitude in zip(names, np.abs(states).max(axis=0), strict=True):
         if magnitude > MAX_MAGNITUDE:
             raise BadFileError(
                 f"{file}: state.{name} comes to {magnitude:.3g}; an emulator takes at most {MAX_MAGNITUDE:g}. {OTHER_UNIT}"
             )
 
 
-def warn_of_small(names: Sequence[str], changes: Float[np.ndarray, "N S"]) -> Iterator[str]:
+def warn_of_small(names: Sequence[str], changes: States) -> Iterator[str]:
     """Yield a line for each number of the state whose `changes` in a super step are taken for none; not if it never changes."""
-    deviations = changes.std(axis=0)
-    for name, deviation in zip(names, deviations, strict=True):
+    for name, deviation in zip(names, changes.std(axis=0), strict=True):
         if 0 < deviation < MIN_CHANGE:
             yield (
                 f"state.{name}: changes by {deviation:.2g} in a super step, and less than {MIN_CHANGE:g} is taken for "

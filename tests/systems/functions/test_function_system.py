@@ -99,7 +99,7 @@ def test_a_function_is_the_truth_at_its_own_step_unless_it_says_that_it_integrat
     system = system_from(tmp_path, SPRING.replace("ODE = True\n", ""), "plain")
     assert system.truth == system.fine == system.scheme
     text = (tmp_path / "plain.toml").read_text()
-    assert "truth_step = 0.01  # the function at its own step is the truth." in text
+    assert "truth_step = 0.01 # the function at its own step is the truth." in text
     assert "ODE = True in plain.py" in text
     integrated = system_from(tmp_path)
     assert integrated.fine.dt == pytest.approx(integrated.scheme.dt / 10)
@@ -164,7 +164,10 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("STEP = 0.01", ""), "broken.py: STEP: wanted a line like `STEP = 0.01`, came nothing"),
+        (
+            ("STEP = 0.01", ""),
+            "broken.py: STEP: wanted a line like `STEP = 0.01`, from 1e-08 to 3600 s, came nothing",
+        ),
         (("STATE = ", "STATES = "), "STATE: wanted a line like"),
         (('"m/s"}', '"knots"}'), "state.speed: unknown unit 'knots'. Convert to one of: 1, m, m/s"),
         (('("N", -3.0, 3.0)', '("N", 3.0)'), "CONTROL: wanted a line like"),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import mujoco
 import pytest
 
-from neuroanimator.scaffold.surroundings import (
+from neuroanimator.scaffold.root_invariance import (
     can_touch_ground,
     has_contacts,
     is_placeless,
     planar_root,
+    why_root_is_placed,
 )
 
 SHAPE = '<geom type="box" size="0.1 0.1 0.1" mass="1"/>'
@@ -93,3 +94,23 @@ def test_a_root_is_planar_only_if_its_heading_does_not_matter():
     assert planar_root(model(PLANAR.format(""), '<actuator><motor joint="x"/></actuator>')) == ()
     turned = '<actuator><motor joint="h"/></actuator>'
     assert planar_root(model(PLANAR.format(""), turned)) == ("x", "y", "h")
+
+
+@pytest.mark.parametrize(
+    "option",
+    ["", 'gravity="1 0 -9"', 'wind="3 0 0" density="1000"'],
+    ids=["plain", "slope", "wind"],
+)
+def test_the_heading_of_a_free_root_matters_where_the_world_pushes_it_to_one_side(option: str):
+    free = f'<body><freejoint/>{SHAPE}<site name="a"/></body>'
+    is_pushed = bool(why_root_is_placed(model(free, option=f"<option {option}/>")))
+    assert is_pushed == bool(option)
+
+
+def test_ropes_and_thrusters_tell_where_a_free_root_is():
+    free = f'<body><freejoint/>{SHAPE}<site name="a"/></body><site name="b"/>'
+    assert not why_root_is_placed(model(free))
+    assert why_root_is_placed(model(free, ROPE))
+    assert not why_root_is_placed(model(free, '<actuator><motor site="a"/></actuator>'))
+    along_the_world = '<actuator><motor site="a" refsite="b" gear="1 0 0 0 0 0"/></actuator>'
+    assert why_root_is_placed(model(free, along_the_world))

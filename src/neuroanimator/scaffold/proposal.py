@@ -1,0 +1,115 @@
+"""A proposed definition with a comment on its values, and the TOML file that holds both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import tomlkit
+from tomlkit.container import Container
+from tomlkit.items import Table
+
+from neuroanimator.definitions.function import PythonDefinition
+from neuroanimator.definitions.model import Definition
+from neuroanimator.definitions.recorded import RecordedDefinition
+from neuroanimator.text import printable
+
+GROUP_HINT = """\
+Limbs, or other parts of the body, and their joints: with them 'train --network hierarchy' works.
+[groups]
+limb = ["JOINT"]"""
+"""Comment at the end of a model's TOML file."""
+
+GOAL_HINT = """\
+A goal for 'neuroanimator control': a state, or part of one, to be in at the end.
+[goals.there]
+seconds = 2.0
+reach = { "PART" = [1.0] }
+within = { "PART" = 0.1 }
+PARTs: """
+"""Comment at the end of a TOML file that may name goals; the names of the parts follow it."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A definition, and what is worth telling the user about it."""
+
+    definition: Definition | PythonDefinition | RecordedDefinition
+    comments: Mapping[str, str]
+    """Per table of the TOML file its title, and per key of a table ("table.key") why its value was proposed."""
+    parts: tuple[str, ...]
+    """Names of the parts of the state."""
+    warnings: tuple[str, ...] = ()
+    """Lines about what the user should look at before anything is generated."""
+    told: tuple[tuple[str, str], ...] = ()
+    """Further rows for the screen: what was added to the model or left out, and what trial runs showed."""
+
+
+def as_toml(proposal: Proposal) -> str:
+    """Return the proposal as TOML text, with its comments."""
+    definition = proposal.definition
+    is_model = isinstance(definition, Definition)
+    values = definition.model_dump(mode="json", exclude_none=True, exclude_unset=not is_model)
+    for name in ("goals", "groups"):
+        values.pop(name, None)
+    if not values.get("passive"):
+        values.pop("passive", None)
+    source = values["model"].split("/")[-1] if is_model else values["file"]
+    document = tomlkit.document()
+    _add_comment(
+        document,
+        f"How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used.",
+    )
+    _fill(document, values, proposal.comments)
+    hints = [GROUP_HINT] if is_model else []
+    if definition.control:
+        hints.append(GOAL_HINT + ", ".join(proposal.parts))
+    for hint in hints:
+        document.add(tomlkit.nl())
+        _add_comment(document, hint)
+    return tomlkit.dumps(document)
+
+
+def _fill(
+    container: Container | Table,
+    values: Mapping[str, Any],
+    comments: Mapping[str, str],
+    prefix: str = "",
+) -> None:
+    """Add `values` to a table whose keys are called `prefix` and their own in `comments`, the tables in it last."""
+    for key, value in sorted(values.items(), key=lambda item: _has_tables(item[1])):
+        name = prefix + key
+        if not _has_tables(value):
+            item = tomlkit.item(value)
+            if name in comments:
+                item.comment(printable(comments[name]))
+            container.add(key, item)
+        elif isinstance(value, list):
+            tables = tomlkit.aot()
+            for entry in value:
+                # What is said of the first is true of all.
+                tables.append(_table(entry, {} if len(tables) else comments, name))
+            container.add(key, tables)
+        elif value:
+            container.add(key, _table(value, comments, name))
+
+
+def _table(values: Mapping[str, Any], comments: Mapping[str, str], name: str) -> Table:
+    table = tomlkit.table()
+    _add_comment(table, comments.get(name, ""))
+    _fill(table, values, comments, f"{name}.")
+    return table
+
+
+def _has_tables(value: object) -> bool:
+    """Return whether a value is a table or an array of tables; an array without any is a value like others."""
+    if isinstance(value, list):
+        return any(isinstance(entry, dict) for entry in value)
+    return isinstance(value, dict)
+
+
+def _add_comment(container: Container | Table, text: str) -> None:
+    """Add a comment of one line or several; none if `text` is empty."""
+    for line in text.splitlines():
+        container.add(tomlkit.comment(printable(line)))
