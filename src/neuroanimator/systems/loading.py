@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from neuroanimator.definitions.body import BodyDefinition
-from neuroanimator.definitions.carried import MAX_TEXT, TABLES, kind_of, read_definition_text
+from neuroanimator.definitions.carried import TABLES, kind_of, read_definition_text
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
+from neuroanimator.parsing.json_text import MAX_DEFINITION
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import PythonSystem
@@ -122,9 +123,9 @@ def resolve(reference: str) -> tuple[str, str, int]:
     loader, definition = _read_definition(path)
     files = loader.pack(path.parent, definition)
     text = canonical_json({"definition": _travelling(definition), "files": files})
-    if len(text) > MAX_TEXT:
+    if len(text) > MAX_DEFINITION:
         raise BadFileError(
-            f"{path.name}: the model with its meshes takes {len(text):,} bytes; wanted at most {MAX_TEXT:,}. "
+            f"{path.name}: the model with its meshes takes {len(text):,} bytes; wanted at most {MAX_DEFINITION:,}. "
             "Use simpler meshes, or primitive shapes."
         )
     from_text(text)

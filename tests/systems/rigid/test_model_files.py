@@ -5,6 +5,8 @@ import json
 import os
 import resource
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -467,3 +469,10 @@ def test_json_of_another_kind_is_refused(value):
 def test_damaged_files_are_refused_when_compiled(files):
     with pytest.raises(BadFileError, match="m.xml"):
         compile_model(ModelFiles("m.xml", files))
+
+
+def test_a_process_that_compiles_a_model_imports_nothing_that_checks_definitions():
+    """It is started for each model somebody brings: half of its time went into such imports."""
+    code = "import sys, neuroanimator.systems.rigid.model_files; print('pydantic' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "False\n", done.stderr

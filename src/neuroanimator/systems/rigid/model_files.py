@@ -16,9 +16,9 @@ from typing import Any, Literal, NamedTuple
 import mujoco
 import numpy as np
 
-from neuroanimator.definitions.carried import MAX_TEXT
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.executor.limited import LimitError, ProcessLimits, call_limited
+from neuroanimator.parsing.json_text import MAX_DEFINITION
 from neuroanimator.systems.rigid.light_model import Assets, lighten, without_pictures
 from neuroanimator.systems.rigid.model_safety import (
     MEMORY_LIMIT,
@@ -193,7 +193,7 @@ def _source_in(folder: Path, limits: Limits) -> Source:
 def _fits(files: Assets) -> bool:
     """Return whether files travel with an emulator: they are written in base64, four characters for three bytes."""
     characters = sum(len(content) for content in files.values()) * 4 / 3
-    return characters + DEFINITION_ROOM <= MAX_TEXT
+    return characters + DEFINITION_ROOM <= MAX_DEFINITION
 
 
 def _packed(main: str, files: Assets) -> ModelFiles:

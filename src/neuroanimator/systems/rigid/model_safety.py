@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from neuroanimator.parsing.numbers import MIN_STEP
 from neuroanimator.systems.rigid.model_xml import (
     Element,
     TooLargeError,
@@ -16,7 +17,6 @@ from neuroanimator.systems.rigid.model_xml import (
     refuse,
     refuse_at,
 )
-from neuroanimator.tables import MIN_STEP
 
 BODY_LIMIT = 500
 """Maximum number of a model's bodies."""
