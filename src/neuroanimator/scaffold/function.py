@@ -15,6 +15,7 @@ from jaxtyping import Float
 from neuroanimator.definitions.function import MAX_STEP, PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.names import PART_PATTERN
+from neuroanimator.parsing.numbers import MIN_STEP
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
     FASTEST,
@@ -43,7 +44,7 @@ from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.functions.step_file import call_step, run_file
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
-from neuroanimator.tables import MIN_STEP, check_table
+from neuroanimator.tables import check_table
 from neuroanimator.text import listed
 
 FINE_PARTS = 10

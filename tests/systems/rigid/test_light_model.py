@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from neuroanimator.definitions.carried import MAX_TEXT
 from neuroanimator.errors import BadFileError
+from neuroanimator.parsing.json_text import MAX_DEFINITION
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.rigid.model_files import compile_model, read_model
 
@@ -78,7 +78,7 @@ def contacts_of(model: mujoco.MjModel, seed: int) -> np.ndarray:
 def test_a_large_model_keeps_its_masses_and_its_contacts(tmp_path: Path):
     path = large_model(tmp_path)
     read = read_model(path)
-    assert len(canonical_json(read.files.to_json())) < MAX_TEXT
+    assert len(canonical_json(read.files.to_json())) < MAX_DEFINITION
     assert read.note == (
         "textures left out: 1; meshes that touch nothing, drawn as boxes: 1; "
         "meshes that collide, kept as their convex hulls: 1"
