@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from neuroanimator.cli.control_words import start_in_words, time_rows
+from neuroanimator.cli.control_output import start_in_words, time_rows
 
 if TYPE_CHECKING:
     import numpy as np

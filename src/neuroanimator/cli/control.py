@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from neuroanimator.cli.control_words import start_in_words, time_rows
+from neuroanimator.cli.control_output import start_in_words, time_rows
 from neuroanimator.errors import ArgumentError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuroanimator.cli.spread import Where, Workers, chosen_executor
+from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 
 if TYPE_CHECKING:
     from neuroanimator.data.store import Dataset

@@ -1,4 +1,4 @@
-"""Every verb: one file each beside this one, no logic in them."""
+"""The verbs of the command line, one file each beside this one: they read options, call the package and print."""
 
 from __future__ import annotations
 

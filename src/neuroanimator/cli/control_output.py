@@ -1,4 +1,4 @@
-"""What `control` says of where a motion starts, and of the time it took."""
+"""Output of `control` about the start of a motion and the time it took."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from neuroanimator.systems.system import System
 
 MAX_PARTS_TOLD = 6
-"""Of a start, by name: more than these are a swimmer's mass points."""
+"""Maximum number of parts of a start told by name: more are a swimmer's mass points."""
 
 MIN_PHASE_TOLD = 0.1
-"""[s]"""
+"""Least duration of a phase that is told [s]."""
 
 
 def start_in_words(system: System, start: np.ndarray) -> str:
-    """Return which parts of `start` (S,) differ from rest, with their numbers and units."""
+    """Return the parts of `start` (S,) that differ from rest, with their numbers and units."""
     told = []
     for part in system.state.slices:
         entries = system.state.index(part.name)
@@ -31,7 +31,7 @@ def start_in_words(system: System, start: np.ndarray) -> str:
 
 
 def time_rows(began: float) -> list[tuple[str, object]]:
-    """Return how long everything since `began` took, and the longest of its phases."""
+    """Return the time since `began`, and that of its longer phases."""
     from neuroanimator.terminal import phase_seconds
 
     phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
