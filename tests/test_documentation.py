@@ -20,6 +20,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from brief import BRIEF
@@ -54,6 +55,10 @@ SHRUNK = {
     "train": ("--updates", "250", "--widths", "16"),
 }
 """Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
+
+LONG = ("engines.md", "my-python-step.md")
+"""Pages that run in `make endurance`: tests/export/programs exports what the first does, and tests/systems/functions goes
+the way of the second."""
 
 SMALL_FILM = (160, 90)
 """The size of films in reports [pixels]: what is drawn is what other tests look at."""
@@ -105,7 +110,16 @@ def id_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if has_code(page)], ids=id_of)
+def pages_with_code() -> list[Any]:
+    """Return every page that has code to run; the long ones run in `make endurance`."""
+    return [
+        pytest.param(page, marks=[pytest.mark.endurance] if page.name in LONG else ())
+        for page in PAGES
+        if has_code(page)
+    ]
+
+
+@pytest.mark.parametrize("page", pages_with_code(), ids=id_of)
 def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as where a reader starts Python

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.parsing.numbers import MIN_STEP
 from neuroanimator.parsing.toml_text import MAX_TOML, parse_toml
 from neuroanimator.storage.files import one_line, read_bounded
 from neuroanimator.text import printable
@@ -25,9 +26,6 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 """Any number but NaN and the infinite ones."""
-
-MIN_STEP = 1e-8
-"""Smallest step of physics [s]: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
 
 Step = Annotated[float, Field(ge=MIN_STEP, le=0.1)]
 """A step of physics [s]."""

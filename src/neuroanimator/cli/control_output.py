@@ -1,4 +1,4 @@
-"""What `control` says of where a motion starts, and of the time it took."""
+"""Output of `control` about the start of a motion and the time it took."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase_seconds, seconds_in_all
 
 MAX_PARTS_TOLD = 6
-"""Of a start, by name: more than these are a swimmer's mass points."""
+"""Maximum number of parts of a start told by name: more are a swimmer's mass points."""
 
 MIN_PHASE_TOLD = 0.1
-"""[s]"""
+"""Least duration of a phase that is told [s]."""
 
 
 def start_in_words(system: System, start: np.ndarray) -> str:
-    """Return which parts of `start` (S,) differ from rest, with their numbers and units."""
+    """Return the parts of `start` (S,) that differ from rest, with their numbers and units."""
     told = []
     for part in system.state.slices:
         entries = system.state.index(part.name)

@@ -11,7 +11,7 @@ import typer
 
 from neuroanimator.cli.inspection_output import print_weak_spots
 from neuroanimator.cli.numbers import whole_numbers
-from neuroanimator.cli.spread import Where, Workers, chosen_executor
+from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 from neuroanimator.data.stored import open_to_measure
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError

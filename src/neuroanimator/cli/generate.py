@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from neuroanimator.cli.spread import Where, Workers, chosen_executor
+from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.diverged_runs import PATTERN
 from neuroanimator.data.generate import generate

@@ -1,11 +1,11 @@
-"""Read lists of numbers on the command line."""
+"""Lists of numbers on the command line."""
 
 from __future__ import annotations
 
 from neuroanimator.errors import ArgumentError
 
 MAX_SHOWN = 40
-"""An error shows at most this many characters of a wrong text."""
+"""Maximum number of characters of a wrong text that an error shows."""
 
 
 def whole_numbers(name: str, text: str) -> tuple[int, ...]:

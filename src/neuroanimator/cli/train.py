@@ -10,7 +10,7 @@ import typer
 
 from neuroanimator.cli.generate import ensure_data
 from neuroanimator.cli.numbers import whole_numbers
-from neuroanimator.cli.spread import Where, Workers, chosen_executor
+from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 from neuroanimator.data.store import Dataset
 from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
@@ -82,26 +82,18 @@ def run(
 
     Killed and started again it goes on and ends with the same bytes.
     """
-    layer_widths = None
-    if widths is not None:
-        layer_widths = whole_numbers("widths", widths)
-    options = {
-        "network": network,
-        "widths": layer_widths,
-        "optimizer": optimizer,
-        "learning_rate": learning_rate,
-        "updates": updates,
-        "batch": batch,
-        "unroll": unroll,
-        "seed": seed,
-        "memory": memory,
-    }
-    settings: dict[str, Any] = {}
-    if config:
-        settings = read_toml(config)
-    for key, value in options.items():
-        if value is not None:
-            settings[key] = value
+    settings = _settings(
+        config,
+        network=network,
+        widths=widths,
+        optimizer=optimizer,
+        learning_rate=learning_rate,
+        updates=updates,
+        batch=batch,
+        unroll=unroll,
+        seed=seed,
+        memory=memory,
+    )
     if is_fleet(Path(data)):
         if error_bounds:
             raise ArgumentError(
@@ -110,35 +102,66 @@ def run(
         train_fleet_file(Path(data), out, settings, executor, workers)
         return
     memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
-    last: list[Report] = []
     with chosen_executor(executor, workers) as spread:
         place = ensure_data(data, out, spread)
     transitions = open_transitions(place, memory_limit)
     checked = TrainingConfig.usual(transitions.system.structure, **settings)
-    with progress_bar("updates", checked.chunks * UPDATES_PER_CHUNK) as bar:
+    emulator, last = _train_with_bar(transitions, checked, out)
+    rows = _rows(emulator, last, out)
+    if error_bounds:
+        rows.append(("goes astray", _bound_errors(emulator, transitions, out)))
+    print_rows(rows)
+
+
+def _settings(config: Path | None, widths: str | None, **options: object) -> dict[str, Any]:
+    """Return the settings of the file, and instead of these the options that were given."""
+
+    settings: dict[str, Any] = {}
+    if config:
+        settings = read_toml(config)
+    if widths is not None:
+        options["widths"] = whole_numbers("widths", widths)
+    given = {key: value for key, value in options.items() if value is not None}
+    return settings | given
+
+
+def _train_with_bar(
+    data: Dataset, config: TrainingConfig, out: Path
+) -> tuple[Emulator, Report | None]:
+    """Return the emulator and the last report; none of a training that was done already."""
+    from neuroanimator.terminal import progress_bar
+
+    last: Report | None = None
+    with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
 
         def on_report(report: Report) -> None:
-            last[:] = [report]
+            nonlocal last
+            last = report
             updates_per_second = report.update / report.seconds
             bar.advance_to(report.update, f"error {report.error:.4f}, {updates_per_second:,.0f}/s")
 
-        emulator = train(transitions, checked, out, on_report=on_report)
+        emulator = train(data, config, out, on_report=on_report)
+    return emulator, last
+
+
+def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str, object]]:
+    """Return what is printed of a training."""
+
     rows: list[tuple[str, object]] = [
         ("emulator", out),
         ("metrics", run_folder(out) / "metrics.jsonl"),
     ]
-    if last:
-        rows += [("updates", last[0].update)]
-    assert emulator.validation is not None
-    rows += [
-        ("one-step error (validation)", f"{float(emulator.validation.emulator):.4f}"),
-        (IN_WORDS[NO_CHANGE], f"{float(emulator.validation.no_change):.4f}"),
-        (IN_WORDS[CONSTANT_VELOCITY], f"{float(emulator.validation.constant_velocity):.4f}"),
+    if last is not None:
+        rows.append(("updates", last.update))
+    errors = emulator.validation
+    assert errors is not None
+    return [
+        *rows,
+        ("one-step error (validation)", f"{float(errors.emulator):.4f}"),
+        (IN_WORDS[NO_CHANGE], f"{float(errors.no_change):.4f}"),
+        (IN_WORDS[CONSTANT_VELOCITY], f"{float(errors.constant_velocity):.4f}"),
         ("verdict", emulator.verdict),
     ]
-    if error_bounds:
-        rows += [("goes astray", _bound_errors(emulator, transitions, out))]
-    print_rows(rows)
 
 
 def _bound_errors(emulator: Emulator, data: Dataset, out: Path) -> str:

@@ -1,4 +1,4 @@
-"""Tell of a wrong command line in one line."""
+"""Errors of a wrong command line, in one line each."""
 
 from __future__ import annotations
 

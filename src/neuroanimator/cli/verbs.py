@@ -1,4 +1,7 @@
-"""Every verb: one file each beside this one, imported when its verb is asked for."""
+"""The verbs of the command line, one file each beside this one: they read options, call the package and print.
+
+A verb's file is imported when the verb is asked for.
+"""
 
 from __future__ import annotations
 

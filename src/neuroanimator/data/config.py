@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from neuroanimator.definitions.carried import MAX_TEXT, data_identity
+from neuroanimator.definitions.carried import data_identity
 from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.json_text import MAX_DEFINITION
 from neuroanimator.parsing.names import SystemName
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.storage.places import Place
@@ -55,7 +56,7 @@ class DatasetTable(Table):
     idle_share: float = Field(default=0.1, ge=0, le=1)
     """Share of runs whose controls cease somewhere: bodies come to rest, and emulators should know how."""
     seed: int = Field(default=0, ge=0, lt=2**31)
-    definition: str = Field(default="", max_length=MAX_TEXT)
+    definition: str = Field(default="", max_length=MAX_DEFINITION)
     """Source a user's own system is made from again; empty for one that comes with the package."""
     mujoco: str = Field(default=version("mujoco"), pattern=r"^[0-9A-Za-z.+-]{1,40}$")
 

@@ -17,15 +17,12 @@ from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.parsing.json_text import MAX_DEFINITION, parse_json_object
 from neuroanimator.parsing.names import check_file_name
 from neuroanimator.parsing.numbers import listed, whole
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.tables import check_table
 from neuroanimator.text import quoted
-
-MAX_TEXT = 512 * 1024
-"""Maximum length of the JSON text of a system [bytes]: an emulator file carries it in its header."""
 
 TABLES: dict[str, type[Any]] = {
     "mujoco": Definition,
@@ -97,10 +94,12 @@ def remembered_folders(text: str) -> list[Path]:
 
 def read_definition_text(text: str) -> Written:
     """Return the definition in the JSON `text`; ArgumentError or BadFileError names what is wrong with it."""
-    if len(text) > MAX_TEXT:
-        raise BadFileError(f"{DAMAGED}: {len(text):,} characters; wanted at most {MAX_TEXT:,}.")
+    if len(text) > MAX_DEFINITION:
+        raise BadFileError(
+            f"{DAMAGED}: {len(text):,} characters; wanted at most {MAX_DEFINITION:,}."
+        )
     try:
-        values = parse_json_object(text, MAX_TEXT)
+        values = parse_json_object(text, MAX_DEFINITION)
         definition = values["definition"]
         files = values["files"]
     except (ValueError, KeyError, TypeError) as error:
@@ -121,7 +120,7 @@ def data_identity(text: str) -> str:
     is part of their data.
     """
     try:
-        values = parse_json_object(text, MAX_TEXT)
+        values = parse_json_object(text, MAX_DEFINITION)
     except ValueError:
         return text
     definition = values.get("definition")

@@ -9,7 +9,8 @@ from pydantic import Field
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.parsing.names import FileName, SystemName
-from neuroanimator.tables import MIN_STEP, Share, Table
+from neuroanimator.parsing.numbers import MIN_STEP
+from neuroanimator.tables import Share, Table
 
 MAX_STEP = 3600.0
 """The longest step of a function [s]: an hour, of something slow."""

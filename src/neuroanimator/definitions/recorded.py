@@ -9,7 +9,8 @@ from pydantic import Field
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.parsing.names import FileName, SystemName
-from neuroanimator.tables import MIN_STEP, Table
+from neuroanimator.parsing.numbers import MIN_STEP
+from neuroanimator.tables import Table
 
 
 class RecordedPhysics(Table):

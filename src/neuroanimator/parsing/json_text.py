@@ -15,6 +15,9 @@ DEEPEST = 32
 MAX_DIGITS = 18
 """Digits a whole number may have: all that fit in 64 bits, and far below what Python takes long to convert."""
 
+MAX_DEFINITION = 512 * 1024
+"""Maximum size of the JSON text of a system [bytes]: an emulator file carries it in its header."""
+
 MAX_SHOWN = 40
 """Characters of a text shown in an error."""
 

@@ -10,6 +10,9 @@ from neuroanimator.text import quoted
 MAX_MAGNITUDE = 1e30
 """Emulators and datasets hold float32, whose squares must be finite too in some places."""
 
+MIN_STEP = 1e-8
+"""Smallest step of physics [s]: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
+
 T = TypeVar("T")
 """Type of a list's entries."""
 

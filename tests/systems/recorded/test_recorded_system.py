@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from brief import BRIEF
 from conftest import Cli
 
 from neuroanimator import (
@@ -473,10 +472,10 @@ def free_swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path.parent
 
 
+@pytest.mark.endurance
 def test_a_recording_that_nothing_drives_goes_all_the_way_without_an_edit(
-    free_swing: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+    free_swing: Path, cli: Cli
 ):
-    monkeypatch.setattr("neuroanimator.evaluation.evaluate.THOROUGH", BRIEF)
     emulator = "swing.emulator.safetensors"
     for arguments in (
         ("new", "swing.csv"),

@@ -4,6 +4,8 @@ import json
 import os
 import resource
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -448,3 +450,10 @@ def test_a_file_that_differs_is_named(tmp_path):
         "meshes/tip.STL",
         "parts/arm.xml",
     ]
+
+
+def test_a_process_that_compiles_a_model_imports_nothing_that_checks_definitions():
+    """It is started for each model somebody brings: half of its time went into such imports."""
+    code = "import sys, neuroanimator.systems.rigid.model_files; print('pydantic' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "False\n", done.stderr

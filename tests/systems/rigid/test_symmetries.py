@@ -59,11 +59,27 @@ def walker(damping: float = 1, radius: float = 0.04) -> str:
     return WALKER.format(damping=damping, radius=radius)
 
 
-def proposed(folder: Path, model: str) -> ModelSystem:
-    """Return the system that `new` proposes for `model`."""
-    path = folder / "model.xml"
-    path.write_text(model)
-    toml, _ = write_definition(str(path))
+DEFINITION = """name = "model"
+kind = "mujoco"
+model = "model.xml"
+[physics]
+step = {step}
+truth_step = {step}
+fine_step = {step}
+[frame]
+symmetries = true
+[sampling]
+warm_up = 1.0
+"""
+"""A definition that claims symmetries; what `new` proposes claims them where it finds them, and takes longer."""
+
+
+def claiming(folder: Path, model: str) -> ModelSystem:
+    """Return the system of `model`, which is said to have symmetries."""
+    (folder / "model.xml").write_text(model)
+    step = mujoco.MjModel.from_xml_string(model).opt.timestep
+    toml = folder / "claiming.toml"
+    toml.write_text(DEFINITION.format(step=step))
     trust_files(toml)
     system = load_system(str(toml))
     assert isinstance(system, ModelSystem)
@@ -85,7 +101,7 @@ def some(system: System, count: int = 48) -> tuple[np.ndarray, np.ndarray]:
 def test_every_symmetry_found_makes_true_motions_of_true_ones(
     tmp_path: Path, model: str, count: int
 ):
-    system = proposed(tmp_path, model)
+    system = claiming(tmp_path, model)
     states, controls = some(system)
     found = system.symmetries(states, controls)
     assert len(found) == count
@@ -123,7 +139,7 @@ def test_three_like_limbs_change_places_in_every_way(tmp_path: Path):
     )
     limbs = "".join(limb.format(name) for name in "abc")
     motors = "".join(f'<motor joint="{name}" ctrlrange="-1 1"/>' for name in "abc")
-    system = proposed(
+    system = claiming(
         tmp_path,
         f"<mujoco><worldbody>{limbs}</worldbody><actuator>{motors}</actuator></mujoco>",
     )
@@ -133,16 +149,22 @@ def test_three_like_limbs_change_places_in_every_way(tmp_path: Path):
 def test_what_only_the_physics_tells_apart_is_not_believed(tmp_path: Path):
     model = walker(damping=3)
     assert len(likely_symmetries(mujoco.MjModel.from_xml_string(model))) == 1
-    assert not proposed(tmp_path, model).has_symmetries
-    toml = tmp_path / "model.toml"
-    toml.write_text(toml.read_text().replace("symmetries = false", "symmetries = true"))
-    trust_files(toml)
-    claiming = load_system(str(toml))
-    assert claiming.symmetries(*some(claiming)) == ()
+    system = claiming(tmp_path, model)
+    assert system.symmetries(*some(system)) == ()
+
+
+@pytest.mark.parametrize(
+    ("damping", "has_symmetries"),
+    [(1, True), pytest.param(3, False, marks=pytest.mark.endurance)],
+)
+def test_new_claims_the_symmetries_it_finds(tmp_path: Path, damping: int, has_symmetries: bool):
+    (tmp_path / "model.xml").write_text(walker(damping))
+    toml, _ = write_definition(str(tmp_path / "model.xml"))
+    assert f"symmetries = {str(has_symmetries).lower()}" in toml.read_text()
 
 
 def test_training_sees_each_window_whole_and_by_every_symmetry(tmp_path: Path):
-    system = proposed(tmp_path, DRONE)
+    system = claiming(tmp_path, DRONE)
     starts, controls = some(system, 1)
     symmetries = system.symmetries(*some(system))
     runs = system.simulate(starts, controls[:, None].repeat(3, axis=1), 10 * system.physics_dt)

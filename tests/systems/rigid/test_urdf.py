@@ -156,7 +156,7 @@ def test_an_effort_that_is_no_number_is_refused(tmp_path: Path, number: str):
         compiled(tmp_path, ROBOT.replace('effort="12"', f'effort="{number}"'))
 
 
-@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("base", ["fixed", pytest.param("free", marks=pytest.mark.endurance)])
 def test_a_urdf_is_proposed_and_made_again_from_its_definition(tmp_path: Path, base):
     (tmp_path / "r.urdf").write_text(ROBOT)
     path, proposal = write_definition(str(tmp_path / "r.urdf"), base=base)

@@ -21,11 +21,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.parsing.numbers import MIN_STEP
 from neuroanimator.systems.recorded.columns import Samples, where_in_file
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz
 from neuroanimator.systems.trusted_files import trusted_file
-from neuroanimator.tables import MIN_STEP
 from neuroanimator.text import printable
 
 READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz": read_npz}

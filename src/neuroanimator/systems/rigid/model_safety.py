@@ -7,8 +7,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from neuroanimator.parsing.numbers import MIN_STEP
 from neuroanimator.systems.rigid.model_xml import refuse
-from neuroanimator.tables import MIN_STEP
 
 BODY_LIMIT = 500
 """Maximum number of a model's bodies."""

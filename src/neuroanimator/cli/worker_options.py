@@ -1,4 +1,4 @@
-"""The options of verbs whose work can be spread over processes or a cluster."""
+"""Options of the verbs that work in several processes or on a cluster."""
 
 from __future__ import annotations
 
