@@ -17,7 +17,6 @@ from neuroanimator.evaluation.speed import Opponent, Speed
 from neuroanimator.evaluation.speed_mass_spring import (
     C_TWIN,
     JAX,
-    PLAIN,
     c_batch_players,
     deformable_players,
     jax_batch_player,
@@ -62,7 +61,7 @@ def test_every_integrator_is_timed(swims: HeldOut, compiles: bool, monkeypatch: 
     assert isinstance(system, DeformableSystem)
     physics, players = deformable_players(system, swims, steps=20, pieces=2)
     assert physics == (C_TWIN if compiles and has_compiler else JAX)
-    assert tuple(players) == ((*INTEGRATORS, PLAIN) if physics == C_TWIN else INTEGRATORS)
+    assert tuple(players) == INTEGRATORS
     for play in players.values():
         play()
 
