@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from neuroanimator.jax_later import Array, jax, jnp
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.systems.deformable.body import GRAVITY, Body, Ground
+from neuroanimator.systems.deformable.body import GRAVITY, Body, point_forces, wetness
 
 MIN_LENGTH = 1e-12
 """Springs are never taken as shorter [m] nor faces as smaller [m²], so that no direction is 0/0."""
@@ -93,25 +93,6 @@ def outer_forces(
     return force
 
 
-def point_forces(
-    body: Body,
-    positions: Float[Array, "N 3 ..."],
-    velocities: Float[Array, "N 3 ..."],
-    masses: Float[Array, "N ..."],
-    lift: Float[Array, "N ..."],
-    wet: Float[Array, "N ..."],
-) -> Float[Array, "N 3 ..."]:
-    """Return drag, weight and the ground's force on mass points [N], whose `masses`, `lift` and wetness are given."""
-    force = jnp.zeros_like(positions)
-    if body.water is not None:
-        force = force - body.water.drag * (masses * wet)[:, None] * velocities
-    if body.has_gravity:
-        force = force.at[:, 2].add(masses * GRAVITY * (lift * wet - 1))
-    if body.ground is not None:
-        force = force + _ground_forces(body.ground, positions, velocities)
-    return force
-
-
 def face_forces(
     body: Body,
     right: Float[Array, "F 3 ..."],
@@ -182,25 +163,6 @@ def _water_forces(
     mean_wetness = jnp.tensordot(shares, wet, 1)
     forces = face_forces(body, c - a, d - b, mean_velocities, mean_wetness)
     return jnp.tensordot(shares.T, forces, 1)
-
-
-def wetness(body: Body, heights: Float[Array, "N ..."]) -> Float[Array, "N ..."]:
-    """Return the share of each mass point that is under water."""
-    if body.water is None or body.water.surface is None:
-        return jnp.ones_like(heights)
-    return jnp.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
-
-
-def _ground_forces(
-    ground: Ground, positions: Float[Array, "N 3 ..."], velocities: Float[Array, "N 3 ..."]
-) -> Float[Array, "N 3 ..."]:
-    x, y, z = (velocities[:, axis] for axis in range(3))
-    depth = jnp.maximum(-positions[:, 2], 0)
-    damped = jnp.maximum(1 - ground.damping * z, 0)
-    upward = ground.stiffness * depth * damped
-    speed = jnp.sqrt(x * x + y * y + ground.slip**2)
-    sideways = -ground.friction * upward / speed
-    return jnp.stack([sideways * x, sideways * y, upward], axis=1)
 
 
 def _along(numbers: Float[AnyArray, " N"], like: AnyArray) -> AnyArray:

@@ -11,13 +11,8 @@ from jaxtyping import Int
 
 from neuroanimator.codegen.c_formula import c_formula
 from neuroanimator.jax_later import Array
-from neuroanimator.systems.deformable.body import Body
-from neuroanimator.systems.deformable.mass_spring import (
-    effective_stiffness,
-    face_forces,
-    point_forces,
-    wetness,
-)
+from neuroanimator.systems.deformable.body import Body, point_forces, wetness
+from neuroanimator.systems.deformable.mass_spring import effective_stiffness, face_forces
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
 """The loop, the same for every body."""
