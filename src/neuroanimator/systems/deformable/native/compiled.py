@@ -59,10 +59,8 @@ class CTwin:
         steps: int,
     ) -> Float[np.ndarray, "B S"]:
         """Return the states `steps` steps of `dt` [s] after `starts` under held controls; B is a multiple of the lanes."""
-        ends = np.empty((len(starts) // self.lanes, self.size, self.lanes), self.dtype)
-        play = self.player(starts, controls, integrator, dt, steps, ends)
-        play()
-        return np.moveaxis(ends, 1, 2).reshape(starts.shape)
+        play = self.player(starts, controls, integrator, dt, steps)
+        return np.moveaxis(play(), 1, 2).reshape(starts.shape)
 
     def player(
         self,
@@ -71,15 +69,18 @@ class CTwin:
         integrator: str,
         dt: float,
         steps: int,
-        ends: Float[np.ndarray, "G S L"] | None = None,
-    ) -> Callable[[], None]:
-        """Return a function that does what `advance` does in one call of C, into `ends`: groups of L lanes."""
+    ) -> Callable[[], Float[np.ndarray, "G S L"]]:
+        """Return a function that advances in one call of C and returns the states: groups of L lanes, always the same array."""
         start_groups = self._prepared(self._side_by_side(starts))
         control_groups = self._prepared(self._side_by_side(controls))
-        if ends is None:
-            ends = np.empty(start_groups.shape, self.dtype)
+        ends = np.empty_like(start_groups)
         arrays = (start_groups, control_groups, ends)
-        return lambda: self._call("advance", arrays, len(start_groups), integrator, dt, steps)
+
+        def play() -> Float[np.ndarray, "G S L"]:
+            self._call("advance", arrays, len(start_groups), integrator, dt, steps)
+            return ends
+
+        return play
 
     def _side_by_side(self, rows: Float[np.ndarray, "B X"]) -> Float[np.ndarray, "G X L"]:
         """Return the rows in groups of as many as there are lanes, which come last."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,9 @@ So do all lists of bodies side by side, where looking up an entry of a table is 
 
 ELIMINATION_STATEMENTS = 5
 """How many times as many statements may be written out for the elimination: there are several for each unknown."""
+
+MAX_FORMULAS = 16
+"""Maximum number of bodies whose formulas are kept: tracing them takes a tenth of a second."""
 
 PADDING = 16
 """Arrays end in zeros up to a whole number of vectors."""
@@ -59,14 +62,15 @@ def c_source(body: Body, precision: str, lanes: int) -> str:
         *_numbers(body),
         *_lists(body, max_statements),
         *_elimination(body, max_statements),
-        "#define FORMULAS " + " ".join(_formulas(body)),
+        f"#define FORMULAS {_formulas(body)}",
         PROGRAM.read_text(encoding="utf-8"),
     ]
     return "\n".join(lines)
 
 
-def _formulas(body: Body) -> Iterable[str]:
-    """Yield the formulas of the JAX physics in C, each for one spring, mass point or face."""
+@lru_cache(maxsize=MAX_FORMULAS)
+def _formulas(body: Body) -> str:
+    """Return the formulas of the JAX physics in C, each for one spring, mass point or face."""
     number = (1,)
     vector = (1, 3)
 
@@ -75,13 +79,16 @@ def _formulas(body: Body) -> Iterable[str]:
         return face_forces(body, right, up, velocities, wet) * share**2
 
     spring = (vector, vector, number, number, number)
-    yield c_formula("spring_stiffness", effective_stiffness, *spring)
-    yield c_formula("wetness", partial(wetness, body), number)
     point = (vector, vector, number, number, number)
-    yield c_formula("point_force", partial(point_forces, body), *point)
+    face = (vector, vector, vector, number, number)
+    formulas = [
+        c_formula("spring_stiffness", effective_stiffness, *spring),
+        c_formula("wetness", partial(wetness, body), number),
+        c_formula("point_force", partial(point_forces, body), *point),
+    ]
     if body.water is not None:
-        face = (vector, vector, vector, number, number)
-        yield c_formula("corner_force", corner_force, *face)
+        formulas.append(c_formula("corner_force", corner_force, *face))
+    return " ".join(formulas)
 
 
 def _numbers(body: Body) -> Iterable[str]:
