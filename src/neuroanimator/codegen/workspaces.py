@@ -11,21 +11,21 @@ from jaxtyping import Float
 from neuroanimator.codegen.kept import aligned
 
 
-class Rooms:
-    """Rooms of one size, each lent to one call at a time: threads get rooms of their own."""
+class WorkspacePool:
+    """Workspaces of one size, each lent to one call at a time: threads get their own."""
 
     def __init__(self, size: int):
         self._size = size
         self._free: list[Float[np.ndarray, " N"]] = []
 
     @contextmanager
-    def borrowed(self) -> Iterator[int]:
+    def acquire(self) -> Iterator[int]:
         """Yield the address of `size` floats, aligned for the widest register."""
         try:
-            room = self._free.pop()
+            workspace = self._free.pop()
         except IndexError:
-            room = aligned(np.zeros(self._size, np.float32))
+            workspace = aligned(np.zeros(self._size, np.float32))
         try:
-            yield room.ctypes.data
+            yield workspace.ctypes.data
         finally:
-            self._free.append(room)
+            self._free.append(workspace)

@@ -27,7 +27,7 @@ from neuroanimator.codegen.c_map import (
 )
 from neuroanimator.codegen.kept import FLAGS, LoadedProgram, aligned, load_program
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.rooms import Rooms
+from neuroanimator.codegen.workspaces import WorkspacePool
 from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.control.descent.chain import link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
@@ -99,7 +99,7 @@ class CEvaluator(Evaluator):
         )
         self._struct = struct
         self._problem = ctypes.addressof(struct)
-        self._rooms = Rooms(library.room_of_problem(self._problem))
+        self._workspaces = WorkspacePool(library.room_of_problem(self._problem))
         self._begin_at(problem.start)
 
     def _begin_at(self, state: Float[Array | np.ndarray, " S"]) -> None:
@@ -111,9 +111,9 @@ class CEvaluator(Evaluator):
             self._latent = as_float32(self._emulator.encode(start))
         self._observed = np.zeros(self._objective.residuals.inputs, np.float32)
         if self._objective.looks_at_start:
-            with self._rooms.borrowed() as room:
+            with self._workspaces.acquire() as workspace:
                 self._library.observe_start(
-                    self._problem, start.ctypes.data, self._observed.ctypes.data, room
+                    self._problem, start.ctypes.data, self._observed.ctypes.data, workspace
                 )
         begin = (self._latent, self._observed, self._defects)
         self._begin_struct = BeginStruct(*(array.ctypes.data for array in begin))
@@ -127,9 +127,14 @@ class CEvaluator(Evaluator):
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
         rows = as_float32(zs)
         costs = np.empty(len(rows))
-        with self._rooms.borrowed() as room:
+        with self._workspaces.acquire() as workspace:
             self._library.costs(
-                self._problem, self._begin, rows.ctypes.data, len(rows), costs.ctypes.data, room
+                self._problem,
+                self._begin,
+                rows.ctypes.data,
+                len(rows),
+                costs.ctypes.data,
+                workspace,
             )
         return costs
 
@@ -139,10 +144,10 @@ class CEvaluator(Evaluator):
         rows = as_float32(zs)
         costs = np.empty(len(rows))
         slopes = np.empty(rows.shape, np.float32)
-        with self._rooms.borrowed() as room:
+        with self._workspaces.acquire() as workspace:
             for number, (z, slope) in enumerate(zip(rows, slopes, strict=True)):
                 costs[number] = self._library.gradient(
-                    self._problem, self._begin, z.ctypes.data, slope.ctypes.data, room
+                    self._problem, self._begin, z.ctypes.data, slope.ctypes.data, workspace
                 )
         return costs, slopes.astype(float)
 
@@ -153,8 +158,8 @@ class CEvaluator(Evaluator):
         curvature = np.empty((len(z), len(z)), np.float32)
         slope = np.empty(len(z), np.float32)
         arrays = [array.ctypes.data for array in (z, curvature, slope)]
-        with self._rooms.borrowed() as room:
-            cost = self._library.quadratic_model(self._problem, self._begin, *arrays, room)
+        with self._workspaces.acquire() as workspace:
+            cost = self._library.quadratic_model(self._problem, self._begin, *arrays, workspace)
         return QuadraticModel(curvature, slope.astype(float), cost)
 
     def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
@@ -163,8 +168,8 @@ class CEvaluator(Evaluator):
         controls = np.empty((shape.steps, shape.control), np.float32)
         latents = np.empty((shape.steps + 1, len(self._latent)), np.float32)
         arrays = [array.ctypes.data for array in (z, controls, latents)]
-        with self._rooms.borrowed() as room:
-            self._library.motion(self._problem, self._begin, *arrays, room)
+        with self._workspaces.acquire() as workspace:
+            self._library.motion(self._problem, self._begin, *arrays, workspace)
         states = latents
         if self._objective.encoding is not None:
             states = self._emulator.decode(latents)

@@ -28,7 +28,7 @@ from neuroanimator.codegen.c_map import (
 )
 from neuroanimator.codegen.kept import FLAGS, CProgram, LoadedProgram, aligned, load_program
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.rooms import Rooms
+from neuroanimator.codegen.workspaces import WorkspacePool
 from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.control.objective.objective import Objective, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
@@ -142,14 +142,14 @@ class CObjective:
         return (TermStruct * len(structs))(*structs)
 
     @cached_property
-    def _rooms(self) -> Rooms:
-        return Rooms(self.library.room_of_objective(ctypes.addressof(self.struct)))
+    def _workspaces(self) -> WorkspacePool:
+        return WorkspacePool(self.library.room_of_objective(ctypes.addressof(self.struct)))
 
     def cost(self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]) -> float:
         """Return J of a motion."""
         motion = (states.ctypes.data, controls.ctypes.data)
-        with self._rooms.borrowed() as room:
-            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, room)
+        with self._workspaces.acquire() as workspace:
+            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, workspace)
 
     def cost_and_slopes(
         self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]
@@ -157,8 +157,8 @@ class CObjective:
         """Return (J, (how it changes with the states, how it changes with the controls))."""
         slopes = (np.empty_like(states), np.empty_like(controls))
         arrays = [array.ctypes.data for array in (states, controls, *slopes)]
-        with self._rooms.borrowed() as room:
-            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, room)
+        with self._workspaces.acquire() as workspace:
+            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, workspace)
         return cost, slopes
 
 
