@@ -11,9 +11,10 @@ from jaxtyping import Float
 
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
 from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.mass_spring import STEPPERS
 from neuroanimator.systems.deformable.native.source import c_source
 
-INTEGRATORS = ("symplectic", "semi-implicit", "rk4")
+INTEGRATORS = tuple(STEPPERS)
 """The integrators, in the order of the C program."""
 
 SINGLE_LANES = 16
@@ -47,7 +48,7 @@ class CTwin:
         start = self._prepared(start)
         controls = self._prepared(controls)
         states = np.empty((len(controls), *start.shape), self.dtype)
-        self._call("play", (start, controls, states), len(controls), integrator, dt, steps)
+        self._play((start, controls, states), (1, len(controls), steps), integrator, dt)
         return states
 
     def advance(
@@ -77,7 +78,7 @@ class CTwin:
         arrays = (start_groups, control_groups, ends)
 
         def play() -> Float[np.ndarray, "G S L"]:
-            self._call("advance", arrays, len(start_groups), integrator, dt, steps)
+            self._play(arrays, (len(start_groups), 1, steps), integrator, dt)
             return ends
 
         return play
@@ -90,24 +91,18 @@ class CTwin:
         """Return the numbers as C reads them: one after another, in its precision."""
         return np.ascontiguousarray(numbers, self.dtype)
 
-    def _call(
+    def _play(
         self,
-        name: str,
-        arrays: tuple[np.ndarray, ...],
-        count: int,
+        arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
+        counts: tuple[int, int, int],
         integrator: str,
         dt: float,
-        steps: int,
     ) -> None:
+        """Fill the last of (starts, controls, states); `counts` are groups of lanes, controls of each, steps of each control."""
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
-        function = getattr(self.library, name)
-        function(
-            INTEGRATORS.index(integrator),
-            ctypes.c_long(count),
-            ctypes.c_long(steps),
-            ctypes.c_double(dt),
-            *pointers,
-        )
+        lengths = [ctypes.c_long(count) for count in counts]
+        number = INTEGRATORS.index(integrator)
+        self.library.play(number, *lengths, ctypes.c_double(dt), *pointers)
 
 
 def c_twin(body: Body, dtype: type[np.floating] = np.float32, lanes: int = 1) -> CTwin | None:

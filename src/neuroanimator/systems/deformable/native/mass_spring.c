@@ -332,24 +332,15 @@ static void run(int integrator, BodyState *m, long steps, double dt) {
 
 static void hold(BodyState *m, const real *controls) { memcpy(m->controls, controls, CONTROLS * LANES * sizeof(real)); }
 
-/* Write the states after each of `count` controls, each held for `steps` steps of `dt`. */
-void play(int integrator, long count, long steps, double dt, const real *start, const real *controls, real *states) {
-    BodyState m ALIGNED;
-    read_state(start, &m);
-    for (long t = 0; t < count; t++) {
-        hold(&m, controls + t * CONTROLS * LANES);
-        run(integrator, &m, steps, dt);
-        write_state(&m, states + t * STATE * LANES);
-    }
-}
-
-/* Write the states `steps` steps of `dt` after each of `count` starts, each under its own held controls. */
-void advance(int integrator, long count, long steps, double dt, const real *starts, const real *controls, real *ends) {
-    for (long t = 0; t < count; t++) {
+/* Write the states of `groups` bodies, or lanes of them, after each of `count` controls, each held for `steps` steps of `dt`. */
+void play(int integrator, long groups, long count, long steps, double dt, const real *starts, const real *controls, real *states) {
+    for (long g = 0; g < groups; g++) {
         BodyState m ALIGNED;
-        read_state(starts + t * STATE * LANES, &m);
-        hold(&m, controls + t * CONTROLS * LANES);
-        run(integrator, &m, steps, dt);
-        write_state(&m, ends + t * STATE * LANES);
+        read_state(starts + g * STATE * LANES, &m);
+        for (long t = g * count; t < (g + 1) * count; t++) {
+            hold(&m, controls + t * CONTROLS * LANES);
+            run(integrator, &m, steps, dt);
+            write_state(&m, states + t * STATE * LANES);
+        }
     }
 }
