@@ -91,13 +91,13 @@ class Body:
 
     @property
     def spans(self) -> Float[np.ndarray, " P"]:
-        """How far apart the ends of the springs are at rest [m]."""
+        """Distances between the ends of the springs at rest [m]."""
         first, second = self.springs.T
         return np.linalg.norm(self.positions[second] - self.positions[first], axis=1)
 
     @property
     def has_gravity(self) -> bool:
-        """Whether gravity is felt: not where water is everywhere and nothing tells up from down."""
+        """True where gravity is felt: not where water is everywhere and nothing tells up from down."""
         return self.water is None or self.water.surface is not None or self.water.righting > 0
 
 

@@ -27,7 +27,7 @@ Seconds = float | Float[Array, ""]
 
 
 class BodyState(NamedTuple):
-    """Where a body's mass points are, how they move, and how far its muscles are contracted."""
+    """The positions and velocities of a body's mass points, and the activations of its muscles."""
 
     positions: Float[Array, "N 3 ..."]
     """Positions of the mass points [m]."""

@@ -1,4 +1,4 @@
-"""The C twin of a mass-spring body: the same physics compiled for one core, which its emulators are measured against."""
+"""The C twin of a mass-spring body: the same physics compiled for one core, the opponent of its emulators."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INTEGRATORS = tuple(STEPPERS)
 """The integrators, in the order of the C program."""
 
 SINGLE_LANES = 16
-"""Bodies side by side in a batch of float32: one AVX-512 register of them, two of AVX."""
+"""Number of bodies side by side in a batch of float32: one AVX-512 register of them, two of AVX."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,24 +18,24 @@ PROGRAM = Path(__file__).with_name("mass_spring.c")
 """The loop, the same for every body."""
 
 MAX_STATEMENTS = 1_000
-"""Statements of a kind written out one after another; longer lists become loops, lest compiling take minutes.
+"""Maximum number of statements of a kind written out one after another; longer lists become loops, lest compiling take minutes.
 
 So do all lists of bodies side by side, where looking up an entry of a table is shared by all of them."""
 
 ELIMINATION_STATEMENTS = 5
-"""How many times as many statements may be written out for the elimination: there are several for each unknown."""
+"""Maximum number of statements of the elimination over that of a kind: there are several for each unknown."""
 
 MAX_FORMULAS = 16
 """Maximum number of bodies whose formulas are kept: tracing them takes a tenth of a second."""
 
 PADDING = 16
-"""Arrays end in zeros up to a whole number of vectors."""
+"""Number of entries to a multiple of which arrays are filled up with zeros: whole vectors."""
 
 QUAD_CORNERS = 4
-"""Corners of a face that is no triangle."""
+"""Number of corners of a face that is no triangle."""
 
 Row = tuple[float, ...]
-"""What a macro is called with; whole numbers are indices."""
+"""The arguments of a macro; whole numbers are indices."""
 
 Statements = tuple[str, list[tuple[int, ...]]]
 """A macro, and the indices it is called with again and again."""
