@@ -75,9 +75,9 @@ def test_more_or_fewer_than_sixteen_rows_are_computed_one_for_one():
         np.testing.assert_allclose(y, in_c.forward(x)[0], rtol=1e-5, atol=1e-6)
 
 
-def test_rooms_are_lent_to_one_at_a_time_and_used_again():
-    rooms = WorkspacePool(3)
-    with rooms.acquire() as first, rooms.acquire() as second:
+def test_workspaces_are_lent_to_one_at_a_time_and_used_again():
+    pool = WorkspacePool(3)
+    with pool.acquire() as first, pool.acquire() as second:
         assert first != second
-    with rooms.acquire() as third:
+    with pool.acquire() as third:
         assert third in (first, second)

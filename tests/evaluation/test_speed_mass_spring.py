@@ -19,7 +19,6 @@ from neuroanimator.evaluation.speed import Opponent, Speed
 from neuroanimator.evaluation.speed_mass_spring import (
     C_TWIN,
     JAX,
-    PLAIN,
     deformable_players,
     twin_error,
 )
@@ -61,7 +60,7 @@ def test_every_integrator_is_timed(swims: HeldOut, compiles: bool, monkeypatch: 
     assert isinstance(system, DeformableSystem)
     physics, players = deformable_players(system, swims, steps=20, pieces=2)
     assert physics == (C_TWIN if compiles and has_compiler else JAX)
-    assert tuple(players) == ((*INTEGRATORS, PLAIN) if physics == C_TWIN else INTEGRATORS)
+    assert tuple(players) == INTEGRATORS
     for play in players.values():
         play()
 

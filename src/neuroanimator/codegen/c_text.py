@@ -132,7 +132,7 @@ class Writer:
         elif operation.name in ELEMENTWISE:
             yield from self._each(ELEMENTWISE[operation.name], operation)
         elif operation.name == "integer_pow":
-            yield from self._each(_power(operation.params["y"]), operation)
+            yield from self._each(power(operation.params["y"]), operation)
         elif operation.name in REDUCTIONS:
             yield from self._reduced(operation)
         elif operation.name == "dot_general":
@@ -646,7 +646,7 @@ def c_number(number: float) -> str:
     return f"({text}f)" if number < 0 else f"{text}f"
 
 
-def _power(exponent: int) -> str:
+def power(exponent: int) -> str:
     product = " * ".join(["{0}"] * abs(exponent)) or "1.0f"
     if exponent < 0:
         return f"1.0f / ({product})"

@@ -49,6 +49,8 @@ class Input(NamedTuple):
     """Whether each lane has its own."""
     is_late: bool = False
     """Whether it is a cotangent or a tangent, known only after all that is early."""
+    dtype: type[np.floating] = np.float32
+    """Precision in which JAX traces it; addresses have none."""
 
     @property
     def space(self) -> int:
@@ -59,14 +61,14 @@ class Input(NamedTuple):
 def trace(
     function: Callable[..., Any], module: Any, *inputs: Input, constants: Constants | None = None
 ) -> Program:
-    """Return the program of `function` of `module` and of float32 arrays, which returns an array or a tuple of them.
+    """Return the program of `function` of `module` and of arrays, which returns an array or a tuple of them.
 
     The arrays of `module` (any pytree: an emulator, an objective) are the program's constants.
 
     Raises UnsupportedError for what cannot be laid open beforehand, such as entries whose position is computed. Of
     loops and branches the writer says that it knows no code for them.
     """
-    arguments = [jax.ShapeDtypeStruct(entry.shape, np.float32) for entry in inputs]
+    arguments = [jax.ShapeDtypeStruct(entry.shape, entry.dtype) for entry in inputs]
     closed = jax.make_jaxpr(function)(module, *arguments)
     program = Program(Constants() if constants is None else constants)
     program.inputs = [program.room(entry.shape, entry.space) for entry in inputs]

@@ -34,7 +34,6 @@ from neuroanimator.evaluation.speed_function import (
     function_schemes,
 )
 from neuroanimator.evaluation.speed_mass_spring import (
-    PLAIN,
     deformable_players,
     deformable_schemes,
     twin_error,
@@ -102,8 +101,6 @@ class Speed:
     """Every way of stepping the physics that was tried."""
     physics: str = "MuJoCo"
     """Who steps the physics: `MuJoCo` or a `C twin`, compiled, `JAX` without one, a `Python function`, which is not."""
-    tuned_seconds: float | None = None
-    """Time of a physics step of the same scheme by a program made for this body alone [s]; None where there is none."""
     jax_seconds: float | None = None
     """Time of a super step in JAX [s]."""
 
@@ -160,7 +157,6 @@ def one_core() -> Iterator[None]:
 
 def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int = REPEATS) -> Speed:
     """Return the speed-ups of an emulator whose one-step error is `error`."""
-    integrator = test.system.scheme.integrator
     with one_core():
         physics = _timed_physics(test)
         players = emulator_players(emulator)
@@ -169,17 +165,15 @@ def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int 
     per_step = {name: seconds[name] / physics.steps for name in physics.players}
     opponents = _opponents(test, physics, per_step)
     equal_error_opponent = _fastest(opponents, error)
-    tuned = per_step[integrator]
-    plain = per_step.get(PLAIN, tuned)
+    own = per_step[test.system.scheme.integrator]
     return Speed(
         emulator_seconds=per_super_step,
-        physics_seconds=plain,
-        nominal=plain * emulator.substeps / per_super_step,
+        physics_seconds=own,
+        nominal=own * emulator.substeps / per_super_step,
         equal_error=equal_error_opponent.seconds / per_super_step,
         equal_error_opponent=equal_error_opponent,
         opponents=tuple(opponents),
         physics=physics.name,
-        tuned_seconds=tuned if PLAIN in per_step else None,
         jax_seconds=seconds[IN_JAX] / TIMED_SUPER_STEPS,
     )
 

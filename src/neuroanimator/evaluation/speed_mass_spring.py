@@ -16,32 +16,27 @@ from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import BodyState, advance
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin
-from neuroanimator.systems.deformable.native.reference_loop import plain_player
 from neuroanimator.systems.system import Runs, Scheme
 
 C_TWIN = "C twin"
-"""What reports call the body's physics in C, made for this one body."""
+"""Name in reports of the body's physics in C, made for this one body: the fastest there is."""
 
 JAX = "JAX"
-"""What reports call the body's physics where there is no C compiler."""
-
-PLAIN = "plain C"
-"""The own scheme as one writes it down in C, reading the body from tables as MuJoCo reads its model: what is nominal.
-The fastest program for this one body, its C twin, is the opponent of equal error."""
+"""Name in reports of the body's physics where there is no C compiler."""
 
 NO_COMPILER = "There was no C compiler, so the physics is timed in JAX; a C twin would be faster, and speed-ups smaller."
 """Sentence on speed-ups against JAX."""
 
 Player = Callable[[], Any]
-"""A function that does what is timed."""
+"""A function that is timed."""
 
 
 def deformable_players(
     system: DeformableSystem, test: HeldOut, steps: int, pieces: int
 ) -> tuple[str, dict[str, Player]]:
-    """Return who steps the physics, and by integrator a function that takes `steps` steps, already compiled.
+    """Return the name of the physics, and by integrator a function that takes `steps` steps, already compiled.
 
-    As for MuJoCo, the steps are taken in so many `pieces`, each from an unseen state under its control.
+    As for MuJoCo, the steps are taken in `pieces`, each from an unseen state under its control.
     """
     starts, controls = test.moments(pieces)
     length = steps // pieces
@@ -54,9 +49,6 @@ def deformable_players(
     dt = system.physics_dt
     for integrator in INTEGRATORS:
         players[integrator] = twin.player(starts, controls, integrator, dt, length)
-    plain = plain_player(system.body, starts, controls, dt, length)
-    if plain is not None and system.scheme.integrator == "symplectic":
-        players[PLAIN] = plain
     return C_TWIN, players
 
 

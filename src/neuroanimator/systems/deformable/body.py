@@ -7,11 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.state.arrays import AnyArray
+
 GRAVITY = 9.81
 """Acceleration of free fall [m/s²]."""
 
 BALANCED = 1e-6
-"""Share of all forces at rest that may be left over in a body said to keep its position."""
+"""Maximum share of all forces at rest that may be left over in a body said to keep its position."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Water:
     depth: float = 0.1
     """Height over which a mass point passes from air to water [m]: about its size."""
     righting: float = 0.0
-    """How far the centre of buoyancy lies above the centre of mass at rest [m]: what rights the body, belly down."""
+    """Height of the centre of buoyancy over the centre of mass at rest [m], which rights the body, belly down."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Body:
     damping: Float[np.ndarray, " P"]
     """Damping of the springs along their length [N·s/m]."""
     muscles: Float[np.ndarray, "P M"]
-    """By which share of its length each muscle, fully activated, shortens each spring."""
+    """Share of its length by which each muscle, fully activated, shortens each spring."""
     external_forces: Float[np.ndarray, "3 C"]
     """Force on the whole body per control [N], spread by mass."""
     faces: Int[np.ndarray, "F 4"]
@@ -73,7 +75,7 @@ class Body:
     water: Water | None = None
     ground: Ground | None = None
     rest_height: float = 0.0
-    """Added to the height of every mass point where the body is put at rest [m]."""
+    """Height added to every mass point where the body is put at rest [m]."""
     lengths: Float[np.ndarray, " P"] = field(init=False)
     """Lengths of the springs without force [m]: those at rest, less what carries the body there."""
     lift: Float[np.ndarray, " N"] = field(init=False)
@@ -89,14 +91,57 @@ class Body:
 
     @property
     def spans(self) -> Float[np.ndarray, " P"]:
-        """How far apart the ends of the springs are at rest [m]."""
+        """Distances between the ends of the springs at rest [m]."""
         first, second = self.springs.T
         return np.linalg.norm(self.positions[second] - self.positions[first], axis=1)
 
     @property
     def has_gravity(self) -> bool:
-        """Whether gravity is felt: not where water is everywhere and nothing tells up from down."""
+        """True where gravity is felt: not where water is everywhere and nothing tells up from down."""
         return self.water is None or self.water.surface is not None or self.water.righting > 0
+
+
+def wetness(body: Body, heights: Float[AnyArray, "N ..."]) -> Float[AnyArray, "N ..."]:
+    """Return the share of each mass point that is under water."""
+    xp = heights.__array_namespace__()
+    if body.water is None or body.water.surface is None:
+        return xp.ones_like(heights)
+    return xp.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
+
+
+def point_forces(
+    body: Body,
+    positions: Float[AnyArray, "N 3 ..."],
+    velocities: Float[AnyArray, "N 3 ..."],
+    masses: Float[AnyArray, "N ..."],
+    lift: Float[AnyArray, "N ..."],
+    wet: Float[AnyArray, "N ..."],
+) -> Float[AnyArray, "N 3 ..."]:
+    """Return drag, weight and the ground's force on mass points [N], whose `masses`, `lift` and wetness are given."""
+    xp = positions.__array_namespace__()
+    force = xp.zeros_like(positions)
+    if body.water is not None:
+        force = force - body.water.drag * (masses * wet)[:, None] * velocities
+    if body.has_gravity:
+        upward = masses * GRAVITY * (lift * wet - 1)
+        level = xp.zeros_like(upward)
+        force = force + xp.stack([level, level, upward], axis=1)
+    if body.ground is not None:
+        force = force + _ground_forces(body.ground, positions, velocities)
+    return force
+
+
+def _ground_forces(
+    ground: Ground, positions: Float[AnyArray, "N 3 ..."], velocities: Float[AnyArray, "N 3 ..."]
+) -> Float[AnyArray, "N 3 ..."]:
+    xp = positions.__array_namespace__()
+    x, y, z = (velocities[:, axis] for axis in range(3))
+    depth = xp.maximum(-positions[:, 2], 0)
+    damped = xp.maximum(1 - ground.damping * z, 0)
+    upward = ground.stiffness * depth * damped
+    speed = xp.sqrt(x * x + y * y + ground.slip**2)
+    sideways = -ground.friction * upward / speed
+    return xp.stack([sideways * x, sideways * y, upward], axis=1)
 
 
 def length_jacobian(body: Body) -> Float[np.ndarray, "P X"]:
@@ -160,17 +205,11 @@ def _is_balanced(body: Body, load: Float[np.ndarray, "N 3"]) -> bool:
 
 
 def _load_at_rest(body: Body) -> Float[np.ndarray, "N 3"]:
-    """Return what lift, weight and ground do to every mass point at rest [N]."""
-    load = np.zeros_like(body.positions)
-    heights = body.positions[:, 2] + body.rest_height
-    if body.has_gravity:
-        wet = np.ones_like(heights)
-        if body.water is not None and body.water.surface is not None:
-            wet = np.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
-        load[:, 2] += GRAVITY * body.masses * (body.lift * wet - 1)
-    if body.ground is not None:
-        load[:, 2] += body.ground.stiffness * np.maximum(-heights, 0)
-    return load
+    """Return the force of lift, weight and ground on every mass point at rest [N]."""
+    positions = body.positions + np.array([0.0, 0.0, body.rest_height])
+    wet = wetness(body, positions[:, 2])
+    velocities = np.zeros_like(positions)
+    return point_forces(body, positions, velocities, body.masses, body.lift, wet)
 
 
 def _face_shares(faces: Int[np.ndarray, "F 4"], count: int) -> Float[np.ndarray, "F N"]:

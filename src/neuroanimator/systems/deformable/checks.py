@@ -1,4 +1,4 @@
-"""What is refused in a deformable body's definition: nodes, springs, muscles and steps, by name, before simulating.
+"""Checks of a deformable body's nodes, springs, muscles and steps, which name what is wrong before anything is simulated.
 
 Faces are checked in `face_checks.py`, left and right in `mirror.py`.
 """
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from neuroanimator.definitions.body import BodyDefinition
 
 MIN_SPRING_LENGTH = 1e-9
-"""Two mass points closer than this [m] are at one position: a spring between them has no direction."""
+"""Minimum distance between the ends of a spring [m]: closer ones are at one position, and the spring has no direction."""
 
 RK4_OVER_SYMPLECTIC = 1.3
-"""How many times as large a step rk4 bears at least, whatever the damping (1.39 to 1.41)."""
+"""Ratio of rk4's largest stable step to symplectic Euler's, at least, at any damping (1.39 to 1.41)."""
 
 MAX_SHORTENING = 0.9
-"""Share of its length by which all muscles together may shorten a spring: more leaves next to nothing of it."""
+"""Maximum share of its length by which all muscles together may shorten a spring: more leaves next to nothing of it."""
 
 
 def check_nodes(definition: BodyDefinition, max_nodes: int) -> None:

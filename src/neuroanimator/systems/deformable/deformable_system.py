@@ -25,22 +25,22 @@ from neuroanimator.systems.schemes import schemes_of
 from neuroanimator.systems.system import Scheme, System
 
 DOUBLE_LANES = 8
-"""Bodies side by side in C where numbers are float64: one AVX-512 register of them."""
+"""Number of bodies side by side in C in float64: one AVX-512 register of them."""
 
 ROWS = 256
-"""Bodies simulated side by side: results do not depend on how many are asked for at once."""
+"""Number of bodies simulated side by side: results do not depend on how many are asked for at once."""
 
 MAX_BODIES = 16
-"""Bodies kept, each with what is compiled for it: compiling takes longer than most runs."""
+"""Maximum number of bodies kept, each with its compiled programs: compiling takes longer than most runs."""
 
 MAX_RUNNERS = 64
-"""Compiled trajectories kept, of one body, scheme and number of steps each."""
+"""Maximum number of compiled trajectories kept, of one body, scheme and number of steps each."""
 
 MAX_TWINS = 32
-"""C twins kept, of one body and number of lanes each."""
+"""Maximum number of C twins kept, of one body and number of lanes each."""
 
 MAX_STRAIN = 5.0
-"""A spring stretched to more than this many times its length belongs to a body whose motion has diverged."""
+"""Maximum strain of a spring: one stretched further belongs to a body whose motion has diverged."""
 
 START_ACTIVATION = 0.3
 """Largest activation of the muscles in a random start: motions begin with muscles neither slack nor cramped."""
@@ -76,7 +76,7 @@ class DeformableSystem(System):
 
     @property
     def muscles(self) -> int:
-        """How many muscle activations belong to the state."""
+        """Number of muscle activations in the state."""
         return self.body.muscles.shape[1]
 
     def pack(

@@ -1,4 +1,4 @@
-"""What is refused among a deformable body's faces: those without area, and those that look into the body."""
+"""Checks of a deformable body's faces, which refuse those without area and those that look into the body."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from jaxtyping import Float, Int
 from neuroanimator.errors import ArgumentError
 
 MIN_FACE_AREA = 1e-12
-"""A face smaller than this has no area [m²]: it has no direction to look in."""
+"""Minimum area of a face [m²]: a smaller one has no direction to look in."""
 
 FLAT = 1e-9
 """Height over area below which a skin is flat [m]: it encloses no volume that could tell inside from outside."""
 
 MIN_CORNERS = 3
-"""Different corners without which a face has no area."""
+"""Minimum number of different corners of a face with an area."""
 
 Ring = list[int]
 """The different corners of a face, in order."""

@@ -19,7 +19,7 @@ from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.systems.deformable.body import GRAVITY, Body
+from neuroanimator.systems.deformable.body import GRAVITY, Body, point_forces, wetness
 
 MIN_LENGTH = 1e-12
 """Springs are never taken as shorter [m] nor faces as smaller [m²], so that no direction is 0/0."""
@@ -29,7 +29,7 @@ Seconds = float | Float[Array, ""]
 
 
 class BodyState(NamedTuple):
-    """Where a body's mass points are, how they move, and how far its muscles are contracted."""
+    """The positions and velocities of a body's mass points, and the activations of its muscles."""
 
     positions: Float[Array, "N 3 ..."]
     """Positions of the mass points [m]."""
@@ -45,19 +45,30 @@ def spring_stiffness(
     velocities: Float[Array, "N 3 ..."],
     activations: Float[Array, "M ..."],
 ) -> tuple[Float[Array, "P ..."], Float[Array, "P 3 ..."]]:
-    """Return effective stiffness [N/m] and extent [m] of every spring; their product is its force.
-
-    n = (c·(|r| - l) + k·ė) / |r| after Tu: negative in compression. Muscles shorten the rest length l.
-    """
+    """Return effective stiffness [N/m] and extent [m] of every spring; their product is its force."""
     first, second = body.springs.T
     extent = positions[second] - positions[first]
     parting = velocities[second] - velocities[first]
-    length = jnp.sqrt(_dot(extent, extent) + MIN_LENGTH**2)
-    rest_length = _rest_lengths(body, activations, length)
-    rate = _dot(extent, parting) / length
-    elastic = _along(body.stiffness, length) * (length - rest_length)
-    tension = elastic + _along(body.damping, length) * rate
-    return tension / length, extent
+    rest_lengths = _rest_lengths(body, activations, extent[:, 0])
+    stiffness = _along(body.stiffness, rest_lengths)
+    damping = _along(body.damping, rest_lengths)
+    return effective_stiffness(extent, parting, stiffness, damping, rest_lengths), extent
+
+
+def effective_stiffness(
+    extent: Float[Array, "P 3 ..."],
+    parting: Float[Array, "P 3 ..."],
+    stiffness: Float[Array, "P ..."],
+    damping: Float[Array, "P ..."],
+    rest_lengths: Float[Array, "P ..."],
+) -> Float[Array, "P ..."]:
+    """Return n = (c·(|r| - l) + k·ė) / |r| of springs [N/m], after Tu: negative in compression.
+
+    `extent` is r [m], `parting` its rate [m/s].
+    """
+    inverse = 1 / jnp.sqrt(_dot(extent, extent) + MIN_LENGTH**2)
+    rate = _dot(extent, parting) * inverse
+    return stiffness + (damping * rate - stiffness * rest_lengths) * inverse
 
 
 def spring_forces(body: Body, state: BodyState) -> Float[Array, "N 3 ..."]:
@@ -71,23 +82,36 @@ def outer_forces(
 ) -> Float[Array, "N 3 ..."]:
     """Return all other forces on every mass point [N]: water, weight, ground, external forces."""
     positions, velocities, _ = state
-    force = jnp.zeros_like(positions)
-    wet = _wetness(body, positions)
-    if body.water is not None:
+    heights = positions[:, 2]
+    wet = wetness(body, heights)
+    masses = _along(body.masses, heights)
+    force = point_forces(body, positions, velocities, masses, _along(body.lift, heights), wet)
+    if body.water is not None and len(body.faces):
         force = force + _water_forces(body, positions, velocities, wet)
-    if body.has_gravity:
-        lift = 0.0
-        if body.water is not None:
-            lift = _along(body.lift, wet) * wet
-        weight = _along(body.masses, positions[:, 2]) * GRAVITY
-        force = force.at[:, 2].add(weight * (lift - 1))
-    if body.ground is not None:
-        force = force + _ground_forces(body, positions, velocities)
     if body.external_forces.any():
         share = _along(body.masses / body.masses.sum(), positions)
         total = jnp.tensordot(body.external_forces.astype(positions.dtype), controls, 1)
         force = force + share * total
     return force
+
+
+def face_forces(
+    body: Body,
+    right: Float[Array, "F 3 ..."],
+    up: Float[Array, "F 3 ..."],
+    velocities: Float[Array, "F 3 ..."],
+    wet: Float[Array, "F ..."],
+) -> Float[Array, "F 3 ..."]:
+    """Return the water's push on faces that move outward [N]: -μ A max(0, n·v) n.
+
+    `right` and `up` are the diagonals of the faces [m], `velocities` and `wet` the means of their corners.
+    """
+    assert body.water is not None
+    normals = _cross(right, up)  # twice as long as the area
+    length = jnp.sqrt(_dot(normals, normals) + MIN_LENGTH**2)
+    outward_speed = jnp.maximum(_dot(normals, velocities), 0) / length
+    push = (-body.water.face_drag / 2) * outward_speed * wet
+    return push[:, None] * normals
 
 
 def energy(body: Body, state: BodyState) -> Array:
@@ -134,43 +158,13 @@ def _water_forces(
     velocities: Float[Array, "N 3 ..."],
     wet: Float[Array, "N ..."],
 ) -> Float[Array, "N 3 ..."]:
-    """Return the water's drag on mass points, and its push on faces that move outward: -μ A max(0, n·v) n."""
-    water = body.water
-    assert water is not None
-    drag = -water.drag * _along(body.masses, velocities) * velocities * wet[:, None]
-    if not len(body.faces):
-        return drag
-    corners = [positions[body.faces[:, i]] for i in range(4)]
-    area = _cross(corners[2] - corners[0], corners[3] - corners[1]) / 2
+    """Return the water's push on faces as forces on their corners [N]."""
+    a, b, c, d = (positions[body.faces[:, i]] for i in range(4))
     shares = body.face_shares.astype(positions.dtype)
-    velocity = jnp.tensordot(shares, velocities, 1)
-    wetness = jnp.tensordot(shares, wet, 1)
-    size = jnp.sqrt(_dot(area, area) + MIN_LENGTH**2)
-    outward_speed = jnp.maximum(_dot(area, velocity), 0) / size
-    push = -water.face_drag * (outward_speed * wetness)[:, None] * area
-    return drag + jnp.tensordot(shares.T, push, 1)
-
-
-def _wetness(body: Body, positions: Float[Array, "N 3 ..."]) -> Float[Array, "N ..."]:
-    """Return how far each mass point is under water, 0 to 1."""
-    heights = positions[:, 2]
-    if body.water is None or body.water.surface is None:
-        return jnp.ones_like(heights)
-    return jnp.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
-
-
-def _ground_forces(
-    body: Body, positions: Float[Array, "N 3 ..."], velocities: Float[Array, "N 3 ..."]
-) -> Float[Array, "N 3 ..."]:
-    ground = body.ground
-    assert ground is not None
-    depth = jnp.maximum(-positions[:, 2], 0)
-    damped = jnp.maximum(1 - ground.damping * velocities[:, 2], 0)
-    upward = ground.stiffness * depth * damped
-    level = velocities[:, :2]
-    speed = jnp.sqrt(jnp.sum(level**2, axis=1, keepdims=True) + ground.slip**2)
-    sideways = -ground.friction * upward[:, None] * (level / speed)
-    return jnp.concatenate([sideways, upward[:, None]], axis=1)
+    mean_velocities = jnp.tensordot(shares, velocities, 1)
+    mean_wetness = jnp.tensordot(shares, wet, 1)
+    forces = face_forces(body, c - a, d - b, mean_velocities, mean_wetness)
+    return jnp.tensordot(shares.T, forces, 1)
 
 
 def _along(numbers: Float[AnyArray, " N"], like: AnyArray) -> AnyArray:

@@ -17,10 +17,10 @@ from neuroanimator.systems.deformable.body import Body
 from neuroanimator.text import listed
 
 TOLERANCE = 1e-9
-"""Left and right are the same to within this share of what is compared: to within rounding."""
+"""Relative tolerance within which left and right are the same: rounding."""
 
 REVERSE_Y = np.array([1.0, -1.0, 1.0])
-"""What the mirror does to a vector, axis by axis."""
+"""Factors by which the mirror multiplies a vector, axis by axis."""
 
 
 def mirror_of(definition: BodyDefinition, body: Body) -> Mirror | None:

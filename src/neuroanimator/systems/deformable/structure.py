@@ -1,4 +1,4 @@
-"""What the state vector of a deformable body means: its named slices, and what an emulator may exploit of it."""
+"""The meaning of a deformable body's state vector: its named slices, and the structure an emulator may exploit."""
 
 from __future__ import annotations
 

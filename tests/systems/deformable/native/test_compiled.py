@@ -13,7 +13,7 @@ from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.body import Body, Ground, Water
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.mass_spring import STEPPERS, BodyState, trajectory
+from neuroanimator.systems.deformable.mass_spring import BodyState, trajectory
 from neuroanimator.systems.deformable.native import source as source
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, SINGLE_LANES, c_twin
 from neuroanimator.systems.deformable.native.source import fill_in
@@ -56,7 +56,6 @@ def jax_ends(
 @pytest.mark.parametrize("name", ["fish", pytest.param("dolphin", marks=pytest.mark.endurance)])
 def test_c_and_jax_agree_after_a_hundred_steps(name: str):
     system, starts, controls = driven(name)
-    assert tuple(STEPPERS) == INTEGRATORS
     for integrator in INTEGRATORS:
         truth = jax_ends(system.body, starts, controls, integrator, system.physics_dt)
         for lanes in (1, SINGLE_LANES):

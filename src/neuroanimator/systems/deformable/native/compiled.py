@@ -1,4 +1,4 @@
-"""The C twin of a mass-spring body: the same physics compiled for one core, which its emulators are measured against."""
+"""The C twin of a mass-spring body: the same physics compiled for one core, the opponent of its emulators."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from jaxtyping import Float
 
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
 from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.mass_spring import STEPPERS
 from neuroanimator.systems.deformable.native.source import c_source
 
-INTEGRATORS = ("symplectic", "semi-implicit", "rk4")
+INTEGRATORS = tuple(STEPPERS)
 """The integrators, in the order of the C program."""
 
 SINGLE_LANES = 16
-"""Bodies side by side in a batch of float32: one AVX-512 register of them, two of AVX."""
+"""Number of bodies side by side in a batch of float32: one AVX-512 register of them, two of AVX."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class CTwin:
         start = self._prepared(start)
         controls = self._prepared(controls)
         states = np.empty((len(controls), *start.shape), self.dtype)
-        self._call("play", (start, controls, states), len(controls), integrator, dt, steps)
+        self._play((start, controls, states), (1, len(controls), steps), integrator, dt)
         return states
 
     def advance(
@@ -59,10 +60,8 @@ class CTwin:
         steps: int,
     ) -> Float[np.ndarray, "B S"]:
         """Return the states `steps` steps of `dt` [s] after `starts` under held controls; B is a multiple of the lanes."""
-        ends = np.empty((len(starts) // self.lanes, self.size, self.lanes), self.dtype)
-        play = self.player(starts, controls, integrator, dt, steps, ends)
-        play()
-        return np.moveaxis(ends, 1, 2).reshape(starts.shape)
+        play = self.player(starts, controls, integrator, dt, steps)
+        return np.moveaxis(play(), 1, 2).reshape(starts.shape)
 
     def player(
         self,
@@ -71,15 +70,18 @@ class CTwin:
         integrator: str,
         dt: float,
         steps: int,
-        ends: Float[np.ndarray, "G S L"] | None = None,
-    ) -> Callable[[], None]:
-        """Return a function that does what `advance` does in one call of C, into `ends`: groups of L lanes."""
+    ) -> Callable[[], Float[np.ndarray, "G S L"]]:
+        """Return a function that advances in one call of C and returns the states: groups of L lanes, always the same array."""
         start_groups = self._prepared(self._side_by_side(starts))
         control_groups = self._prepared(self._side_by_side(controls))
-        if ends is None:
-            ends = np.empty(start_groups.shape, self.dtype)
+        ends = np.empty_like(start_groups)
         arrays = (start_groups, control_groups, ends)
-        return lambda: self._call("advance", arrays, len(start_groups), integrator, dt, steps)
+
+        def play() -> Float[np.ndarray, "G S L"]:
+            self._play(arrays, (len(start_groups), 1, steps), integrator, dt)
+            return ends
+
+        return play
 
     def _side_by_side(self, rows: Float[np.ndarray, "B X"]) -> Float[np.ndarray, "G X L"]:
         """Return the rows in groups of as many as there are lanes, which come last."""
@@ -89,24 +91,18 @@ class CTwin:
         """Return the numbers as C reads them: one after another, in its precision."""
         return np.ascontiguousarray(numbers, self.dtype)
 
-    def _call(
+    def _play(
         self,
-        name: str,
-        arrays: tuple[np.ndarray, ...],
-        count: int,
+        arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
+        counts: tuple[int, int, int],
         integrator: str,
         dt: float,
-        steps: int,
     ) -> None:
+        """Fill the last of (starts, controls, states); `counts` are groups of lanes, controls of each, steps of each control."""
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
-        function = getattr(self.library, name)
-        function(
-            INTEGRATORS.index(integrator),
-            ctypes.c_long(count),
-            ctypes.c_long(steps),
-            ctypes.c_double(dt),
-            *pointers,
-        )
+        lengths = [ctypes.c_long(count) for count in counts]
+        number = INTEGRATORS.index(integrator)
+        self.library.play(number, *lengths, ctypes.c_double(dt), *pointers)
 
 
 def c_twin(body: Body, dtype: type[np.floating] = np.float32, lanes: int = 1) -> CTwin | None:

@@ -1,9 +1,9 @@
-/* The mass-spring loop of systems/deformable/mass_spring.py in C, for one body: what emulators of deformable bodies are
-   measured against at equal error.
+/* The loop of systems/deformable/mass_spring.py in C, for one body: which spring pulls at which mass points, step by step.
 
    The text that source.py puts before this one is the body: numbers as constants, springs and faces as lists
-   X(...) X(...), so that the compiler sees straight code. REAL is float or double. LANES bodies lie side by
-   side; one body alone is four numbers a mass point, so that three axes are one vector operation. */
+   X(...) X(...), so that the compiler sees straight code, and FORMULAS, the forces, generated from those in JAX.
+   REAL is float or double. LANES bodies lie side by side; one body alone is four numbers a mass point, so that three
+   axes are one vector operation. */
 
 #include <math.h>
 #include <string.h>
@@ -43,8 +43,9 @@ typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
 #define SPREAD(numbers) (*(const vector *)(numbers))
 #endif
 
+FORMULAS
+
 INLINE real larger(real a, real b) { return a > b ? a : b; }
-INLINE real within(real a) { return a < 0 ? 0 : a > 1 ? 1 : a; }
 
 INLINE void span(const BodyState *m, int a, int b, real extent[WIDE], real parting[WIDE]) {
     EACH_PART {
@@ -54,14 +55,8 @@ INLINE void span(const BodyState *m, int a, int b, real extent[WIDE], real parti
 }
 
 /* Effective stiffness of spring `s`: times its extent it is its force. */
-INLINE void stretch(int s, const real extent[WIDE], const real parting[WIDE], const real elastic[LANES], real result[LANES]) {
-    EACH_LANE {
-        const real *e = extent + l, *v = parting + l;
-        real square = e[0] * e[0] + e[AXIS] * e[AXIS] + e[2 * AXIS] * e[2 * AXIS] + (real)MIN_LENGTH_SQUARE;
-        real along = e[0] * v[0] + e[AXIS] * v[AXIS] + e[2 * AXIS] * v[2 * AXIS];
-        real inverse = 1 / (real)sqrt(square);
-        result[l] = STIFFNESS[s] + inverse * (DAMPING[s] * along * inverse - elastic[l]);
-    }
+INLINE void stretch(int s, const real extent[WIDE], const real parting[WIDE], const real rest[LANES], real result[LANES]) {
+    EACH_LANE result[l] = spring_stiffness(extent + l, parting + l, STIFFNESS[s], DAMPING[s], rest[l]);
 }
 
 INLINE void pull(int a, int b, const real stiffness[LANES], const real extent[WIDE], Forces force) {
@@ -74,23 +69,23 @@ INLINE void pull(int a, int b, const real stiffness[LANES], const real extent[WI
 
 INLINE void add_springs(const BodyState *m, Springs stiffness, Forces force) {
     real extent[TOGETHER(SPRINGS)][WIDE] ALIGNED, parting[TOGETHER(SPRINGS)][WIDE] ALIGNED;
-    Springs elastic;
-    for (int s = 0; s < LONG(SPRINGS); s++) EACH_LANE elastic[s][l] = ELASTIC[s];
-#define X(spring, muscle, share) EACH_LANE elastic[spring][l] -= ELASTIC[spring] * (real)(share) * m->activations[muscle][l];
+    Springs rest;
+    for (int s = 0; s < LONG(SPRINGS); s++) EACH_LANE rest[s][l] = LENGTH[s];
+#define X(spring, muscle, metres) EACH_LANE rest[spring][l] -= (real)(metres) * m->activations[muscle][l];
     MUSCLE_LIST(X)
 #undef X
 #if LANES == 1
 #define X(spring, a, b) span(m, a, b, extent[spring], parting[spring]);
     SPRING_LIST(X)
 #undef X
-    for (int s = 0; s < LONG(SPRINGS); s++) stretch(s, extent[s], parting[s], elastic[s], stiffness[s]);
+    for (int s = 0; s < LONG(SPRINGS); s++) stretch(s, extent[s], parting[s], rest[s], stiffness[s]);
 #define X(spring, a, b) pull(a, b, stiffness[spring], extent[spring], force);
     SPRING_LIST(X)
 #undef X
 #else
-#define X(spring, a, b)                                                        \
-    span(m, a, b, *extent, *parting);                                          \
-    stretch(spring, *extent, *parting, elastic[spring], stiffness[spring]);    \
+#define X(spring, a, b)                                                  \
+    span(m, a, b, *extent, *parting);                                    \
+    stretch(spring, *extent, *parting, rest[spring], stiffness[spring]); \
     pull(a, b, stiffness[spring], *extent, force);
     SPRING_LIST(X)
 #undef X
@@ -101,7 +96,7 @@ INLINE void add_springs(const BodyState *m, Springs stiffness, Forces force) {
 INLINE void soak(const BodyState *m, real wet[POINTS][LANES]) {
 #ifdef SURFACE
     for (int i = 0; i < POINTS; i++)
-        EACH_LANE wet[i][l] = within(((real)SURFACE - m->positions[i][2 * AXIS + l]) * (real)(1 / DEPTH) + (real)0.5);
+        EACH_LANE wet[i][l] = wetness(m->positions[i][2 * AXIS + l]);
 #else
     (void)m, (void)wet;
 #endif
@@ -127,30 +122,24 @@ INLINE void measure_face(const BodyState *m, real wet[POINTS][LANES], int a, int
 #endif
 }
 
-/* A face that moves outward is pushed back: -push * area * max(0, normal . velocity) * normal, shared by its corners. */
-INLINE void resist(int f, const Face *face, real back[WIDE]) {
+/* The water's push on face `f`, as the force on each of its corners. */
+INLINE void push(int f, const Face *face, real force[WIDE]) {
     EACH_LANE {
-        const real *r = face->right + l, *u = face->up + l, *v = face->flow + l;
-        real x = r[AXIS] * u[2 * AXIS] - r[2 * AXIS] * u[AXIS];
-        real y = r[2 * AXIS] * u[0] - r[0] * u[2 * AXIS];
-        real z = r[0] * u[AXIS] - r[AXIS] * u[0];
-        real square = x * x + y * y + z * z + (real)(4 * MIN_LENGTH_SQUARE);
-        real outward = larger(x * v[0] + y * v[AXIS] + z * v[2 * AXIS], 0) / (real)sqrt(square) * PUSH[f];
 #ifdef SURFACE
-        outward *= face->wet[l] * SHARE[f];
+        const real wet = face->wet[l] * SHARE[f];
+#else
+        const real wet = 1;
 #endif
-        back[l] = outward * x;
-        back[AXIS + l] = outward * y;
-        back[2 * AXIS + l] = outward * z;
+        corner_force(face->right + l, face->up + l, face->flow + l, wet, SHARE[f], force + l);
     }
 }
 
-INLINE void push_back(int a, int b, int c, int d, int fourth, const real back[WIDE], Forces force) {
+INLINE void share(int a, int b, int c, int d, int fourth, const real push[WIDE], Forces force) {
     EACH_PART {
-        VECTOR(force, a) -= AS_VECTOR(back);
-        VECTOR(force, b) -= AS_VECTOR(back);
-        VECTOR(force, c) -= AS_VECTOR(back);
-        if (fourth) VECTOR(force, d) -= AS_VECTOR(back);
+        VECTOR(force, a) += AS_VECTOR(push);
+        VECTOR(force, b) += AS_VECTOR(push);
+        VECTOR(force, c) += AS_VECTOR(push);
+        if (fourth) VECTOR(force, d) += AS_VECTOR(push);
     }
 }
 #endif
@@ -158,21 +147,21 @@ INLINE void push_back(int a, int b, int c, int d, int fourth, const real back[WI
 INLINE void add_faces(const BodyState *m, real wet[POINTS][LANES], Forces force) {
 #if FACES
     Face faces[TOGETHER(FACES)] ALIGNED;
-    real back[TOGETHER(FACES)][WIDE] ALIGNED;
+    real pushes[TOGETHER(FACES)][WIDE] ALIGNED;
 #if LANES == 1
-    memset(back, 0, sizeof back);
+    memset(pushes, 0, sizeof pushes);
 #define X(face, a, b, c, d, fourth) measure_face(m, wet, a, b, c, d, fourth, &faces[face]);
     FACE_LIST(X)
 #undef X
-    for (int f = 0; f < LONG(FACES); f++) resist(f, &faces[f], back[f]);
-#define X(face, a, b, c, d, fourth) push_back(a, b, c, d, fourth, back[face], force);
+    for (int f = 0; f < LONG(FACES); f++) push(f, &faces[f], pushes[f]);
+#define X(face, a, b, c, d, fourth) share(a, b, c, d, fourth, pushes[face], force);
     FACE_LIST(X)
 #undef X
 #else
-#define X(face, a, b, c, d, fourth)               \
+#define X(face, a, b, c, d, fourth)                  \
     measure_face(m, wet, a, b, c, d, fourth, faces); \
-    resist(face, faces, *back);                   \
-    push_back(a, b, c, d, fourth, *back, force);
+    push(face, faces, *pushes);                      \
+    share(a, b, c, d, fourth, *pushes, force);
     FACE_LIST(X)
 #undef X
 #endif
@@ -182,38 +171,17 @@ INLINE void add_faces(const BodyState *m, real wet[POINTS][LANES], Forces force)
 }
 
 /* Drag, weight, ground and external forces, mass point by mass point. */
-INLINE void add_point_forces(const BodyState *m, real wet[POINTS][LANES], Forces force) {
-    (void)m, (void)wet, (void)force;
+INLINE void set_point_forces(const BodyState *m, real wet[POINTS][LANES], Forces force) {
+    (void)wet;
     for (int i = 0; i < POINTS; i++)
         EACH_LANE {
-            const real *x = m->positions[i] + l, *v = m->velocities[i] + l;
-            real *f = force[i] + l;
-            (void)x, (void)v, (void)f;
-#ifdef DRAG
 #ifdef SURFACE
-            real drag = (real)DRAG * MASS[i] * wet[i][l];
+            const real immersed = wet[i][l];
 #else
-            real drag = (real)DRAG * MASS[i];
+            const real immersed = 1;
 #endif
-            for (int axis = 0; axis < 3; axis++) f[axis * AXIS] -= drag * v[axis * AXIS];
-#endif
-#ifdef WEIGHT
-#ifdef SURFACE
-            f[2 * AXIS] += MASS[i] * (real)WEIGHT * (LIFT[i] * wet[i][l] - 1);
-#else
-            f[2 * AXIS] += MASS[i] * (real)WEIGHT * (LIFT[i] - 1);
-#endif
-#endif
-#ifdef GROUND_STIFFNESS
-            real rise = larger(1 - (real)GROUND_DAMPING * v[2 * AXIS], 0);
-            real upward = (real)GROUND_STIFFNESS * larger(-x[2 * AXIS], 0) * rise;
-            real slide = (real)GROUND_FRICTION * upward /
-                         (real)sqrt(v[0] * v[0] + v[AXIS] * v[AXIS] + (real)(GROUND_SLIP * GROUND_SLIP));
-            f[0] -= slide * v[0];
-            f[AXIS] -= slide * v[AXIS];
-            f[2 * AXIS] += upward;
-#endif
-#define X(axis, number, newtons) f[(axis) * AXIS] += MASS[i] * (real)(newtons) * m->controls[number][l];
+            point_force(m->positions[i] + l, m->velocities[i] + l, MASS[i], LIFT[i], immersed, force[i] + l);
+#define X(axis, number, newtons) force[i][(axis) * AXIS + l] += MASS[i] * (real)(newtons) * m->controls[number][l];
             FORCE_LIST(X)
 #undef X
         }
@@ -223,9 +191,9 @@ INLINE void find_forces(const BodyState *m, Forces force, Springs stiffness) {
     real wet[POINTS][LANES] ALIGNED;
     memset(force, 0, sizeof(Forces));
     soak(m, wet);
+    set_point_forces(m, wet, force);
     add_springs(m, stiffness, force);
     add_faces(m, wet, force);
-    add_point_forces(m, wet, force);
 }
 
 /* Activations tend to their controls: `remaining` of the difference is left. */
@@ -364,24 +332,15 @@ static void run(int integrator, BodyState *m, long steps, double dt) {
 
 static void hold(BodyState *m, const real *controls) { memcpy(m->controls, controls, CONTROLS * LANES * sizeof(real)); }
 
-/* Write the states after each of `count` controls, each held for `steps` steps of `dt`. */
-void play(int integrator, long count, long steps, double dt, const real *start, const real *controls, real *states) {
-    BodyState m ALIGNED;
-    read_state(start, &m);
-    for (long t = 0; t < count; t++) {
-        hold(&m, controls + t * CONTROLS * LANES);
-        run(integrator, &m, steps, dt);
-        write_state(&m, states + t * STATE * LANES);
-    }
-}
-
-/* Write the states `steps` steps of `dt` after each of `count` starts, each under its own held controls. */
-void advance(int integrator, long count, long steps, double dt, const real *starts, const real *controls, real *ends) {
-    for (long t = 0; t < count; t++) {
+/* Write the states of `groups` bodies, or lanes of them, after each of `count` controls, each held for `steps` steps of `dt`. */
+void play(int integrator, long groups, long count, long steps, double dt, const real *starts, const real *controls, real *states) {
+    for (long g = 0; g < groups; g++) {
         BodyState m ALIGNED;
-        read_state(starts + t * STATE * LANES, &m);
-        hold(&m, controls + t * CONTROLS * LANES);
-        run(integrator, &m, steps, dt);
-        write_state(&m, ends + t * STATE * LANES);
+        read_state(starts + g * STATE * LANES, &m);
+        for (long t = g * count; t < (g + 1) * count; t++) {
+            hold(&m, controls + t * CONTROLS * LANES);
+            run(integrator, &m, steps, dt);
+            write_state(&m, states + t * STATE * LANES);
+        }
     }
 }

@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Array, Int
 
-from neuroanimator.systems.deformable.body import GRAVITY, Body
-from neuroanimator.systems.deformable.mass_spring import MIN_LENGTH
+from neuroanimator.codegen.c_formula import c_formula
+from neuroanimator.systems.deformable.body import Body, point_forces, wetness
+from neuroanimator.systems.deformable.mass_spring import effective_stiffness, face_forces
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
-"""What is the same for every body."""
+"""The loop, the same for every body."""
 
 MAX_STATEMENTS = 1_000
-"""Statements of a kind written out one after another; longer lists become loops, lest compiling take minutes.
+"""Maximum number of statements of a kind written out one after another; longer lists become loops, lest compiling take minutes.
 
 So do all lists of bodies side by side, where looking up an entry of a table is shared by all of them."""
 
 ELIMINATION_STATEMENTS = 5
-"""How many times as many statements may be written out for the elimination: there are several for each unknown."""
+"""Maximum number of statements of the elimination over that of a kind: there are several for each unknown."""
+
+MAX_FORMULAS = 16
+"""Maximum number of bodies whose formulas are kept: tracing them takes a tenth of a second."""
 
 PADDING = 16
-"""Arrays end in zeros up to a whole number of vectors."""
+"""Number of entries to a multiple of which arrays are filled up with zeros: whole vectors."""
 
 QUAD_CORNERS = 4
-"""Corners of a face that is no triangle."""
+"""Number of corners of a face that is no triangle."""
 
 Row = tuple[float, ...]
-"""What a macro is called with; whole numbers are indices."""
+"""The arguments of a macro; whole numbers are indices."""
 
 Statements = tuple[str, list[tuple[int, ...]]]
 """A macro, and the indices it is called with again and again."""
@@ -47,50 +52,54 @@ def c_source(body: Body, precision: str, lanes: int) -> str:
         "MUSCLES": body.muscles.shape[1],
         "CONTROLS": max(body.muscles.shape[1], body.external_forces.shape[1]),
         "TIME_CONSTANT": repr(float(body.time_constant)),
-        "MIN_LENGTH_SQUARE": repr(MIN_LENGTH**2),
     }
-    sizes.update(_surroundings(body))
+    if body.water is not None and body.water.surface is not None:
+        sizes["SURFACE"] = 1
     defines = [f"#define {name} {value}" for name, value in sizes.items()]
     lines = [
         *defines,
         *_numbers(body),
         *_lists(body, max_statements),
         *_elimination(body, max_statements),
+        f"#define FORMULAS {_formulas(body)}",
         PROGRAM.read_text(encoding="utf-8"),
     ]
     return "\n".join(lines)
 
 
-def _surroundings(body: Body) -> dict[str, str]:
-    """Return what is felt besides springs and faces; what is not defined costs nothing."""
-    values: dict[str, float] = {}
-    if body.has_gravity:
-        values["WEIGHT"] = GRAVITY
-    water = body.water
-    if water is not None and water.drag:
-        values["DRAG"] = water.drag
-    if water is not None and water.surface is not None:
-        values["SURFACE"] = water.surface
-        values["DEPTH"] = water.depth
-    if body.ground is not None:
-        for name, value in vars(body.ground).items():
-            values[f"GROUND_{name.upper()}"] = value
-    return {name: repr(float(value)) for name, value in values.items()}
+@lru_cache(maxsize=MAX_FORMULAS)
+def _formulas(body: Body) -> str:
+    """Return the formulas of the JAX physics in C, each for one spring, mass point or face."""
+    number = (1,)
+    vector = (1, 3)
+
+    def corner_force(right: Array, up: Array, velocities: Array, wet: Array, share: Array) -> Array:
+        """Return the force on each corner of a face; `velocities` is a sum over corners, `share` one over their number."""
+        return face_forces(body, right, up, velocities, wet) * share**2
+
+    spring = (vector, vector, number, number, number)
+    point = (vector, vector, number, number, number)
+    face = (vector, vector, vector, number, number)
+    formulas = [
+        c_formula("spring_stiffness", effective_stiffness, *spring),
+        c_formula("wetness", partial(wetness, body), number),
+        c_formula("point_force", partial(point_forces, body), *point),
+    ]
+    if body.water is not None:
+        formulas.append(c_formula("corner_force", corner_force, *face))
+    return " ".join(formulas)
 
 
 def _numbers(body: Body) -> Iterable[str]:
-    """Yield the body's numbers; PUSH is for twice the area and the sum of the corners' velocities."""
-    corners = np.array([len(set(face)) for face in body.faces.tolist()], float)
-    face_drag = body.water.face_drag if body.water else 0.0
+    """Yield the numbers of springs, mass points and faces."""
     arrays = {
         "STIFFNESS": body.stiffness,
         "DAMPING": body.damping,
-        "ELASTIC": body.stiffness * body.lengths,
+        "LENGTH": body.lengths,
         "MASS": body.masses,
         "LIGHTNESS": 1 / body.masses,
         "LIFT": body.lift,
-        "PUSH": face_drag / 2 / corners**2,
-        "SHARE": 1 / corners,
+        "SHARE": body.face_shares.max(axis=1, initial=0),
     }
     for name, values in arrays.items():
         padding = -len(values) % PADDING or PADDING
@@ -108,7 +117,8 @@ def _lists(body: Body, max_statements: int) -> Iterable[str]:
         faces.append((face, *corners, int(has_fourth)))
     muscles: list[Row] = []
     for spring, muscle in np.argwhere(body.muscles).tolist():
-        muscles.append((spring, muscle, float(body.muscles[spring, muscle])))
+        shortening = body.muscles[spring, muscle] * body.lengths[spring]
+        muscles.append((spring, muscle, float(shortening)))
     mass = float(body.masses.sum())
     forces = []
     for axis, control in np.argwhere(body.external_forces).tolist():

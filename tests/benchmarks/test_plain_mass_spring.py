@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from table1_cases.paper_table import nominal_against_plain_c
+from table1_cases.plain_mass_spring import plain_player
 
-from neuroanimator import load_system
+from neuroanimator import Emulator, load_system
 from neuroanimator.compiler.compiler import find_compiler
-from neuroanimator.systems.deformable.native.reference_loop import plain_player
 
 
 @pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])
@@ -26,3 +27,9 @@ def test_plain_c_equals_the_physics(name: str):
     found = play()
     assert np.abs(found - same).max() < 1e-4 * np.abs(same).max()
     assert np.abs(found - starts).max() > 100 * np.abs(found - same).max()
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+def test_bodies_alone_are_timed_against_plain_c():
+    assert float(nominal_against_plain_c(Emulator.load("fish-50"), 1)) > 1
+    assert nominal_against_plain_c(Emulator.load("pendulum-50"), 1) == ""

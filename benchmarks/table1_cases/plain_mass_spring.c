@@ -1,5 +1,5 @@
 /* The mass-spring loop of systems/deformable/mass_spring.py as one writes it down in C: any body, its springs and faces
-   read from tables, symplectic Euler. What mass_spring.c makes of one body's numbers is several times faster. */
+   read from tables, symplectic Euler. */
 
 #include <math.h>
 

@@ -1,7 +1,7 @@
-"""The mass-spring loop in C as one writes it down, for any body: what nominal speed-ups are measured against.
+"""The mass-spring loop in C as one writes it down, for any body: another opponent of the emulators of deformable bodies.
 
-The physics of rigid bodies is MuJoCo's, which reads its model from tables; so does this. `compiled.py` makes the
-fastest program for one body, which is what an emulator of equal error has to beat.
+It reads the body from tables, as MuJoCo reads its model. The package's own C (systems/deformable/native) is made for
+one body and about twice as fast: that is what `evaluate` measures against.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from jaxtyping import Float
 from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.systems.deformable.body import GRAVITY, Body
 
-PROGRAM = Path(__file__).with_name("mass_spring_plain.c")
+PROGRAM = Path(__file__).with_name("plain_mass_spring.c")
 """The C program, the same for all bodies."""
 
 INTEGERS = ctypes.POINTER(ctypes.c_int)

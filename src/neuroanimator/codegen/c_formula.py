@@ -1,0 +1,72 @@
+"""A formula in JAX as an inline function of C, for loops that apply it to one element after another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import numpy as np
+
+from neuroanimator.codegen.c_text import ELEMENTWISE, power
+from neuroanimator.codegen.program import Operation
+from neuroanimator.codegen.trace import Input, UnsupportedError, trace
+
+EXACT = ("neg", "square", "add", "sub", "mul", "div", "max", "min", "clamp")
+"""Operations whose C is the same in float32 and float64."""
+
+
+def c_formula(name: str, function: Callable[..., Any], *shapes: tuple[int, ...]) -> str:
+    """Return C text of `function`, whose arguments and result are of one element: numbers (1,) or vectors (1, 3).
+
+    The program around it defines `INLINE`, the type `real`, and `AXIS`, from one component of a vector to the next.
+    A number is passed by value and returned. A vector is a pointer to its first component, also as the result,
+    which comes last.
+
+    Raises UnsupportedError for operations there is no C for.
+    """
+    with jax.enable_x64(True):
+        inputs = [Input(shape, dtype=np.float64) for shape in shapes]
+        program = trace(lambda _, *arguments: function(*arguments), None, *inputs)
+    terms = {address: f"(real){value!r}" for address, value in program.constants.literals.items()}
+    parameters = []
+    for number, addresses in enumerate(program.inputs):
+        pointer = "*" if addresses.size > 1 else ""
+        parameters.append(f"const real {pointer}x{number}")
+        for axis, address in enumerate(addresses.ravel().tolist()):
+            terms[address] = f"x{number}[{axis} * AXIS]" if pointer else f"x{number}"
+    lines = []
+    for operation in program.operations:
+        lines += _statements(operation, terms)
+    (output,) = program.outputs
+    results = [terms[address] for address in output.ravel().tolist()]
+    if len(results) == 1:
+        lines.append(f"return {results[0]};")
+        return_type = "real"
+    else:
+        lines += [f"y[{axis} * AXIS] = {result};" for axis, result in enumerate(results)]
+        return_type = "void"
+        parameters.append("real *y")
+    head = f"INLINE {return_type} {name}({', '.join(parameters)}) {{"
+    return " ".join([head, *lines, "}"])
+
+
+def _statements(operation: Operation, terms: dict[int, str]) -> Iterator[str]:
+    """Yield what computes each entry of `operation`, of the `terms` of its inputs by their addresses; its own are added."""
+    formula = _formula(operation)
+    shape = operation.output.shape
+    columns = [np.broadcast_to(addresses, shape).ravel() for addresses in operation.inputs]
+    for target, *sources in zip(operation.output.ravel().tolist(), *columns, strict=True):
+        value = formula.format(*[terms[int(source)] for source in sources])
+        terms[target] = f"w{target}"
+        yield f"const real w{target} = {value};"
+
+
+def _formula(operation: Operation) -> str:
+    if operation.name in EXACT:
+        return ELEMENTWISE[operation.name]
+    if operation.name == "integer_pow":
+        return power(operation.params["y"])
+    if operation.name == "sqrt":
+        return "(real)sqrt({0})"
+    raise UnsupportedError(operation.name)
