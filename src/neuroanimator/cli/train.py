@@ -115,7 +115,6 @@ def run(
 
 def _settings(config: Path | None, widths: str | None, **options: object) -> dict[str, Any]:
     """Return the settings of the file, and instead of these the options that were given."""
-
     settings: dict[str, Any] = {}
     if config:
         settings = read_toml(config)
@@ -129,8 +128,6 @@ def _train_with_bar(
     data: Dataset, config: TrainingConfig, out: Path
 ) -> tuple[Emulator, Report | None]:
     """Return the emulator and the last report; none of a training that was done already."""
-    from neuroanimator.terminal import progress_bar
-
     last: Report | None = None
     with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
 
@@ -146,7 +143,6 @@ def _train_with_bar(
 
 def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str, object]]:
     """Return what is printed of a training."""
-
     rows: list[tuple[str, object]] = [
         ("emulator", out),
         ("metrics", run_folder(out) / "metrics.jsonl"),
