@@ -21,7 +21,7 @@ from typing import IO, Any
 import numpy as np
 
 from neuroanimator import load_emulator
-from neuroanimator.control.descent.evaluator import evaluator_of
+from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import system_of

@@ -17,7 +17,7 @@ from typing import Any
 
 import jax
 
-from neuroanimator.control.policies.policy_file import blank_policy, policy_leaves
+from neuroanimator.control.policies.policy import blank_policy, policy_leaves
 from neuroanimator.emulator.description import blank
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_leaves

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator import Objective, load_emulator, load_system
-from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.evaluator import Evaluator, evaluator_of
+from neuroanimator.control.descent.descend import evaluator_of, pose_problem
+from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.tasks.solver import Solver

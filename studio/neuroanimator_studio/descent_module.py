@@ -27,7 +27,8 @@ from neuroanimator.compiler.build import CompilerError
 from neuroanimator.compiler.wasm import wasm_module
 from neuroanimator.control.descent.c_evaluator import CALLERS, CONTROLS, controls_definition
 from neuroanimator.control.descent.defects import LINK, find_defects, link_definition, still_frame
-from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, evaluator_of
+from neuroanimator.control.descent.descend import evaluator_of
+from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator
 from neuroanimator.control.descent.methods import (
     CONVERGED,
     DAMPINGS,

@@ -11,7 +11,7 @@ import jax
 import pytest
 
 from neuroanimator import Emulator, load_emulator, load_policy
-from neuroanimator.control.policies.policy_file import policy_leaves
+from neuroanimator.control.policies.policy import policy_leaves
 from neuroanimator.emulator.networks import NETWORKS, make_network
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
 from neuroanimator.emulator.networks.network import Network

@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig
-from neuroanimator.control.policies.policy import Policy, fresh_policy
-from neuroanimator.control.policies.policy_file import save_policy
+from neuroanimator.control.policies.policy import Policy, fresh_policy, save_policy
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.artifact import save
 from neuroanimator.state.layout import Bounds

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_file import FORMAT as POLICY_FORMAT
-from neuroanimator.control.policies.policy_file import save_policy
+from neuroanimator.control.policies.policy import FORMAT as POLICY_FORMAT
+from neuroanimator.control.policies.policy import Policy, save_policy
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.description import FORMAT
 from neuroanimator.storage.files import read_tensors

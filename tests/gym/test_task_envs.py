@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from neuroanimator import DescentOptions, NeuroAnimatorError, descend
-from neuroanimator.control.objective.objective import objective_cost
+from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv

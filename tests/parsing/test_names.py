@@ -11,7 +11,7 @@ from swing_up import stand_upright
 
 import neuroanimator as na
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.control.policies.policy import load_policy
 from neuroanimator.zoo import find_policy
 
 

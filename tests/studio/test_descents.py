@@ -12,7 +12,7 @@ import pytest
 import wasmtime
 
 from neuroanimator import load_emulator
-from neuroanimator.control.descent.evaluator import evaluator_of
+from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.objective.goals import goal_state
 from neuroanimator.errors import ArgumentError

@@ -10,7 +10,7 @@ import typer
 
 from neuroanimator.backend import backend_in_words
 from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
-from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.control.policies.policy import load_policy
 from neuroanimator.data.stored import open_to_measure
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words

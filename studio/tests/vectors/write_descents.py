@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import load_emulator
-from neuroanimator.control.descent.evaluator import evaluator_of
+from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator_studio.descent_module import ITERATIONS, PageDescent

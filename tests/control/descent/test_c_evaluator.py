@@ -14,8 +14,8 @@ import neuroanimator as na
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.control.descent.c_evaluator import c_evaluator, controls_in_c
 from neuroanimator.control.descent.defects import find_defects
-from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.evaluator import Evaluator, controls_of
+from neuroanimator.control.descent.descend import controls_of, pose_problem
+from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation, Spline
 from neuroanimator.control.descent.problem import Problem

@@ -14,7 +14,7 @@ from neuroanimator import Emulator
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import EachStep
-from neuroanimator.control.objective.objective import objective_cost
+from neuroanimator.control.objective.objective_cost import objective_cost
 
 STEPS = 6
 REST = np.zeros(6)

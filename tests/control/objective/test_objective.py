@@ -50,7 +50,8 @@ from neuroanimator.control.objective.costs import (
     travel,
 )
 from neuroanimator.control.objective.goals import ReachState, reach_goal
-from neuroanimator.control.objective.objective import CostTerm, check_objective, cost_and_slopes
+from neuroanimator.control.objective.objective import CostTerm
+from neuroanimator.control.objective.objective_cost import check_objective, cost_and_slopes
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.errors import ArgumentError

@@ -32,7 +32,7 @@ from neuroanimator.control.objective.costs import (
     smoothness,
 )
 from neuroanimator.control.objective.goals import reach_goal
-from neuroanimator.control.objective.objective import objective_cost
+from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS
 from neuroanimator.control.synthesis.finetune import transitions_near
 from neuroanimator.control.synthesis.synthesise import synthesise_goal

@@ -9,8 +9,7 @@ import pytest
 import wasmtime
 
 import neuroanimator as na
-from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.evaluator import evaluator_of
+from neuroanimator.control.descent.descend import evaluator_of, pose_problem
 from neuroanimator.control.descent.parametrisation import Spline
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.wasm_file import Module

@@ -6,20 +6,27 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.backend import backend
+from neuroanimator.control.descent.c_evaluator import c_evaluator, controls_in_c
 from neuroanimator.control.descent.defects import no_defects
-from neuroanimator.control.descent.evaluator import Evaluator, controls_of, evaluator_of
+from neuroanimator.control.descent.evaluator import Evaluator
+from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
 from neuroanimator.control.descent.options import DescentOptions, check_steps
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.feasibility import check_reachable
-from neuroanimator.control.objective.objective import Objective, check_objective
+from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective_cost import check_objective
 from neuroanimator.data.sampling import sample_controls
-from neuroanimator.emulator.arrays import as_parameter
+from neuroanimator.emulator.arrays import as_float32, as_parameter
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import phase
@@ -180,3 +187,31 @@ def advance(
             following = method.iterate(evaluator, [starts[number] for number in going])
             for number, progress in zip(going, following, strict=True):
                 starts[number] = progress
+
+
+def controls_of(
+    parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
+) -> Float[np.ndarray, "K T C"]:
+    """Return the controls each row of `zs` stands for, by the `backend`."""
+    single = as_float32(zs)
+    if backend() != "jax":
+        controls = controls_in_c(parametrisation, single)
+        if controls is not None:
+            return controls.astype(float)
+    return np.asarray(_controls_in_jax(parametrisation, single), float)
+
+
+@eqx.filter_jit
+def _controls_in_jax(
+    parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
+) -> Float[Array, "K T C"]:
+    return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
+
+
+def evaluator_of(problem: Problem) -> Evaluator:
+    """Return what evaluates `problem`, by the `backend`."""
+    if backend() != "jax":
+        in_c = c_evaluator(problem)
+        if in_c is not None:
+            return in_c
+    return JaxEvaluator(problem)

@@ -5,16 +5,8 @@ from __future__ import annotations
 import abc
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
-
-from neuroanimator.backend import backend
-from neuroanimator.control.descent.parametrisation import Parametrisation
-from neuroanimator.control.descent.problem import Problem
-from neuroanimator.emulator.arrays import as_float32
+from jaxtyping import Float
 
 
 class QuadraticModel(NamedTuple):
@@ -69,38 +61,3 @@ class Evaluator(abc.ABC):
     @abc.abstractmethod
     def at(self, start: Float[np.ndarray, " S"]) -> Evaluator:
         """Return the evaluator of motions from another start; nothing is compiled anew."""
-
-
-def controls_of(
-    parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
-) -> Float[np.ndarray, "K T C"]:
-    """Return the controls each row of `zs` stands for, by the `backend`."""
-    single = as_float32(zs)
-    if backend() != "jax":
-        from neuroanimator.control.descent.c_evaluator import controls_in_c
-
-        controls = controls_in_c(parametrisation, single)
-        if controls is not None:
-            return controls.astype(float)
-    return np.asarray(_controls_in_jax(parametrisation, single), float)
-
-
-@eqx.filter_jit
-def _controls_in_jax(
-    parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
-) -> Float[Array, "K T C"]:
-    return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
-
-
-def evaluator_of(problem: Problem) -> Evaluator:
-    """Return what evaluates `problem`, by the `backend`."""
-    if backend() != "jax":
-        # Evaluators are written in terms of this module.
-        from neuroanimator.control.descent.c_evaluator import c_evaluator
-
-        in_c = c_evaluator(problem)
-        if in_c is not None:
-            return in_c
-    from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
-
-    return JaxEvaluator(problem)

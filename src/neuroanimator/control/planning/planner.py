@@ -10,12 +10,18 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.control.descent.descend import advance, pose_problem, random_guesses
-from neuroanimator.control.descent.evaluator import Evaluator, evaluator_of
+from neuroanimator.control.descent.descend import (
+    advance,
+    evaluator_of,
+    pose_problem,
+    random_guesses,
+)
+from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.options import DEFAULT_METHOD, check_method
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
-from neuroanimator.control.objective.objective import Objective, check_objective
+from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective_cost import check_objective
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds

@@ -16,7 +16,7 @@ from neuroanimator.control.policies.closed_loop import rollout_on_physics as rol
 from neuroanimator.control.policies.pilot import Pilot as Pilot
 from neuroanimator.control.policies.pilot import PilotFrame as PilotFrame
 from neuroanimator.control.policies.policy import Policy as Policy
-from neuroanimator.control.policies.policy_file import load_policy as load_policy
+from neuroanimator.control.policies.policy import load_policy as load_policy
 from neuroanimator.control.policies.policy_seeds import train_policies as train_policies
 from neuroanimator.control.policies.policy_training import PolicyTraining as PolicyTraining
 from neuroanimator.control.policies.policy_training import train_policy as train_policy

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.control.policies.super_step import make_super_step
 from neuroanimator.errors import ArgumentError

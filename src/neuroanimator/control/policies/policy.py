@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,13 +16,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from neuroanimator.emulator.artifact import (
+    FAULTS,
+    check_format,
+    first_line,
+)
+from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
+from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.networks import make_network
-from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.networks import MAX_LAYER, make_network
+from neuroanimator.emulator.networks.network import Network, prefixed
+from neuroanimator.emulator.tensors import (
+    emulator_leaves,
+    emulator_tensors,
+    to_numpy,
+    with_tensors,
+)
+from neuroanimator.errors import BadFileError
+from neuroanimator.parsing.numbers import listed, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.structure import Structure
+from neuroanimator.storage.files import digest, read_tensors, write_tensors
+from neuroanimator.zoo import find_policy
+
+FORMAT = 2
+"""The version of the file format, raised whenever an older reader would misunderstand a file."""
+
+MAKER = "train_policy"
+"""Command that trains policies anew that are too old to be read."""
 
 COMMAND = Layout(
     (
@@ -126,9 +149,6 @@ class Policy(eqx.Module):
 
     def save(self, path: str | Path) -> None:
         """Write the policy, its emulator included, as one `.safetensors` file."""
-        # Imported here: what reads and writes policies must know what a policy is first.
-        from neuroanimator.control.policies.policy_file import save_policy
-
         save_policy(self, Path(path))
 
     @classmethod
@@ -137,8 +157,6 @@ class Policy(eqx.Module):
 
         BadFileError says what is wrong with the file, or which names there are.
         """
-        from neuroanimator.control.policies.policy_file import load_policy
-
         return load_policy(path)
 
     def _normalised(self, command: Float[Array, " 4"]) -> Float[Array, " 4"]:
@@ -213,3 +231,68 @@ def _check_pose(emulator: Emulator) -> None:
     anywhere = np.zeros(emulator.encoding.layout.size)
     with np.errstate(all="ignore"):
         read_pose(latent_structure(emulator), anywhere)
+
+
+def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
+    """Write `policy` to `path`; `provenance` says how it was trained (any JSON)."""
+    metadata = describe_policy(policy) | {"provenance": provenance or {}}
+    write_tensors(path, to_numpy(policy_leaves(policy)), metadata)
+
+
+def policy_leaves(policy: Policy) -> dict[str, Any]:
+    """Return every array of `policy` by its name in files."""
+    emulator = prefixed("emulator", emulator_leaves(policy.emulator))
+    return emulator | prefixed("network", policy.network.leaves())
+
+
+def describe_policy(policy: Policy) -> dict[str, Any]:
+    """Return the metadata that, with the tensors, makes up the policy."""
+    return {
+        "kind": "policy",
+        "format": FORMAT,
+        "emulator": describe(policy.emulator),
+        "emulator_sha256": digest(emulator_tensors(policy.emulator)),
+        "command": COMMAND.to_json(),
+        "ranges": [list(policy.ranges.low), list(policy.ranges.high)],
+        "widths": list(policy.network.widths),
+    }
+
+
+def load_policy(name: str | Path) -> Policy:
+    """Return the policy in the file `name`, or the shipped one of the system called `name`, such as `fish`.
+
+    Every name, text, shape and number in the file is checked. Raises BadFileError, which says what is wrong with the
+    file, or which policies ship.
+    """
+    path = find_policy(str(name))
+    tensors, metadata = read_tensors(path, "policy")
+    check_format(path, metadata.get("format"), FORMAT, MAKER)
+    emulator = metadata.get("emulator")
+    emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
+    check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
+    try:
+        policy = with_tensors(blank_policy(metadata), policy_leaves, tensors)
+        if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
+            raise ValueError("its emulator is another than it was trained through")
+        return policy
+    except FAULTS as error:
+        raise BadFileError(
+            f"{path} is not a usable policy: {first_line(error)}. Make it again."
+        ) from error
+
+
+def blank_policy(metadata: dict[str, Any]) -> Policy:
+    """Return a policy of the described structure with zeros for weights."""
+    if metadata["command"] != COMMAND.to_json():
+        raise ValueError("commands of another meaning")
+    ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
+    for low, high in zip(ranges.low, ranges.high, strict=True):
+        if not low < high:
+            raise ValueError("ranges: wanted low below high for every command")
+    widths = listed(metadata["widths"], "widths", _checked_width)
+    return make_policy(blank(metadata["emulator"], Emulator), ranges, widths, None)
+
+
+def _checked_width(width: Any, label: str) -> int:
+    """Return the size of a hidden layer; ValueError if it is none."""
+    return whole(width, label, 1, MAX_LAYER)

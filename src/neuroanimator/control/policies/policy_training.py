@@ -21,8 +21,8 @@ from neuroanimator.control.policies.policy import (
     Policy,
     fresh_policy,
     latent_structure,
+    save_policy,
 )
-from neuroanimator.control.policies.policy_file import save_policy
 from neuroanimator.control.policies.policy_loss import (
     LossWeights,
     Swimmers,

@@ -11,8 +11,7 @@ from neuroanimator.animation.motion import MAX_SECONDS, USUAL_SECONDS
 from neuroanimator.animation.showcase import dive, swims_under_a_surface
 from neuroanimator.control.policies.behaviours import Behaviour, limit_angles, steer_along
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError

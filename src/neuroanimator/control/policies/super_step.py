@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_file import describe_policy, policy_leaves
+from neuroanimator.control.policies.policy import Policy, describe_policy, policy_leaves
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward, unit
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import CRows, c_rows, call_rows

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.descent.defects import find_defects
-from neuroanimator.control.descent.descend import Descent, descend
-from neuroanimator.control.descent.evaluator import controls_of
+from neuroanimator.control.descent.descend import Descent, controls_of, descend
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective

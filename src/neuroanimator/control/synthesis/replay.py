@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.objective import Objective, objective_cost
+from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.system import Runs, System

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.c_file import write_c_header
