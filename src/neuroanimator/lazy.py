@@ -47,9 +47,19 @@ def _imports(package: str) -> dict[str, str]:
 
 @cache
 def _homes(package: str) -> dict[str, str]:
-    """Return the module of each name; one that gives everything is imported to learn its names."""
+    """Return the module of each name; nothing is imported for that."""
     found = dict(_imports(package))
     generous = found.pop(EVERYTHING, None)
     if generous is not None:
-        found |= dict.fromkeys(import_module(generous).__all__, generous)
+        found |= dict.fromkeys(_all_of(generous), generous)
     return found
+
+
+def _all_of(module: str) -> list[str]:
+    """Return the `__all__` of a module, as its source says it."""
+    package, _, name = module.rpartition(".")
+    source = (resources.files(package) / f"{name}.py").read_text(encoding="utf-8")
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return ast.literal_eval(node.value)
+    raise AssertionError(f"{module} has no __all__")

@@ -11,7 +11,7 @@ from conftest import accessor, read_glb
 from neuroanimator import Clip, load_system, write_glb
 from neuroanimator.appearance.colour import linear_of
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.gltf.materials import GHOST_COLOUR, GHOST_OPACITY
+from neuroanimator.export.ghost import GHOST_COLOUR, GHOST_OPACITY
 from neuroanimator.state.rotation import rotation_matrices
 
 

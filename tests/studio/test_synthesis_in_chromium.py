@@ -159,9 +159,9 @@ def test_a_stage_that_is_not_there_yet_says_so(browser: Browser, studio: Serving
     with looking(browser, SCREENS["phone"]) as look:
         page = look.page
         page.route("**/emulator.wasm", lambda route: held.append(route))
-        enter(page, f"{studio.gate.url}&show=pendulum-50")
+        with page.expect_request("**/emulator.wasm"):
+            enter(page, f"{studio.gate.url}&show=pendulum-50")
         expect(page.get_by_text("Loading …")).to_be_visible(timeout=PATIENCE)
-        page.wait_for_timeout(100)
         held[0].continue_()
         expect(page.get_by_text("Loading …")).to_be_hidden(timeout=PATIENCE)
         assert page.locator("html[data-frames]").count() == 1

@@ -12,6 +12,7 @@ import logging
 import os
 import socket
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -129,7 +130,9 @@ class RayExecutor(Executor):
 
     def _start(self) -> None:
         self._check_unused()
-        with _one_line("Ray could not be started here"):
+        with _one_line("Ray could not be started here"), warnings.catch_warnings():
+            # Ray's processes are new programs at once, which JAX's threads cannot disturb.
+            warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
             self._ray.init(
                 address="local",
                 num_cpus=self.workers * self.threads,
