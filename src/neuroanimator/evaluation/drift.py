@@ -154,7 +154,7 @@ def _known_quantities(
 ) -> dict[str, Float[np.ndarray, "B T"]]:
     """Return the quantities of every run; what is lost is no number."""
     rows = paths.reshape(-1, paths.shape[-1])
-    is_known = np.isfinite(rows).all(axis=1)
+    is_known = np.asarray(np.isfinite(rows).all(axis=1))
     found = quantities(system, np.where(is_known[:, None], rows, system.rest))
     shape = paths.shape[:2]
     return {
