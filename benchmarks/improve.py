@@ -118,7 +118,7 @@ class Arm:
             samples=SAMPLES, updates=UPDATES, windows=WINDOWS, seed=task.seed
         )
         guard = usual_test(task.emulator, self.system, task.seed, GUARD)
-        self.learner = Learner(self.system, task.data, task.emulator, guard, self.config)
+        self.learner = Learner(task.data, task.emulator, guard, self.config)
         self.samples: list[Runs] = []
 
     def next_round(self, emulator: Emulator, number: int, folder: Path) -> Emulator:

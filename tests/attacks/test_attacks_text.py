@@ -152,7 +152,7 @@ def an_inspection(text: str) -> Inspection:
     """An inspection with `text` wherever there is any."""
     numbers = np.linspace(0.1, 1, 5)
     spread = Spread.of(Reading(text, text, numbers), (0.0, 1.0))
-    divergence = Divergence(2, 0.5, (spread,), (text,))
+    divergence = Divergence(2, 0.5, (text,))
     covered = Coverage(text, 5, 5, 1, (spread,), (spread,), divergence, (text,))
     motion = numbers[:, None]
     curve = Curve(text, text, numbers, numbers + 0.1)

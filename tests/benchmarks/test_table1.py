@@ -17,7 +17,7 @@ from table1 import chosen_rows
 from table1_cases import training_time
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.evaluation.sweep import SweepRow, largest_within, sweep
+from neuroanimator.fleets.sweep import SweepRow, largest_within, sweep
 from neuroanimator.training.batches import draw_batches
 from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path

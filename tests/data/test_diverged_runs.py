@@ -101,7 +101,6 @@ def test_diverged_runs_are_counted_and_told_with_what_to_do(folder: Path, cli: C
     assert found.diverged.share == pytest.approx(len(starts) / 500)
     assert found.runs == 500 - len(starts)
     assert found.transitions == found.runs * 12
-    assert all(spread.counts.sum() == len(starts) for spread in found.diverged.starts)
     assert any("controls, rms share" in condition for condition in found.diverged.conditions)
     shown = cli("info", folder).stdout
     assert f"{len(starts)} runs, dropped" in shown

@@ -18,10 +18,10 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.evaluation.model_card import write_card
 from neuroanimator.evaluation.report import training_html, write_report
-from neuroanimator.evaluation.sweep import largest_within, sweep
 from neuroanimator.executor.executor import Executor
 from neuroanimator.export.film.inline import film_html, motion_html
 from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, check_worst_path, write_worst
+from neuroanimator.fleets.sweep import largest_within, sweep
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_table, progress_bar
 from neuroanimator.text import print_line
@@ -183,8 +183,6 @@ def _sweep(
         raise ArgumentError(
             f"evaluate --sweep: wanted one system or TOML file, came {len(systems)}."
         )
-    if systems[0].endswith(".toml"):
-        trust_files(systems[0])
     counts = whole_numbers("substeps", substeps)
     done = 0
     with progress_bar("n", len(counts)) as bar:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,12 +15,7 @@ from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.weakness.config import ImprovementConfig
 from neuroanimator.evaluation.weakness.fine_tune import fine_tune
-from neuroanimator.evaluation.weakness.improve import (
-    ErrorChange,
-    RoundReport,
-    improve,
-    read_old_data,
-)
+from neuroanimator.evaluation.weakness.improve import ErrorChange, improve, read_old_data
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.state.start import read_starts
 from neuroanimator.systems.loading import trust_files
@@ -43,12 +39,6 @@ def run(
     ] = None,
     start: Annotated[
         list[str] | None, typer.Option(help=f"With --controls. {START_HELP} Rest if not given.")
-    ] = None,
-    recording: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Recording, CSV or NPZ: look along it, too, and simulate there; may be given several times."
-        ),
     ] = None,
     from_: Annotated[
         Path | None,
@@ -97,15 +87,16 @@ def run(
         model = load_emulator(emulator)
         old = read_old_data(data, model, config) if data else None
     if from_ is None:
-        _improve(model, out, config, old, tolerance, controls or [], start, recording or [])
+        _improve(model, out, config, old, tolerance, controls or [], start)
         return
-    looks = {"--controls": controls, "--start": start, "--recording": recording}
-    for name, value in {
-        **looks,
+    others = {
+        "--controls": controls,
+        "--start": start,
         "--tolerance": tolerance,
         "--rounds": rounds,
         "--samples": samples,
-    }.items():
+    }
+    for name, value in others.items():
         if value:
             raise ArgumentError(
                 f"improve: {name} does not go with --from, which simulates nothing. Leave one of them out."
@@ -121,7 +112,6 @@ def _improve(
     tolerance: float | None,
     controls: list[Path],
     start: list[str] | None,
-    recordings: list[Path],
 ) -> None:
     """Improve an emulator where it is weak, under progress bars."""
     if start and not controls:
@@ -133,9 +123,9 @@ def _improve(
         progress_bar("updates", config.updates) as update_bar,
     ):
 
-        def on_round(report: RoundReport) -> None:
-            worst = max(report.errors, key=lambda name: report.errors[name])
-            round_bar.advance_to(report.number, f"{worst}: error {report.errors[worst]:.4f}")
+        def on_round(number: int, errors: Mapping[str, float]) -> None:
+            worst = max(errors, key=lambda name: errors[name])
+            round_bar.advance_to(number, f"{worst}: error {errors[worst]:.4f}")
 
         def on_report(report: Report) -> None:
             update_bar.advance_to(report.update, f"error {report.error:.4f}")
@@ -148,7 +138,6 @@ def _improve(
             data=old,
             controllers=controllers,
             start=start_state,
-            recordings=recordings,
             on_round=on_round,
             on_report=on_report,
         )
@@ -171,11 +160,6 @@ def _learn_from(
 
         result = fine_tune(model, recording, out, config=config, data=old, on_report=on_report)
     _print(result.errors, ("windows learnt from", result.windows), out)
-    if not result.has_old:
-        print_line(
-            f"{model.system}: nothing but the recording was learnt from, as it cannot be simulated. With --data, the "
-            "dataset it was trained on, it keeps what it knew."
-        )
 
 
 def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path) -> None:

@@ -62,7 +62,8 @@ def run(
     if is_url(file) or Path(file).is_dir():
         show_dataset(place_of(file), json=json)
         return
-    everything, rows = _read(file)
+    show = _policy if file.endswith(".policy.safetensors") else _emulator
+    everything, rows = show(file)
     if json:
         print(dumps(everything, indent=2, sort_keys=True))
     else:
@@ -89,21 +90,20 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
     print_weak_spots(found)
 
 
-def _read(file: str) -> tuple[dict[str, Any], Rows]:
-    """Return (all that the file says, the rows to show)."""
-    if file.endswith(".policy.safetensors"):
-        return _policy(Path(file))
-    return _emulator(file)
-
-
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
-
+    """Return (all that an emulator says, the rows to show)."""
     path = find_emulator(file)
     emulator = Emulator.load(path)
     tensors, metadata = read_tensors(path, "emulator")
     network = metadata["network"]
     widths = "x".join(map(str, network["widths"]))
+    strides = ""
+    if metadata.get("strides", 1) > 1:
+        strides = f", {metadata['strides']} times in a super step"
     stored_numbers = sum(array.size for array in tensors.values())
+    astray = "nobody measured how far: na.fit_error_bounds(emulator) does"
+    if emulator.calibration is not None:
+        astray = bounds_in_words(emulator.calibration, emulator.dt)
     rows: Rows = [
         ("file", path.name),
         ("system", metadata["system"]),
@@ -111,10 +111,10 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("state", summary_of(emulator.state)),
         ("control", summary_of(emulator.control)),
         ("control bounds", bounds_of(*metadata["bounds"])),
-        ("network", f"{network['kind']} {widths}{_strides(metadata.get('strides', 1))}"),
+        ("network", f"{network['kind']} {widths}{strides}"),
         ("numbers stored", f"{stored_numbers:,}"),
         ("verdict", emulator.verdict or UNJUDGED),
-        ("goes astray", _error_bounds(emulator)),
+        ("goes astray", astray),
         ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
         ("where it is weak", "--errors measures that, in some seconds"),
@@ -122,22 +122,11 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     return metadata, rows
 
 
-def _error_bounds(emulator: Emulator) -> str:
-    """Return the bounds of the errors of usual motions after a while, if there are any."""
-    if emulator.calibration is None:
-        return "nobody measured how far: na.fit_error_bounds(emulator) does"
-    return bounds_in_words(emulator.calibration, emulator.dt)
-
-
-def _strides(count: int) -> str:
-    return f", {count} times in a super step" if count > 1 else ""
-
-
-def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
-
-    path = find_policy(str(path))
+def _policy(file: str) -> tuple[dict[str, Any], Rows]:
+    """Return (all that a policy says, the rows to show)."""
+    path = find_policy(file)
     if not is_shipped(path):
-        _check_policy(path)
+        load_policy(path)  # BadFileError for what is no policy: it takes longer
     _, metadata = read_tensors(path, "policy")
     emulator = metadata["emulator"]
     step = f"{emulator['system']}, n = {emulator['substeps']}: a command every {emulator['dt'] * 1e3:g} ms"
@@ -151,11 +140,6 @@ def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
         ("sha256", metadata["sha256"]),
     ]
     return metadata, rows
-
-
-def _check_policy(path: Path) -> None:
-    """Raise BadFileError for what is no policy. To find that out it is loaded, which takes longer."""
-    load_policy(path)
 
 
 NOTHING_DRIVES_IT = "none: nothing drives it"

@@ -57,12 +57,8 @@ class Drift(NamedTuple):
     """The same distance between two halves of the physics' runs: what so few runs differ by anyhow."""
 
 
-class Quantity(NamedTuple):
-    """A number whose histogram is looked at."""
-
-    values: Float[np.ndarray, " N"]
-    is_angle: bool
-    """Whether it is an angle within a whole turn [rad]."""
+NOT_ANGLES = ("kinetic energy", "speed")
+"""Names of the quantities that are no angles within a whole turn [rad]."""
 
 
 def measure_drift(
@@ -81,30 +77,34 @@ def measure_drift(
     system = system_of(emulator)
     rng = np.random.default_rng(seed)
     starts = sample_starts(system, rng, runs, core_count())
-    current = {"physics": starts, "emulator": starts}
-    seen: dict[str, list[dict[str, Quantity]]] = {"physics": [], "emulator": []}
+    begin_true = begin_made = starts
+    true_paths = []
+    made_paths = []
     for done in range(0, steps, BLOCK):
         controls = sample_control_runs(rng, runs, min(BLOCK, steps - done), emulator.dt, system)
-        true = system.simulate_fastest(current["physics"], controls, emulator.dt)
-        emulated = emulate(emulator, current["emulator"], controls)
-        paths = {"physics": true.states, "emulator": emulated}
-        for name, path in paths.items():
-            is_lost = ~np.isfinite(path).all(axis=(1, 2)) | system.has_diverged(path)
-            path[is_lost] = np.nan
-            seen[name].append(_looked_at(system, path[:, EVERY::EVERY]))
-            # What is lost goes on from rest: it was counted.
-            current[name] = np.where(is_lost[:, None], system.rest, path[:, -1])
+        true = system.simulate_fastest(begin_true, controls, emulator.dt).states
+        made = emulate(emulator, begin_made, controls)
+        begin_true = _mark_lost(system, true)
+        begin_made = _mark_lost(system, made)
+        true_paths.append(true[:, EVERY::EVERY].copy())
+        made_paths.append(made[:, EVERY::EVERY].copy())
         if on_progress:
             on_progress(min(done + BLOCK, steps), steps)
-    drifts = []
-    for name in seen["physics"][0]:
-        physics = [block[name] for block in seen["physics"]]
-        emulated = [block[name] for block in seen["emulator"]]
-        drifts.append(_drift(name, physics, emulated, runs))
-    return drifts
+    physics = _known_quantities(system, np.concatenate(true_paths, axis=1))
+    emulated = _known_quantities(system, np.concatenate(made_paths, axis=1))
+    return [_drift(name, values, emulated[name]) for name, values in physics.items()]
 
 
-def quantities(system: System, states: Float[np.ndarray, "N S"]) -> dict[str, Quantity]:
+def _mark_lost(system: System, path: Float[np.ndarray, "B F S"]) -> Float[np.ndarray, "B S"]:
+    """Set runs that are lost to NaN, and return the states from which to go on: of those that are lost, rest."""
+    is_lost = ~np.isfinite(path).all(axis=(1, 2)) | system.has_diverged(path)
+    path[is_lost] = np.nan
+    return np.where(is_lost[:, None], system.rest, path[:, -1])
+
+
+def quantities(
+    system: System, states: Float[np.ndarray, "N S"]
+) -> dict[str, Float[np.ndarray, " N"]]:
     """Return what is looked at of `states`, by name: kinetic energy [J], speed, and every angle [rad].
 
     The speed is that of the centroid, or else of all that is counted in m/s, or else in rad/s. Of what is free to turn the
@@ -113,21 +113,20 @@ def quantities(system: System, states: Float[np.ndarray, "N S"]) -> dict[str, Qu
     found = {}
     energies = system.kinetic_energies(states)
     if energies is not None:
-        found["kinetic energy"] = Quantity(energies, is_angle=False)
-    found["speed"] = Quantity(_speeds(system, states), is_angle=False)
+        found["kinetic energy"] = energies
+    found["speed"] = _speeds(system, states)
     cloud = system.structure.cloud
     if cloud is not None:
         positions = states[:, : 3 * cloud.count].reshape(len(states), -1, 3)
-        found["tilt"] = Quantity(_tilts(cloud.orientation(positions)), is_angle=True)
+        found["tilt"] = _tilts(cloud.orientation(positions))
     for entry, _ in system.structure.orientations:
         name = system.state.names[entry].rsplit(".", 1)[0].rsplit("[", 1)[0]
-        tilt = _tilts(states[:, entry : entry + 4])
-        found[f"tilt of {name}"] = Quantity(tilt, is_angle=True)
+        found[f"tilt of {name}"] = _tilts(states[:, entry : entry + 4])
     for part in system.state.slices:
         if part.unit == "rad":
             for number, values in enumerate(system.state.part(states, part.name).T, start=1):
                 name = part.name if part.size == 1 else f"{part.name} {number}"
-                found[name] = Quantity(_wrapped(values), is_angle=True)
+                found[name] = np.arctan2(np.sin(values), np.cos(values))
     return found
 
 
@@ -150,29 +149,28 @@ def _tilts(orientations: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, " N"]:
     return np.arccos(np.clip(upward, -1, 1))
 
 
-def _wrapped(angles: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-    return np.arctan2(np.sin(angles), np.cos(angles))
-
-
-def _looked_at(system: System, states: Float[np.ndarray, "B T S"]) -> dict[str, Quantity]:
-    """Return the quantities of every run, row after row; what is lost is no number."""
-    rows = states.reshape(-1, states.shape[-1])
+def _known_quantities(
+    system: System, paths: Float[np.ndarray, "B T S"]
+) -> dict[str, Float[np.ndarray, "B T"]]:
+    """Return the quantities of every run; what is lost is no number."""
+    rows = paths.reshape(-1, paths.shape[-1])
     is_known = np.asarray(np.isfinite(rows).all(axis=1))
     found = quantities(system, np.where(is_known[:, None], rows, system.rest))
+    shape = paths.shape[:2]
     return {
-        name: Quantity(np.where(is_known, values, np.nan), is_angle)
-        for name, (values, is_angle) in found.items()
+        name: np.where(is_known, values, np.nan).reshape(shape) for name, values in found.items()
     }
 
 
-def _drift(name: str, physics: list[Quantity], emulated: list[Quantity], runs: int) -> Drift:
-    is_angle = physics[0].is_angle
-    true, made = (
-        np.concatenate([block.values.reshape(runs, -1) for block in blocks], axis=1)
-        for blocks in (physics, emulated)
-    )
-    edges = _edges(true, is_angle)
-    true_counts, made_counts = _counts(true, edges), _counts(made, edges)
+def _drift(
+    name: str, physics: Float[np.ndarray, "B T"], emulated: Float[np.ndarray, "B T"]
+) -> Drift:
+    if name in NOT_ANGLES:
+        edges = np.unique(np.nanquantile(physics, np.linspace(0, 1, BINS + 1)[1:-1]))
+    else:
+        edges = np.linspace(-np.pi, np.pi, BINS + 1)[1:-1]
+    true_counts = _counts(physics, edges)
+    made_counts = _counts(emulated, edges)
     distance = _distance(true_counts, made_counts)
     spread = Z * _jackknife(true_counts, made_counts)
     return Drift(
@@ -200,14 +198,6 @@ def _between_halves(counts: Int[np.ndarray, "B K"]) -> float:
         order = rng.permutation(len(counts))
         distances.append(_distance(counts[order[:half]], counts[order[half:]]))
     return float(np.mean(distances))
-
-
-def _edges(values: Float[np.ndarray, "B T"], is_angle: bool) -> Float[np.ndarray, " E"]:
-    """Return where one bin ends and the next begins, open at both ends."""
-    if is_angle:
-        return np.linspace(-np.pi, np.pi, BINS + 1)[1:-1]
-    shares = np.linspace(0, 1, BINS + 1)[1:-1]
-    return np.unique(np.nanquantile(values, shares))
 
 
 def _counts(

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import StoredTransitions
+from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.verdict import NOISE_TOLD, Verdict, beyond_noise, judge
 from neuroanimator.errors import ArgumentError
@@ -282,7 +281,7 @@ class Evaluation:
 def evaluate(
     emulator: Emulator,
     *,
-    data: Transitions | StoredTransitions | None = None,
+    data: Dataset | None = None,
     budget: EvaluationBudget | None = None,
     seed: int = 0,
 ) -> Evaluation:

@@ -19,13 +19,8 @@ FEWEST = 5
 class TrustBand:
     """The one-step errors of super steps whose scores are alike, in standard deviations of the change."""
 
-    low: float
-    """The lowest score."""
     middle: float
-    """The median one."""
-    high: float
-    """The highest."""
-    samples: int
+    """The median score."""
     median: float
     large: float
     """95 of a hundred errors are smaller."""
@@ -48,10 +43,7 @@ def trust_bands(
             continue
         bands.append(
             TrustBand(
-                low=float(scores[rows[0]]),
                 middle=float(scores[rows[len(rows) // 2]]),
-                high=float(scores[rows[-1]]),
-                samples=len(rows),
                 median=float(np.median(errors[rows])),
                 large=float(np.quantile(errors[rows], 0.95)),
             )

@@ -114,14 +114,14 @@ def read_fleet(path: Path) -> Fleet:
     members: list[Member] = []
     for reference in table.systems:
         try:
-            members += _members_of(reference, table, path.parent)
+            members += members_of(reference, table, path.parent)
         except NeuroAnimatorError as error:
             raise ArgumentError(f"{path.name}: {quoted(reference)}: {error}") from error
     _check_names(path.name, members)
     return Fleet(tuple(members), table.data)
 
 
-def _members_of(reference: str, table: FleetTable, folder: Path) -> list[Member]:
+def members_of(reference: str, table: FleetTable, folder: Path) -> list[Member]:
     """Return the members of one system; its TOML file is looked for beside the fleet's, and may be used from now on."""
     if reference.endswith(".toml"):
         reference = str(folder / reference)

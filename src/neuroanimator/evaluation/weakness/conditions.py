@@ -138,15 +138,12 @@ def _candidates(
         if (some < 0).any() and (some > 0).any():
             forms[f"|{reading.name}|"] = np.abs(reading.values)
         for name, values in forms.items():
-            for threshold in _thresholds(values[among], [1 - share for share in SHARES]):
-                yield _Condition(number, f"{name} > {threshold:g}{unit}", values > threshold)
-            for threshold in _thresholds(values[among], SHARES):
-                yield _Condition(number, f"{name} < {threshold:g}{unit}", values < threshold)
-
-
-def _thresholds(values: Float[np.ndarray, " N"], shares: Sequence[float]) -> list[float]:
-    """Return the quantiles of `values` with a few digits, each once."""
-    return sorted({float(f"{value:.{DIGITS}g}") for value in np.quantile(values, shares)})
+            for sign, shares in ((">", [1 - share for share in SHARES]), ("<", SHARES)):
+                # With a few digits, each once.
+                quantiles = np.quantile(values[among], shares)
+                for threshold in sorted({float(f"{value:.{DIGITS}g}") for value in quantiles}):
+                    holds = values > threshold if sign == ">" else values < threshold
+                    yield _Condition(number, f"{name} {sign} {threshold:g}{unit}", holds)
 
 
 def _measured(

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-
 from pydantic import Field
 
-from neuroanimator.storage.files import canonical_json
 from neuroanimator.tables import Settings
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 
@@ -33,9 +30,3 @@ class ImprovementConfig(Settings):
     def runs(self) -> int:
         """Runs simulated in a round."""
         return self.samples // RUN_LENGTH
-
-    @property
-    def hash(self) -> str:
-        """Sixteen hex digits that name what a round depends on: all fields but the number of rounds."""
-        values = self.model_dump(exclude={"rounds"})
-        return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]

@@ -9,15 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.data.config import RUNS_PER_SHARD, DatasetConfig
+from neuroanimator.data.config import RUNS_PER_SHARD
 from neuroanimator.data.diverged_runs import diverged_by_shard
-from neuroanimator.data.store import Transitions, read_config, read_shard, windows_of
-from neuroanimator.data.stored import StoredTransitions, super_steps
+from neuroanimator.data.store import (
+    Dataset,
+    Transitions,
+    read_config,
+    read_shard,
+    shard_transitions,
+)
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.weakness.conditions import find_spots
 from neuroanimator.evaluation.weakness.readings import Reading, control_readings, state_readings
@@ -76,10 +81,12 @@ class Spread:
     def of(cls, reading: Reading, bounds: tuple[float, float] | None = None) -> Spread:
         """Return the spread of a reading; of a control its histogram goes from bound to bound."""
         values = reading.values
-        at_bounds = None
-        edges = _edges(values) if bounds is None else _even_edges(*bounds)
-        if bounds is not None:
+        if bounds is None:
+            edges = _edges(values)
+            at_bounds = None
+        else:
             first, last = bounds
+            edges = _even_edges(first, last)
             margin = AT_BOUND * (last - first)
             at_bounds = float(np.mean((values <= first + margin) | (values >= last - margin)))
         counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
@@ -110,8 +117,6 @@ class Divergence:
     runs: int
     share: float
     """Of all runs that were simulated."""
-    starts: tuple[Spread, ...] = ()
-    """Where they began; empty where they are not kept."""
     conditions: tuple[str, ...] = ()
     """From which starts runs diverge more often than from others, in words; empty if no start tells."""
 
@@ -154,26 +159,24 @@ class Coverage:
         return as_plain(asdict(self))
 
 
-def coverage(data: Transitions | StoredTransitions | str | Place) -> Coverage:
+def coverage(data: Dataset | str | Place) -> Coverage:
     """Return the coverage of the dataset `data`: one that was opened, or the folder of one, which may be half generated.
 
     Raises BadFileError for a folder that holds no dataset, or no whole shard of one yet.
     """
-    if not isinstance(data, Transitions | StoredTransitions):
+    if not isinstance(data, Dataset):
         return _coverage_of_folder(place_of(data))
-    if isinstance(data, Transitions):
-        runs = len(np.unique(data.run))
-        transitions = len(data.states)
-        diverged = data.diverged
-    else:
-        runs = int(data.kept_runs.sum())
-        transitions = data.windows
-        diverged = data.config.runs - runs
-    steps = ((rows.states, rows.controls) for rows in super_steps(data))
-    states, controls = _evenly(steps, transitions)
+    counts = []
+    runs = 0
+    diverged = 0
+    for part in data.parts(unroll=1):
+        counts.append(len(part.states))
+        runs += len(np.unique(part.run))
+        diverged += part.diverged
+    states, controls = _evenly(data.parts(unroll=1), sum(counts))
     found = coverage_of_states(data.system, states, controls, runs)
     divergence = Divergence(diverged, diverged / max(runs + diverged, 1))
-    return replace(found, transitions=transitions, diverged=divergence)
+    return replace(found, transitions=sum(counts), diverged=divergence)
 
 
 def coverage_of_states(
@@ -198,31 +201,19 @@ def coverage_of_states(
 
 
 def _evenly(
-    parts: Iterable[tuple[Float[np.ndarray, "_ S"], Float[np.ndarray, "_ C"]]], total: int
+    parts: Iterable[Transitions], total: int
 ) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
-    """Return at most `MAX_SAMPLES` of the `total` states and controls in `parts`."""
+    """Return at most `MAX_SAMPLES` of the `total` states and controls that windows in `parts` begin with."""
     every = max(1, -(-total // MAX_SAMPLES))
     first = 0
     states = []
     controls = []
-    for part_states, part_controls in parts:
+    for part in parts:
         # Copies, for a view would keep the whole part in memory.
-        states.append(part_states[first::every].copy())
-        controls.append(part_controls[first::every].copy())
-        first = (first - len(part_states)) % every
+        states.append(part.states[first::every, 0].copy())
+        controls.append(part.controls[first::every, 0].copy())
+        first = (first - len(part.states)) % every
     return np.concatenate(states), np.concatenate(controls)
-
-
-class _Shard(NamedTuple):
-    """The samples of a shard, and what tells its runs from those that diverged."""
-
-    states: Float[np.ndarray, "N S"]
-    controls: Float[np.ndarray, "N C"]
-    run: Int[np.ndarray, " N"]
-    starts: Float[np.ndarray, "B S"]
-    """Where its runs began."""
-    efforts: Float[np.ndarray, " B"]
-    """How strongly they were driven, see `_efforts`."""
 
 
 def _coverage_of_folder(folder: Place) -> Coverage:
@@ -232,23 +223,29 @@ def _coverage_of_folder(folder: Place) -> Coverage:
     paths = [config.shard_path(folder, shard) for shard in range(config.shards)]
     present = [shard for shard, path in enumerate(paths) if path.is_file()]
     missing = [path.name for shard, path in enumerate(paths) if shard not in present]
-    shards = []
+    parts = []
+    starts = []
+    efforts = []
     for shard in _some(present, RUNS_PER_SHARD * config.samples_per_run):
         try:
-            shards.append(_read(folder, config, system, shard))
+            tensors, metadata = read_shard(folder, config, system, shard)
         except BadFileError:
             missing.append(paths[shard].name)
-    if not shards:
+            continue
+        parts.append(shard_transitions(config, system, tensors, metadata, unroll=1))
+        starts.append(tensors["states"][:, 0].copy())
+        efforts.append(_efforts(system, tensors["controls"]))
+    if not parts:
         raise BadFileError(f"{folder} holds no whole shard yet. Run the same 'generate' again.")
+    states, controls = _evenly(parts, sum(len(part.states) for part in parts))
     runs = sum(min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD) for shard in present)
     divergence = Divergence(0, 0.0)
-    if system.recordings is None:
-        divergence = _divergence(folder, system, shards, runs)
-    kept = runs - divergence.runs
-    total = sum(len(shard.states) for shard in shards)
-    states, controls = _evenly(((shard.states, shard.controls) for shard in shards), total)
+    kept = runs
     if system.recordings is not None:
-        kept = len(np.unique(np.concatenate([shard.run for shard in shards])))
+        kept = len(np.unique(np.concatenate([part.run for part in parts])))
+    else:
+        divergence = _divergence(folder, system, starts, efforts, runs)
+        kept -= divergence.runs
     found = coverage_of_states(system, states, controls, kept)
     transitions = (runs - divergence.runs) * config.samples_per_run
     return replace(found, transitions=transitions, diverged=divergence, missing=tuple(missing))
@@ -262,44 +259,32 @@ def _some(shards: Sequence[int], size: int) -> list[int]:
     return [shards[row] for row in np.unique(rows)]
 
 
-def _read(folder: Place, config: DatasetConfig, system: System, shard: int) -> _Shard:
-    tensors, _ = read_shard(folder, config, system, shard)
-    windows = windows_of(tensors, shard)
-    return _Shard(
-        states=windows.states[:, 0].copy(),
-        controls=windows.controls[:, 0].copy(),
-        run=windows.run,
-        starts=tensors["states"][:, 0].copy(),
-        efforts=_efforts(system, tensors["controls"]),
-    )
-
-
-def _divergence(folder: Place, system: System, shards: Sequence[_Shard], runs: int) -> Divergence:
-    """Return how many of the `runs` diverged, and which starts and controls make that likelier."""
+def _divergence(
+    folder: Place,
+    system: System,
+    starts: Sequence[Float[np.ndarray, "_ S"]],
+    efforts: Sequence[Float[np.ndarray, " _"]],
+    runs: int,
+) -> Divergence:
+    """Return how many of the `runs` diverged, and which starts and controls make that likelier than in those that did not."""
     diverged = list(diverged_by_shard(folder))
     if not diverged:
         return Divergence(0, 0.0)
-    sound_starts = np.concatenate([shard.starts for shard in shards])
+    sound_starts = np.concatenate(starts)
     lost_starts = np.concatenate([part.starts for part in diverged])
     # As round as those of the shards: else the rounding would tell them apart.
-    starts = np.concatenate([sound_starts, lost_starts.astype(sound_starts.dtype)])
-    efforts = [shard.efforts for shard in shards]
-    efforts += [_efforts(system, part.controls) for part in diverged]
-    readings = state_readings(system, starts)
-    readings.append(Reading("controls, rms share of their range", "1", np.concatenate(efforts)))
-    order = np.arange(len(starts))
+    every = np.concatenate([sound_starts, lost_starts.astype(sound_starts.dtype)])
+    driven = [*efforts, *(_efforts(system, part.controls) for part in diverged)]
+    readings = state_readings(system, every)
+    readings.append(Reading("controls, rms share of their range", "1", np.concatenate(driven)))
+    order = np.arange(len(every))
     is_lost = order >= len(sound_starts)
     conditions = []
     # Dealt out in turn, so that each half of the runs has its share of those that diverged.
     for spot, _ in find_spots(is_lost.astype(float), order, readings):
         often = f"{spot.ratio:.2g} times as often" if np.isfinite(spot.ratio) else "only"
         conditions.append(f"{often} where {spot.condition}")
-    return Divergence(
-        runs=len(lost_starts),
-        share=len(lost_starts) / runs,
-        starts=tuple(Spread.of(reading) for reading in state_readings(system, lost_starts)),
-        conditions=tuple(conditions),
-    )
+    return Divergence(len(lost_starts), len(lost_starts) / runs, tuple(conditions))
 
 
 def _efforts(system: System, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, " B"]:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
+from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
@@ -22,9 +24,11 @@ from neuroanimator.evaluation.weakness.improve import (
     usual_test,
 )
 from neuroanimator.evaluation.weakness.learning import mix_windows, train_on
-from neuroanimator.evaluation.weakness.recordings import RecordedRuns, read_runs
 from neuroanimator.evaluation.weakness.sampling import Runs, join_runs
-from neuroanimator.systems.system import System
+from neuroanimator.state.layout import Layout
+from neuroanimator.storage.files import read_bounded
+from neuroanimator.systems.recorded.recording import READERS, Recording, cut_runs
+from neuroanimator.systems.trusted_files import MAX_FILE
 from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report
 
@@ -47,17 +51,39 @@ BLOCK = 8
 """Number of super steps within which windows begin that are validated on together, or learnt from together: they overlap."""
 
 
+MAX_TIME_ERROR = 1e-3
+"""Share of a super step by which a whole number of samples may miss it: clocks are better than that."""
+
+
+class RecordedRuns(NamedTuple):
+    """A recording, sample by sample, in an emulator's order of numbers."""
+
+    file: str
+    states: tuple[Float[np.ndarray, "_ S"], ...]
+    controls: tuple[Float[np.ndarray, "_ C"], ...]
+    substeps: int
+    """Samples in a super step of the emulator."""
+
+    def windows(
+        self, run: int, firsts: Int[np.ndarray, " N"], steps: int
+    ) -> tuple[Float[np.ndarray, "N F S"], Float[np.ndarray, "N T C"]]:
+        """Return states (N, T+1, S), and mean controls (N, T, C), of `steps` super steps from the samples `firsts` of a run."""
+        samples = firsts[:, None] + np.arange(steps * self.substeps)
+        own = self.controls[run]
+        controls = own[samples].reshape(len(firsts), steps, self.substeps, own.shape[1])
+        states = self.states[run][firsts[:, None] + self.substeps * np.arange(steps + 1)]
+        return states, controls.mean(axis=2)
+
+
 @dataclass(frozen=True)
 class FineTuning:
     """The result of learning from a recording: the new emulator, and errors before and after."""
 
     emulator: Emulator
     errors: tuple[ErrorChange, ...]
-    """On the recording's tail, which was not learnt from, and on usual motions where there is a test of these."""
+    """On the recording's tail, which was not learnt from, and on usual motions."""
     windows: int
     """Windows of the recording that were learnt from."""
-    has_old: bool
-    """Whether old windows were among what was learnt."""
 
 
 def fine_tune(
@@ -75,35 +101,54 @@ def fine_tune(
     `data`, or simulated anew where the system can be. Nothing is simulated besides; of `config` only the updates, the
     windows and the seed count. A run found in `run_folder(out)` is continued.
 
-    Raises BadFileError naming the line of a recording that is wrong, and for one that is too short.
+    Raises BadFileError naming the line of a recording that is wrong, and for one that is too short; ArgumentError
+    without the `data` of an emulator that was learnt from recordings.
     """
     config = config or ImprovementConfig()
     system = system_of(emulator)
     learning, tail = split(read_runs(recording, emulator))
     tests = {str(recording): make_test(system, emulator.dt, tail.states, tail.controls)}
-    if data is None and system.can_simulate:
-        data = fresh_data(emulator, config)
     if system.can_simulate:
+        data = data or fresh_data(emulator, config)
         with phase("simulating tests"):
             tests["usual"] = usual_test(emulator, system, config.seed)
-    elif data is not None:
-        tests["usual"] = recorded_runs(emulator, data)
-    before = errors_by_test(emulator, tests)
-    if data is None:
-        windows = mix_windows(_no_data(emulator, system, learning), learning, config, new_share=1.0)
     else:
-        windows = mix_windows(data, learning, config, RECORDED_SHARE)
+        tests["usual"] = recorded_runs(emulator, data)
+    assert data is not None
+    before = errors_by_test(emulator, tests)
+    windows = mix_windows(data, learning, config, RECORDED_SHARE)
     trained = train_on(emulator, learning, windows, Path(out), config, on_report)
     errors = error_changes(before, errors_by_test(trained, tests))
-    return FineTuning(trained, errors, len(learning.states), data is not None)
+    return FineTuning(trained, errors, len(learning.states))
 
 
-def _no_data(emulator: Emulator, system: System, like: Runs) -> Transitions:
-    """Return an empty dataset, in place of that of an emulator whose own is not at hand."""
-    dataset = DatasetConfig(
-        system=emulator.system, definition=emulator.definition, substeps=emulator.substeps
-    )
-    return Transitions(dataset, system, *like.rows(np.arange(0)), diverged=0)
+def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
+    """Return the recording in a CSV or NPZ file, whose columns are the parts of the emulator's state and control.
+
+    A part of several numbers has a column for each: `state.velocity.0 rad/s`, `state.velocity.1 rad/s`. Raises
+    BadFileError naming the line and the column that is wrong, columns that are missing, and an interval that does
+    not fill a super step.
+    """
+    path = Path(path)
+    read = READERS.get(path.suffix)
+    if read is None:
+        raise BadFileError(f"{path}: recordings end in {', '.join(READERS)}.")
+    recording = cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
+    state_order = _order(recording, "state", emulator.state, recording.state)
+    control_order = _order(recording, "control", emulator.control, recording.control)
+    states = tuple(_unwrapped(run[:, state_order], emulator) for run in recording.states)
+    controls = tuple(run[:, control_order] for run in recording.controls)
+    return RecordedRuns(recording.file, states, controls, _substeps(recording, emulator.dt))
+
+
+def column_names(layout: Layout) -> list[str]:
+    """Return the names of a recording's columns, without `state.` or `control.`."""
+    names = []
+    for part in layout.slices:
+        unit = "1" if part.unit == "quaternion" else part.unit
+        indices = [f".{number}" for number in range(part.size)] if part.size > 1 else [""]
+        names += [f"{part.name}{index} {unit}" for index in indices]
+    return names
 
 
 def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
@@ -131,7 +176,6 @@ def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
             f"{runs.file}: {len(windows.states)} windows to learn from and {len(tails.states)} super steps to test on; "
             f"wanted a run of at least {max(wanted, round(2 * runs.substeps / TAIL)):,} rows. Record longer."
         )
-    windows = _evenly(windows, MAX_WINDOWS)
     return _evenly(windows, MAX_WINDOWS).shortened(), _evenly(tails, MAX_TESTED)
 
 
@@ -139,3 +183,42 @@ def _evenly(runs: Runs, count: int) -> Runs:
     """Return at most `count` of the runs."""
     every = -(-len(runs.states) // count)
     return runs.rows(np.arange(0, len(runs.states), every))
+
+
+def _order(
+    recording: Recording, vector: str, layout: Layout, columns: tuple[tuple[str, str], ...]
+) -> list[int]:
+    """Return which column holds each number of a state or a control."""
+    present = [f"{name} {unit}" for name, unit in columns]
+    wanted = column_names(layout)
+    missing = [name for name in wanted if name not in present]
+    extra = [name for name in present if name not in wanted]
+    if missing or extra:
+        faults = [f"no column '{vector}.{name}'" for name in missing[:1]]
+        faults += [f"'{vector}.{name}' is none of the emulator's" for name in extra[:1]]
+        listed = ",".join(f"{vector}.{name}" for name in wanted)
+        raise BadFileError(f"{recording.file}: {' and '.join(faults)}. Wanted {listed}.")
+    return [present.index(name) for name in wanted]
+
+
+def _unwrapped(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.ndarray, "T S"]:
+    """Return the states with angles that go on over ±π instead of jumping."""
+    if emulator.state_structure.cloud is not None:
+        return states
+    is_angle = np.asarray(emulator.features.angles).any(axis=0)
+    names = emulator.state.names
+    turning = [entry for entry in np.flatnonzero(is_angle) if names[entry].endswith(" rad")]
+    unwrapped = states.copy()
+    unwrapped[:, turning] = np.unwrap(states[:, turning], axis=0)
+    return unwrapped
+
+
+def _substeps(recording: Recording, dt: float) -> int:
+    """Return how many samples make a super step of `dt` [s]."""
+    count = round(dt / recording.step)
+    if count < 1 or abs(count * recording.step - dt) > MAX_TIME_ERROR * dt:
+        raise BadFileError(
+            f"{recording.file}: sampled every {recording.step:g} s, which does not fill the emulator's super step of "
+            f"{dt:g} s a whole number of times. Resample it."
+        )
+    return count

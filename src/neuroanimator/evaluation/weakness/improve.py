@@ -1,20 +1,19 @@
 """Active learning: find where an emulator is weak, simulate there, train on from its weights, and keep what it knew.
 
-    distributions   usual, shifted, near users' controllers, near recordings  → candidate runs                  sampling.py
-    large errors    trust of the emulated candidates × errors of a probe      → the runs that are simulated     sampling.py
-    learning        new windows among old ones                                → the emulator of a round         learning.py
-    tests           errors on every distribution, before and after            → stop, or another round          here
+    distributions   usual, shifted, near users' controllers           → candidate runs                  sampling.py
+    large errors    trust of the emulated candidates × errors of a probe  → the runs that are simulated     sampling.py
+    learning        new windows among old ones                            → the emulator of a round         learning.py
+    tests           errors on every distribution, before and after        → stop, or another round          here
 
-Every file is a function of those before it, and whole or absent: killed at any moment and started again, an improvement
-ends with the same bytes.
+Every round is a function of those before it, and training goes on from its checkpoints: killed at any moment and
+started again, an improvement ends with the same bytes.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,25 +32,21 @@ from neuroanimator.data.store import (
 )
 from neuroanimator.emulator.artifact import save
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.tensors import emulator_tensors
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import HELD_OUT_SEED, HeldOut, held_out_runs, system_of
 from neuroanimator.evaluation.weakness.config import RUN_LENGTH, ImprovementConfig
 from neuroanimator.evaluation.weakness.learning import NEW_SHARE, Learner, error_on, resample
-from neuroanimator.evaluation.weakness.recordings import motions_of, read_runs
 from neuroanimator.evaluation.weakness.sampling import (
     Distribution,
-    Motion,
     Runs,
     distributions_of,
+    draw_near,
     draw_runs,
     join_runs,
     sample_weak_runs,
     simulate_runs,
 )
-from neuroanimator.storage.files import digest, locked, read_tensors, write_tensors, write_whole
 from neuroanimator.storage.places import place_of
-from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report, run_folder
@@ -83,15 +78,6 @@ ROUND_STREAM = 11
 TEST_STREAM = 12
 """The same for tests."""
 
-MANIFEST = "improvement.json"
-"""The file in the folder of an improvement that says what it follows from."""
-
-KIND = "improvement-samples"
-"""Kind of a file with the runs of a round, in its metadata."""
-
-MAX_FILE = 4 * 2**30
-"""Size of the largest file of runs that is read [bytes]."""
-
 
 @dataclass(frozen=True)
 class ErrorChange:
@@ -115,8 +101,6 @@ class Improvement:
     """Rounds taken."""
     samples: int
     """New super steps that were simulated."""
-    best_round: int
-    """The round the emulator is of; 0 if it is the one that was given."""
 
     @property
     def is_within_tolerance(self) -> bool:
@@ -130,18 +114,9 @@ class Improvement:
         taken = f"{self.samples:,} samples in {self.rounds} rounds"
         if self.is_within_tolerance:
             return f"every error is at most {self.tolerance:.3g} after {taken}"
-        if not self.best_round:
+        if all(error.after == error.before for error in self.errors):
             return f"no better after {taken}, if usual errors are to stay: try a larger network, or more --updates"
         return f"not every error is at most {self.tolerance:.3g} after {taken}: give it more --rounds, or --samples"
-
-
-@dataclass(frozen=True)
-class RoundReport:
-    """Errors after a round."""
-
-    number: int
-    errors: Mapping[str, float]
-    """By the names of the distributions."""
 
 
 def improve(
@@ -153,71 +128,86 @@ def improve(
     data: Transitions | None = None,
     controllers: Mapping[str, Float[np.ndarray, "T C"]] | None = None,
     start: Float[np.ndarray, " S"] | None = None,
-    recordings: Sequence[str | Path] = (),
-    on_round: Callable[[RoundReport], None] = lambda report: None,
+    on_round: Callable[[int, Mapping[str, float]], None] = lambda number, errors: None,
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> Improvement:
     """Improve `emulator` where it is weak, write it to `out` and return it with its errors before and after.
 
-    It is weak where its errors are large: in usual motions, beyond them, along what `controllers`, by their names, do
-    from `start` (S,) or from rest, and along `recordings` (CSV or NPZ files). In each of `config.rounds` runs are drawn
-    from all these distributions, simulated where errors are to be expected, and learnt from among the old data, `data` or
-    some simulated anew, until no distribution's 95th percentile of one-step errors is above `tolerance` [standard
-    deviations of the usual change]; seven tenths of the largest there is if not given. No emulator is taken whose error
-    on usual motions grew by more than a tenth.
+    It is weak where its errors are large: in usual motions, beyond them, and along what `controllers`, by their names, do
+    from `start` (S,) or from rest. In each of `config.rounds` runs are drawn from all these distributions, simulated
+    where errors are to be expected, and learnt from among the old data, `data` or some simulated anew, until no
+    distribution's 95th percentile of one-step errors is above `tolerance` [standard deviations of the usual change];
+    seven tenths of the largest there is if not given. No emulator is taken whose error on usual motions grew by more
+    than a tenth. `on_round` is told the number of each round and the errors after it, by distribution.
 
-    Rounds lie in `run_folder(out)`; what was begun there goes on, also with another tolerance or more rounds.
+    Trainings of rounds lie in `run_folder(out)`; what was begun there goes on, also with another tolerance or more rounds.
 
-    Raises ArgumentError for a system that cannot be simulated, and for controls out of bounds.
+    Raises ArgumentError for a system that cannot be simulated, and for controls out of bounds; BadFileError for a folder
+    that holds another improvement.
     """
     config = config or ImprovementConfig()
     system = system_of(emulator)
-    refuse_unsimulated(system)
-    if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ArgumentError(f"tolerance: wanted a number above 0, came {tolerance:g}.")
-    begin = emulator.rest if start is None else np.asarray(start, float)
-    motions: list[tuple[str, Sequence[Motion]]] = []
-    for name, controls in (controllers or {}).items():
-        motions.append((name, [_controlled(system, name, begin, controls, emulator.dt)]))
-    for path in recordings:
-        motions.append((str(path), motions_of(read_runs(path, emulator), emulator)))
-    distributions = distributions_of(system, emulator.dt, motions)
-    data = data or fresh_data(emulator, config)
-    folder = run_folder(Path(out))
-    with locked(folder):
-        remove_stale(folder)
-        identity = _claim(folder, emulator, distributions, data, config)
-        with phase("simulating tests"):
-            tests = _tests(emulator, system, distributions, config.seed)
-            guard = usual_test(emulator, system, config.seed, GUARD)
-        learner = Learner(system, data, emulator, guard, config)
-        rounds = _Rounds(folder, identity, distributions, tests, learner)
-        result = rounds.until(tolerance, on_round, on_report)
-        provenance = {
-            "dataset": data.config.model_dump(),
-            "improvement": config.model_dump() | {"samples": result.samples},
-        }
-        save(result.emulator, Path(out), provenance)
-    return result
-
-
-def refuse_unsimulated(system: System) -> None:
-    """Raise ArgumentError for a system that is known from recordings alone."""
     if not system.can_simulate:
         raise ArgumentError(
             f"{system.name} is known from recordings alone and cannot be simulated where its emulator is weak. "
             "Give it more recordings: improve --from recording.csv."
         )
+    if tolerance is not None and not 0 < tolerance < np.inf:
+        raise ArgumentError(f"tolerance: wanted a number above 0, came {tolerance:g}.")
+    distributions = distributions_of(system, emulator.dt)
+    begin = emulator.rest if start is None else np.asarray(start, float)
+    for name, controls in (controllers or {}).items():
+        distributions.append(_near_controller(system, name, begin, controls, emulator.dt))
+    data = data or fresh_data(emulator, config)
+    with phase("simulating tests"):
+        tests = _tests(emulator, system, distributions, config.seed)
+        guard = usual_test(emulator, system, config.seed, GUARD)
+    learner = Learner(data, emulator, guard, config)
+    before = errors_by_test(emulator, tests)
+    wanted = tolerance or USUAL_GAIN * max(before.values())
+    best = emulator
+    best_errors = before
+    latest = emulator
+    samples: list[Runs] = []
+    on_round(0, before)
+    while max(best_errors.values()) > wanted and len(samples) < config.rounds:
+        number = len(samples) + 1
+        with phase("simulating where errors are expected"):
+            rng = np.random.default_rng([config.seed, ROUND_STREAM, number])
+            known = known_states(rng, data, samples)
+            runs = sample_weak_runs(latest, distributions, tests["usual"], known, rng, config)
+            samples.append(runs.shortened())
+        path = run_folder(Path(out)) / f"round-{number:03d}.emulator.safetensors"
+        latest = learner.learn(latest, samples, path, on_report)
+        accepted = learner.accept(latest)
+        errors = errors_by_test(accepted or latest, tests)
+        on_round(number, errors)
+        if accepted is not None and max(errors.values()) < max(best_errors.values()):
+            best = accepted
+            best_errors = errors
+    simulated = len(samples) * config.runs * RUN_LENGTH
+    provenance = {
+        "dataset": data.config.model_dump(),
+        "improvement": config.model_dump() | {"samples": simulated},
+    }
+    save(best, Path(out), provenance)
+    return Improvement(
+        emulator=best,
+        errors=error_changes(before, best_errors),
+        tolerance=wanted,
+        rounds=len(samples),
+        samples=simulated,
+    )
 
 
-def _controlled(
+def _near_controller(
     system: System,
     name: str,
     start: Float[np.ndarray, " S"],
     controls: Float[np.ndarray, "T C"],
     dt: float,
-) -> Motion:
-    """Return the motion of a controller on the physics; ArgumentError names the controller that makes none."""
+) -> Distribution:
+    """Return the distribution near a controller's motion; ArgumentError names the controller that makes none."""
     try:
         held = system.check_controls(controls)
     except ArgumentError as error:
@@ -227,7 +217,7 @@ def _controlled(
         raise ArgumentError(
             f"{name}: the physics itself diverges under these controls. Leave it out, or start elsewhere."
         )
-    return runs.states[0], held
+    return Distribution(name, partial(draw_near, system, runs.states[0], held))
 
 
 def fresh_data(emulator: Emulator, config: ImprovementConfig) -> Transitions:
@@ -257,80 +247,6 @@ def read_old_data(folder: str | Path, emulator: Emulator, config: ImprovementCon
             f"{emulator.substeps}. Give the emulator's own dataset, or none."
         )
     return read_transitions(place, at_least=config.windows)
-
-
-@dataclass(frozen=True)
-class _Rounds:
-    """The rounds of an improvement, those that lie in its folder and those to come."""
-
-    folder: Path
-    identity: str
-    """A hash of all that the rounds follow from."""
-    distributions: Sequence[Distribution]
-    tests: Mapping[str, HeldOut]
-    """A test of each distribution, by its name."""
-    learner: Learner
-
-    def until(
-        self,
-        tolerance: float | None,
-        on_round: Callable[[RoundReport], None],
-        on_report: Callable[[Report], None],
-    ) -> Improvement:
-        """Return the result of as many rounds as the tolerance takes, or the configuration allows."""
-        given = self.learner.given
-        config = self.learner.config
-        before = errors_by_test(given, self.tests)
-        wanted = tolerance or USUAL_GAIN * max(before.values())
-        best = RoundReport(0, before)
-        best_emulator = given
-        latest = given
-        samples: list[Runs] = []
-        on_round(best)
-        while max(best.errors.values()) > wanted and len(samples) < config.rounds:
-            number = len(samples) + 1
-            with phase("simulating where errors are expected"):
-                samples.append(self._sampled(number, latest, samples))
-            path = self.folder / f"round-{number:03d}.emulator.safetensors"
-            latest = self.learner.learn(latest, samples, path, on_report)
-            accepted = self.learner.accept(latest)
-            report = RoundReport(number, errors_by_test(accepted or latest, self.tests))
-            on_round(report)
-            if accepted is not None and max(report.errors.values()) < max(best.errors.values()):
-                best = report
-                best_emulator = accepted
-        return Improvement(
-            emulator=best_emulator,
-            errors=error_changes(before, best.errors),
-            tolerance=wanted,
-            rounds=len(samples),
-            samples=len(samples) * config.runs * RUN_LENGTH,
-            best_round=best.number,
-        )
-
-    def _sampled(self, number: int, emulator: Emulator, samples: Sequence[Runs]) -> Runs:
-        """Return a round's runs: those stored, or new ones, which are stored."""
-        path = self.folder / f"round-{number:03d}.samples.safetensors"
-        identity = f"{self.identity}-{number}"
-        try:
-            return _read_samples(path, identity)
-        except BadFileError:  # there are none yet, or they are damaged
-            config = self.learner.config
-            rng = np.random.default_rng([config.seed, ROUND_STREAM, number])
-            known = known_states(rng, self.learner.data, samples)
-            usual = self.tests["usual"]
-            runs = sample_weak_runs(emulator, self.distributions, usual, known, rng, config)
-            metadata = {"kind": KIND, "identity": identity}
-            write_tensors(path, runs.shortened()._asdict(), metadata)
-            return _read_samples(path, identity)
-
-
-def _read_samples(path: Path, identity: str) -> Runs:
-    """Return the runs of a round; BadFileError if the file is missing, damaged or of something else."""
-    tensors, metadata = read_tensors(path, KIND, MAX_FILE)
-    if metadata.get("identity") != identity:
-        raise BadFileError(f"{path} belongs to another improvement.")
-    return Runs(**tensors)
 
 
 def errors_by_test(emulator: Emulator, tests: Mapping[str, HeldOut]) -> dict[str, float]:
@@ -381,33 +297,3 @@ def usual_test(emulator: Emulator, system: System, seed: int, kind: int = 0) -> 
     """Return a test of usual motions; `kind` draws others of the same seed."""
     seconds = RUN_STEPS * emulator.dt
     return held_out_runs(emulator, TEST_RUNS, seconds, seed=2 * seed + kind, scheme=system.truth)
-
-
-def _claim(
-    folder: Path,
-    emulator: Emulator,
-    distributions: Sequence[Distribution],
-    data: Transitions,
-    config: ImprovementConfig,
-) -> str:
-    """Mark `folder` as holding this improvement and return a hash of all it follows from; refuse one that holds another."""
-    tensors = emulator_tensors(emulator) | {"old states": data.states, "old": data.controls}
-    for distribution in distributions:
-        for number, (states, controls) in enumerate(distribution.motions):
-            tensors[f"{distribution.name} {number} states"] = states
-            tensors[f"{distribution.name} {number}"] = controls
-    identity = hashlib.sha256(f"{digest(tensors)}{config.hash}".encode()).hexdigest()[:32]
-    path = folder / MANIFEST
-    content = json.dumps({"identity": identity}).encode() + b"\n"
-    if not path.exists():
-        if any(folder.glob("*.safetensors")):
-            raise BadFileError(
-                f"{folder} holds a training. Choose another --out, or remove that folder."
-            )
-        write_whole(path, content)
-    elif path.read_bytes() != content:
-        raise BadFileError(
-            f"{folder} holds the improvement of another emulator, or with other settings. Choose another --out, or "
-            "remove that folder."
-        )
-    return identity

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from neuroanimator.data.config import RUN_STEPS
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import StoredTransitions
+from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.evaluation.accuracy import bounded, next_states, step_errors
@@ -121,7 +120,7 @@ class Inspection:
 def inspect(
     emulator: Emulator,
     *,
-    data: Transitions | StoredTransitions | None = None,
+    data: Dataset | None = None,
     runs: int = INSPECTED_RUNS,
     seed: int = 0,
 ) -> Inspection:
@@ -146,9 +145,7 @@ def inspect(
         return _inspected(emulator, replace(test, most_transitions=every), data)
 
 
-def _inspected(
-    emulator: Emulator, test: HeldOut, data: Transitions | StoredTransitions | None
-) -> Inspection:
+def _inspected(emulator: Emulator, test: HeldOut, data: Dataset | None) -> Inspection:
     steps = test.transitions
     emulated = next_states(emulator, steps.states, steps.controls)
     errors = test.frame.difference(steps.next_states, emulated)

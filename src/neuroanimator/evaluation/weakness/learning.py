@@ -19,11 +19,9 @@ from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.mode_fitting import with_wider_limits
 from neuroanimator.emulator.shape_modes import ShapeModes
-from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.config import ImprovementConfig
 from neuroanimator.evaluation.weakness.sampling import Runs, errors_on, join_runs
-from neuroanimator.systems.system import System
 from neuroanimator.training.chunk import completed
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.lesson import keeps_still
@@ -74,7 +72,6 @@ def error_on(emulator: Emulator, test: HeldOut) -> float:
 class Learner:
     """Training on, round by round, from an emulator that was given."""
 
-    system: System
     data: Transitions
     """Old windows."""
     given: Emulator
@@ -94,14 +91,11 @@ class Learner:
         path: Path,
         on_report: Callable[[Report], None] = lambda report: None,
     ) -> Emulator:
-        """Return `emulator` trained on with the runs of all rounds so far; it is written to `path`, or read from there."""
-        try:
-            return Emulator.load(path)
-        except BadFileError:  # there is none yet, or it is damaged
-            new = cut_windows(join_runs(samples))
-            weights = np.concatenate([self._weights(emulator, runs) for runs in samples])
-            windows = mix_windows(self.data, new, self.config, weights=weights)
-            return train_on(emulator, new, windows, path, self.config, on_report)
+        """Return `emulator` trained on with the runs of all rounds so far, and write it to `path`."""
+        new = cut_windows(join_runs(samples))
+        weights = np.concatenate([self._weights(emulator, runs) for runs in samples])
+        windows = mix_windows(self.data, new, self.config, weights=weights)
+        return train_on(emulator, new, windows, path, self.config, on_report)
 
     def _weights(self, emulator: Emulator, runs: Runs) -> Float[np.ndarray, " M"]:
         """Return the weight of each window of `runs`: large errors count less.
@@ -135,7 +129,7 @@ class Learner:
         old, others = eqx.partition(self.given.network, eqx.is_inexact_array)
         new, _ = eqx.partition(trained.network, eqx.is_inexact_array)
         weights = jax.tree.map(lambda one, other: (1 - share) * one + share * other, old, new)
-        rest = base.rest_streams() if keeps_still(self.system, base) else None
+        rest = base.rest_streams() if keeps_still(self.data.system, base) else None
         return completed(base, eqx.combine(weights, others), rest)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -51,9 +51,6 @@ MAX_SCORE = 1e6
 Drawn = tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]
 """Starts (N, S) and the controls (N, T, C) from there on."""
 
-Motion = tuple[Float[np.ndarray, "_ S"], Float[np.ndarray, "_ C"]]
-"""States (T+1, S) of a motion, a super step apart, and the controls (T, C) between them."""
-
 
 class Runs(NamedTuple):
     """Runs of T super steps, by the physics or yet to be simulated."""
@@ -75,25 +72,20 @@ class Runs(NamedTuple):
         return Runs(states, controls, self.source.astype(np.int32))
 
 
-@dataclass(frozen=True)
-class Distribution:
+class Distribution(NamedTuple):
     """A distribution of starts and controls for which an emulator shall be accurate."""
 
     name: str
     draw: Callable[[np.random.Generator, np.ndarray, int], Drawn]
     """A function of a generator, of states (K, S) the physics was in, and of the number of runs."""
-    motions: Sequence[Motion] = ()
-    """The motions it lies around, if any."""
 
 
-def distributions_of(
-    system: System, dt: float, motions: Sequence[tuple[str, Sequence[Motion]]] = ()
-) -> list[Distribution]:
-    """Return usual motions, those beyond them, and those near each of the named `motions`."""
-    usual = Distribution("usual", partial(draw_usual, system, dt))
-    shifted = Distribution("shifted", partial(draw_shifted, system, dt))
-    near = [Distribution(name, partial(draw_near, system, own), own) for name, own in motions]
-    return [usual, shifted, *near]
+def distributions_of(system: System, dt: float) -> list[Distribution]:
+    """Return usual motions, and those beyond them."""
+    return [
+        Distribution("usual", partial(draw_usual, system, dt)),
+        Distribution("shifted", partial(draw_shifted, system, dt)),
+    ]
 
 
 def draw_usual(
@@ -122,33 +114,23 @@ def draw_shifted(
 
 def draw_near(
     system: System,
-    motions: Sequence[Motion],
+    states: Float[np.ndarray, "F S"],
+    controls: Float[np.ndarray, "M C"],
     rng: np.random.Generator,
     known: Float[np.ndarray, "K S"],
     count: int,
 ) -> Drawn:
-    """Return starts and controls scattered around `motions`, longer ones more often."""
-    frame = Frame.of(system.structure, 0.0)
-    lengths = np.array([len(held) for _, held in motions])
-    motion = rng.choice(len(lengths), count, p=lengths / lengths.sum())
-    starts = np.empty((count, system.state.size))
-    controls = np.empty((count, RUN_LENGTH, system.control.size))
-    for number, (states, held) in enumerate(motions):
-        rows = np.flatnonzero(motion == number)
-        steps = rng.integers(0, len(held), len(rows))
-        starts[rows] = scattered(frame, states, steps, rng)
-        controls[rows] = held[np.minimum(steps[:, None] + np.arange(RUN_LENGTH), len(held) - 1)]
-    noise = rng.normal(size=controls.shape) * CONTROL_NOISE * system.bounds.half
-    return starts, system.bounds.clip(controls + noise)
+    """Return starts and controls scattered around a motion: states (M+1, S) under controls (M, C)."""
+    steps = rng.integers(0, len(controls), count)
+    starts = scattered(Frame.of(system.structure, 0.0), states, steps, rng)
+    held = controls[np.minimum(steps[:, None] + np.arange(RUN_LENGTH), len(controls) - 1)]
+    noise = rng.normal(size=held.shape) * CONTROL_NOISE * system.bounds.half
+    return starts, system.bounds.clip(held + noise)
 
 
 def rate_entries(system: System) -> list[int]:
     """Return the state entries that are velocities."""
-    entries = []
-    for part in system.state.slices:
-        if part.unit.endswith("/s"):
-            entries += range(system.state.size)[system.state.index(part.name)]
-    return entries
+    return [entry for entry, name in enumerate(system.state.names) if name.endswith("/s")]
 
 
 def draw_runs(
@@ -200,8 +182,10 @@ def sample_weak_runs(
         scores[others],
         pool.source[others],
     )
-    chosen = others[choose_rows(rng, expected, config.runs - probes)]
-    weak, _ = simulate_runs(system, pool.rows(chosen), emulator.dt)
+    # In proportion: the worst alone would be alike.
+    odds = expected / expected.sum()
+    rows = np.sort(rng.choice(len(others), config.runs - probes, replace=False, p=odds))
+    weak, _ = simulate_runs(system, pool.rows(others[rows]), emulator.dt)
     return join_runs([probe, weak])
 
 
@@ -237,13 +221,6 @@ def _means(
     sums = np.bincount(rows, values, count)
     numbers = np.bincount(rows, minlength=count)
     return np.where(numbers > 0, sums / np.maximum(numbers, 1), values.mean())
-
-
-def choose_rows(
-    rng: np.random.Generator, weights: Float[np.ndarray, " N"], count: int
-) -> Int[np.ndarray, " M"]:
-    """Return `count` different rows in order, drawn in proportion to their weights: the worst alone would be alike."""
-    return np.sort(rng.choice(len(weights), count, replace=False, p=weights / weights.sum()))
 
 
 def errors_on(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, "B T"]:
