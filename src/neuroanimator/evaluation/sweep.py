@@ -16,7 +16,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import unseen_errors
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.speed import measure_emulator
-from neuroanimator.executor.executor import TRAINING_SECONDS, Executor
+from neuroanimator.executor.executor import Executor
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.unfinished import temporary_folder
@@ -109,9 +109,7 @@ def sweep(
             trusted=trusted_so_far(),
         )
         tasks.append(task)
-    found = executor.map(
-        run_sweep_task, tasks, longest=TRAINING_SECONDS, on_done=lambda outcome: on_row()
-    )
+    found = executor.map(run_sweep_task, tasks, on_done=lambda outcome: on_row())
     rows = []
     for task, swept in zip(tasks, found, strict=True):
         path = _path(out, task.data)
