@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor
 
 KILL_AFTER = 3.0
@@ -110,27 +109,6 @@ def _join(address: str) -> subprocess.Popen[bytes]:
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
-
-
-@contextmanager
-def workers_killed(executor: LocalExecutor, kills: int) -> Iterator[list[str]]:
-    """Kill worker processes with -9, one after the other, while the block runs; yield the list of what was done."""
-    done: list[str] = []
-
-    def kill() -> None:
-        for _ in range(kills):
-            for process in executor.process_ids()[-1:]:
-                os.kill(process, signal.SIGKILL)
-                done.append("a worker killed")
-            if ended.wait(KILL_AFTER / kills):
-                return
-
-    ended, timer = _begin(kill)
-    try:
-        yield done
-    finally:
-        ended.set()
-        timer.join()
 
 
 def _begin(kill: Any) -> tuple[threading.Event, threading.Thread]:

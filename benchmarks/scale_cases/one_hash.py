@@ -10,15 +10,12 @@ from typing import Any
 from neuroanimator import DatasetConfig, generate
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor
-from scale_cases.nodes import cluster_of, node_killed, workers_killed
+from scale_cases.nodes import cluster_of, node_killed
 
 TRANSITIONS = 120_000
 """Fourteen shards of the pendulum."""
 
 QUICK_TRANSITIONS = 40_000
-
-KILLS = 3
-"""Number of worker processes killed."""
 
 
 def measure(work: Path, is_quick: bool) -> list[dict[str, Any]]:
@@ -30,8 +27,6 @@ def measure(work: Path, is_quick: bool) -> list[dict[str, Any]]:
         made.row("local, 1 process", LocalExecutor(1)),
         made.row("local, 2 processes", LocalExecutor(2)),
     ]
-    with LocalExecutor(2) as two, workers_killed(two, KILLS) as done:
-        rows.append(made.row("local, 2 processes", two, done))
     with RayExecutor(None, 2) as ray:
         rows.append(made.row("Ray, 1 node", ray))
     with cluster_of(4) as (_, ray):

@@ -31,9 +31,6 @@ QUICK_SHARDS = 2
 ROUNDS = 5
 """Number of turns of both sides, one after the other; medians count."""
 
-LONGEST = 600.0
-"""Time longer than any task takes [s]."""
-
 
 @dataclass(frozen=True)
 class Spin:
@@ -64,7 +61,7 @@ def measure(work: Path, is_quick: bool) -> list[dict[str, Any]]:
             tasks = [Spin(number, seconds) for number in range(count)]
 
             def spread(executor: Executor, tasks: list[Spin] = tasks) -> None:
-                executor.map(spin, tasks, longest=LONGEST)
+                executor.map(spin, tasks)
 
             rows.append(_row(f"{seconds:g} s", count, sides, spread, rounds))
         shards = QUICK_SHARDS if is_quick else SHARDS
@@ -88,7 +85,7 @@ def _row(
 ) -> dict[str, Any]:
     seconds: dict[str, list[float]] = {name: [] for name in sides}
     for executor in sides.values():
-        executor.map(spin, [Spin(0, 0.5), Spin(1, 0.5)], longest=LONGEST)  # workers start
+        executor.map(spin, [Spin(0, 0.5), Spin(1, 0.5)])  # workers start
     for _ in range(rounds):
         for name, executor in sides.items():
             began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Tasks that workers of the tests compute: some die, hang or complain."""
+"""Tasks that workers of the tests compute: some die or complain."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ import pickle
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.executor.executor import Executor, Outcome, Result
-from neuroanimator.executor.local import outcome_of
-from neuroanimator.executor.worker import pack, perform
+from neuroanimator.executor.executor import Executor
+from neuroanimator.executor.worker import Answer, perform
 from neuroanimator.executor.worker_process import packed
 
 
@@ -26,12 +23,17 @@ class PackedHere(Executor):
     threads = 1
     shares_disk = True
 
-    def outcomes(
-        self, function: Callable[[Any], Result], tasks: Sequence[Any], *, longest: float
-    ) -> Iterator[Outcome[Result]]:
-        for index, task in enumerate(tasks):
-            answer = pickle.loads(packed(perform(pack(function, task))))
-            yield outcome_of(index, task.label, answer)
+    def begin(self, packed_call: bytes) -> bytes:
+        return packed(perform(packed_call))
+
+    def wait(self, calls: list[bytes]) -> list[bytes]:
+        return calls
+
+    def answer(self, call: bytes) -> Answer:
+        return pickle.loads(call)
+
+    def cancel(self, call: bytes) -> None:
+        """There is nothing to end."""
 
     def close(self) -> None:
         """There is nothing to end."""
@@ -44,7 +46,7 @@ class Square:
     number: int
     seconds: float = 0.0
     fault: str = ""
-    """What happens before: `dies`, `dies once`, `hangs once`, `complains` or `breaks`."""
+    """What happens before: `dies`, `dies once`, `complains` or `breaks`."""
     mark: str = ""
     """A file that says that it has happened."""
 
@@ -61,11 +63,9 @@ def square(task: Square) -> int:
         raise BadFileError("it is damaged.")
     if task.fault == "breaks":
         raise RuntimeError("an error\nnobody foresaw")
-    if task.fault.endswith("once") and not Path(task.mark).exists():
+    if task.fault == "dies once" and not Path(task.mark).exists():
         Path(task.mark).touch()
-        if task.fault == "dies once":
-            os.kill(os.getpid(), signal.SIGKILL)
-        time.sleep(600)
+        os.kill(os.getpid(), signal.SIGKILL)
     return task.number**2
 
 
@@ -77,3 +77,7 @@ def cores(task: Square) -> tuple[str, str, str, str]:
 
 def search_path(task: Square) -> list[str]:
     return sys.path
+
+
+def process_id(task: Square) -> int:
+    return os.getpid()

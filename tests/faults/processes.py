@@ -80,3 +80,12 @@ def killed_at_random(rng: random.Random, longest: float, *arguments: object) -> 
 def leftovers(folder: Path) -> list[Path]:
     """Return every unfinished file and temporary folder under `folder`."""
     return [path for path in folder.rglob("*") if "tmp-" in path.name]
+
+
+def children(process: int) -> list[int]:
+    """Return the processes a process has started."""
+    try:
+        paths = list(Path(f"/proc/{process}/task").glob("*/children"))
+        return [int(word) for path in paths for word in path.read_text().split()]
+    except OSError:
+        return []

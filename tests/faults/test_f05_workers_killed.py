@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import threading
 import time
 from pathlib import Path
 
 import pytest
-from processes import GENERATE, leftovers, run, start, wait_until_it_listens
+from processes import GENERATE, children, leftovers, run, start, wait_until_it_listens
 from tally import Tally
 
-from neuroanimator import DatasetConfig, NeuroAnimatorError, generate
+from neuroanimator import DatasetConfig, generate
+from neuroanimator.executor.executor import LostTaskError
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.unfinished import is_running
 
@@ -28,51 +28,27 @@ def check_same(dataset: Path, folder: Path, tally: Tally) -> None:
     assert not leftovers(folder)
 
 
-def test_f05_a_worker_killed_in_a_shard_changes_no_byte(
+def test_f05_a_worker_killed_in_a_shard_is_told_of_and_changes_no_byte(
     dataset: Path, tmp_path: Path, tally: Tally
 ):
-    killed: list[int] = []
+    others = set(children(os.getpid()))
+    killed = threading.Event()
+
+    def kill_one() -> None:
+        while not killed.is_set():
+            for process in sorted({*children(os.getpid())} - others)[:1]:
+                os.kill(process, signal.SIGKILL)
+                killed.set()
+            time.sleep(0.01)
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
     with LocalExecutor(2) as executor:
-
-        def kill_some() -> None:
-            rng = random.Random(0)
-            while len(killed) < 3 and not done.wait(rng.uniform(0.2, 0.6)):
-                for process in executor.process_ids()[-1:]:
-                    os.kill(process, signal.SIGKILL)
-                    killed.append(process)
-
-        done = threading.Event()
-        killer = threading.Thread(target=kill_some)
-        killer.start()
-        generate(SIX_THOUSAND, tmp_path, executor=executor)
-        done.set()
+        with pytest.raises(LostTaskError, match="shard [01]: its worker died of signal 9"):
+            generate(SIX_THOUSAND, tmp_path, executor=executor)
         killer.join()
-    tally.tried += len(killed)
-    assert killed
-    check_same(dataset, tmp_path, tally)
-
-
-def test_f05_a_worker_that_hangs_is_told_of(tmp_path: Path):
-    with (
-        LocalExecutor(2) as executor,
-        pytest.raises(NeuroAnimatorError, match="shard 0: its worker gave no answer for 0.01 s"),
-    ):
-        generate(SIX_THOUSAND, tmp_path, executor=executor, longest=0.01)
-
-
-def test_f20_the_bytes_do_not_depend_on_processes(dataset: Path, tmp_path: Path, tally: Tally):
-    with LocalExecutor(2) as executor:
         generate(SIX_THOUSAND, tmp_path, executor=executor)
     check_same(dataset, tmp_path, tally)
-
-
-def children(process: int) -> list[int]:
-    """Return the processes a process has started."""
-    try:
-        paths = list(Path(f"/proc/{process}/task").glob("*/children"))
-        return [int(word) for path in paths for word in path.read_text().split()]
-    except OSError:
-        return []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

@@ -134,7 +134,7 @@ import half_done
 from neuroanimator.cli import main
 from neuroanimator.executor.local import LocalExecutor
 tasks = [half_done.Task(), half_done.Task()]
-main._run = lambda: LocalExecutor(2).map(half_done.work, tasks, longest=60)
+main._run = lambda: LocalExecutor(2).map(half_done.work, tasks)
 main.main()
 """
 

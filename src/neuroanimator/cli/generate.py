@@ -46,10 +46,6 @@ def run(
     ] = None,
     workers: Workers = None,
     executor: Where = "local",
-    task_seconds: Annotated[
-        float | None,
-        typer.Option(help="A worker that takes longer for a shard counts as hung (3600) [s]."),
-    ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
     with phase("loading"):
@@ -75,7 +71,7 @@ def run(
     config = DatasetConfig(**settings)
     config = limited_to_recordings(config)
     with chosen_executor(executor, workers, threads) as spread:
-        diverged = generate_with_bar(config, place, spread, task_seconds)
+        diverged = generate_with_bar(config, place, spread)
     rows: list[tuple[str, object]] = [
         ("transitions", (config.runs - diverged) * config.samples_per_run),
         ("runs diverged and dropped", diverged),
@@ -90,7 +86,6 @@ def generate_with_bar(
     config: DatasetConfig,
     out: Place,
     executor: Executor | None = None,
-    longest: float | None = None,
 ) -> int:
     """Fill `out` with the dataset under a progress bar; return how many runs diverged and were dropped."""
     done = 0
@@ -101,7 +96,7 @@ def generate_with_bar(
             done += 1
             bar.advance_to(done)
 
-        return generate(config, out, executor=executor, longest=longest, on_shard=on_shard)
+        return generate(config, out, executor=executor, on_shard=on_shard)
 
 
 def ensure_data(reference: str, emulator: Path, executor: Executor | None = None) -> Place:

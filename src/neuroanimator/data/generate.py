@@ -12,7 +12,6 @@ from neuroanimator.data.recorded_windows import write_held_out
 from neuroanimator.data.shard import make_shard
 from neuroanimator.data.shard_files import diverged_in, store_shard
 from neuroanimator.data.shard_task import (
-    SHARD_SECONDS,
     THIS_PROCESS,
     MadeShard,
     ShardTask,
@@ -42,7 +41,6 @@ def generate(
     *,
     threads: int | None = None,
     executor: Executor | None = None,
-    longest: float | None = None,
     on_shard: Callable[[], None] = lambda: None,
 ) -> int:
     """Fill `folder`, or a URL of a store, with the dataset `config` describes; return how many runs diverged and were dropped.
@@ -52,14 +50,12 @@ def generate(
     see `limited_to_recordings`.
 
     `executor` makes the shards; without one this process does. `threads` for each shard: none, or 0, for those of the
-    executor, or for all cores. A worker that takes more than `longest` [s] for a shard counts as hung; none for
-    `SHARD_SECONDS`.
+    executor, or for all cores.
     """
     folder = place_of(folder)
     if not threads and executor is not None:
         threads = executor.threads
     threads = _checked_threads(threads)
-    longest = _checked_time(longest)
     config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
     with locked(folder):
@@ -75,7 +71,7 @@ def generate(
             else:
                 diverged += dropped
                 on_shard()
-        for shard, made in _made(tasks, executor or LocalExecutor(1, threads), longest):
+        for shard, made in _made(tasks, executor or LocalExecutor(1, threads)):
             if made.shard is not None:
                 store_shard(made.shard, config, folder, shard)
             diverged += made.diverged
@@ -106,15 +102,6 @@ def _checked_threads(threads: int | None) -> int:
     return min(threads or core_count(), RUNS_PER_SHARD)
 
 
-def _checked_time(longest: float | None) -> float:
-    """Return how long a shard may take [s]; ArgumentError for no time at all."""
-    if longest is None:
-        return SHARD_SECONDS
-    if not longest > 0:
-        raise ArgumentError(f"longest: wanted a time above 0 s for a shard, came {longest:g}.")
-    return longest
-
-
 def _diverged_here(system: System, config: DatasetConfig, folder: Place, shard: int) -> int | None:
     """Return how many runs of a shard diverged that is whole; None for one that must be made.
 
@@ -130,15 +117,13 @@ def _task(config: DatasetConfig, folder: Place, shard: int, threads: int) -> Sha
     return ShardTask(config, shard, threads, trusted_so_far(), store)
 
 
-def _made(
-    tasks: list[ShardTask], executor: Executor, longest: float
-) -> Iterator[tuple[int, MadeShard]]:
+def _made(tasks: list[ShardTask], executor: Executor) -> Iterator[tuple[int, MadeShard]]:
     """Yield (number, what was made) as each is.
 
     What is wrong with one is wrong with all, and is raised at once; those whose workers died are told of at the end.
     """
     lost: dict[int, NeuroAnimatorError] = {}
-    for outcome in executor.outcomes(run_shard_task, tasks, longest=longest):
+    for outcome in executor.outcomes(run_shard_task, tasks):
         if isinstance(outcome.error, LostTaskError):
             lost[outcome.index] = outcome.error
             continue

@@ -17,9 +17,6 @@ from neuroanimator.systems.rigid.warnings import warnings_heard
 from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import NO_FILES, TrustedFiles, trust_as_told
 
-SHARD_SECONDS = 3600.0
-"""A worker that takes longer for a shard counts as hung [s]: those of the slowest models take some minutes."""
-
 THIS_PROCESS = secrets.token_hex(8)
 """Tells this process from any other, on this machine or another one."""
 

@@ -4,5 +4,5 @@ tasks, frozen dataclasses, and one importable function of one task     executor.
   → pickled, and handed to whichever worker is free                     local.py (processes), ray_cluster.py (Ray)
   → the worker limits its threads, imports, and computes function(task) worker.py
   → the result comes back as it is ready, or the task's own error in one line
-  → a task whose worker died or hung is computed again, three times at most
+  → a task whose worker died is told of; Ray computes it again first     executor.py
 """

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-
-TRAINING_SECONDS = 24 * 3600.0
-"""A worker that takes longer for a training counts as hung [s]."""
-
-MAX_RETRIES = 3
-"""Number of times a task is computed again whose worker died or hung."""
+from neuroanimator.executor.worker import Answer, pack
 
 Result = TypeVar("Result")
 
 
 class LostTaskError(NeuroAnimatorError):
-    """A task's worker died or hung each time it was tried."""
+    """A task's worker died."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +49,58 @@ class Executor(ABC):
     """Number of tasks computed at a time."""
     threads: int
     """Number of threads each of them may use."""
+    ahead: int = 1
+    """Number of tasks under way for each worker."""
     shares_disk: bool
     """Whether every worker sees the files of this process."""
 
-    @abstractmethod
     def outcomes(
-        self, function: Callable[[Any], Result], tasks: Sequence[Any], *, longest: float
+        self, function: Callable[[Any], Result], tasks: Sequence[Any]
     ) -> Iterator[Outcome[Result]]:
-        """Yield the outcome of each task as soon as it has ended; closing the iterator ends the tasks in flight.
+        """Yield the outcome of each task once it has ended; closing the iterator ends the tasks under way."""
+        check_function(function)
+        waiting = deque(range(len(tasks)))
+        under_way: dict[Any, int] = {}
+        ended: list[Outcome[Result]] = []
+        try:
+            while waiting or under_way:
+                while waiting and len(under_way) < self.ahead * self.workers:
+                    index = waiting.popleft()
+                    under_way[self.begin(pack(function, tasks[index]))] = index
+                # The workers compute while these are looked at: a shard is written then.
+                yield from ended
+                ended = []
+                for call in self.wait(list(under_way)):
+                    index = under_way.pop(call)
+                    ended.append(self._outcome(index, tasks[index].label, call))
+            yield from ended
+        finally:
+            for call in under_way:
+                self.cancel(call)
 
-        A worker that takes more than `longest` [s] for a task counts as hung.
-        """
+    def _outcome(self, index: int, label: str, call: Any) -> Outcome[Any]:
+        """Return the outcome of a call that has ended; its error names the task."""
+        try:
+            answer = self.answer(call)
+        except NeuroAnimatorError as error:
+            answer = Answer(None, error, "")
+        return outcome_of(index, label, answer)
+
+    @abstractmethod
+    def begin(self, packed_call: bytes) -> Any:
+        """Have a packed call computed; return what stands for it, a key of a dict."""
+
+    @abstractmethod
+    def wait(self, calls: list[Any]) -> list[Any]:
+        """Return those of `calls` that have ended, after some time at the latest."""
+
+    @abstractmethod
+    def answer(self, call: Any) -> Answer:
+        """Return the answer to a call that has ended; NeuroAnimatorError if it has none."""
+
+    @abstractmethod
+    def cancel(self, call: Any) -> None:
+        """End a call that is under way."""
 
     @abstractmethod
     def close(self) -> None:
@@ -72,7 +111,6 @@ class Executor(ABC):
         function: Callable[[Any], Result],
         tasks: Sequence[Any],
         *,
-        longest: float,
         on_done: Callable[[Outcome[Result]], None] = lambda outcome: None,
     ) -> list[Result]:
         """Return the results in the order of the tasks; `on_done` is told of each as it ends.
@@ -81,7 +119,7 @@ class Executor(ABC):
         """
         results: dict[int, Result] = {}
         failed: dict[int, NeuroAnimatorError] = {}
-        for outcome in self.outcomes(function, tasks, longest=longest):
+        for outcome in self.outcomes(function, tasks):
             if outcome.error is None:
                 results[outcome.index] = outcome.value()
             else:
@@ -114,12 +152,16 @@ def raise_first(failed: dict[int, NeuroAnimatorError], count: int) -> None:
 
 def same_kind(error: NeuroAnimatorError, message: str) -> NeuroAnimatorError:
     """Return an error of the same kind, and so of the same exit code, that says `message`."""
-    try:
-        return type(error)(message)
-    except TypeError:  # its kind is made from something else than a message
-        other = NeuroAnimatorError(message)
-        other.exit_code = error.exit_code
-        return other
+    return type(error)(message)
+
+
+def outcome_of(index: int, label: str, answer: Answer) -> Outcome[Any]:
+    """Return the outcome of a task from its worker's answer: errors name the task."""
+    if answer.error is None:
+        return Outcome(index, answer.result)
+    if answer.trace and os.environ.get("NEUROANIMATOR_DEBUG"):
+        sys.stderr.write(answer.trace)
+    return Outcome(index, error=same_kind(answer.error, f"{label}: {answer.error}"))
 
 
 def check_function(function: Callable[..., Any]) -> None:
@@ -130,10 +172,3 @@ def check_function(function: Callable[..., Any]) -> None:
         raise ArgumentError(
             f"function: wanted one that workers can import, came {name} of {module}. Put it into a module."
         )
-
-
-def lost(label: str, why: str) -> LostTaskError:
-    """Return the error of a task that was given up."""
-    return LostTaskError(
-        f"{label}: {why}, {MAX_RETRIES + 1} times. Give it fewer workers or more memory, or start it again."
-    )

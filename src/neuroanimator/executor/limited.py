@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import resource
 import signal
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.connection import wait
 from typing import Any, NamedTuple, TypeVar
 
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.executor.executor import LostTaskError
 from neuroanimator.executor.local import WorkerProcess
-from neuroanimator.executor.worker import Answer, pack
+from neuroanimator.executor.worker import pack
 
 Result = TypeVar("Result")
 
@@ -50,30 +49,25 @@ def call_limited(function: Callable[[Any], Result], argument: Any, limits: Proce
     can be opened in that process, whatever a path says. Raises LimitError where the process took
     more than it may or crashed, and ResourceError where it cannot be started.
     """
-    process = WorkerProcess.started(threads=1)
+    process = WorkerProcess(threads=1)
     try:
-        process.give(0, pack(_call_here, _Call(function, argument, limits)))
-        answer = _answer_within(process, limits)
+        process.give(pack(_call_here, _Call(function, argument, limits)))
+        if not process.connection.poll(WALL_SECONDS * limits.seconds):
+            raise LimitError(_too_long(limits))
+        answer = process.answer()
+    except LostTaskError:
+        if process.popen.returncode == -signal.SIGXCPU:
+            raise LimitError(_too_long(limits)) from None
+        raise LimitError(f"crashes, or {_too_much(limits)}") from None
     finally:
-        process.end(is_busy=True)
+        process.end()
     if answer.error is not None:
         raise answer.error
     return answer.result
 
 
-def _answer_within(process: WorkerProcess, limits: ProcessLimits) -> Answer:
-    """Return what a process answers; LimitError if it ends before, or takes longer."""
-    deadline = time.monotonic() + WALL_SECONDS * limits.seconds
-    while wait([process.connection], max(0.0, deadline - time.monotonic())):
-        if not process.hear():
-            continue
-        answer = process.take_answer()
-        if answer is not None:
-            return answer
-        if process.popen.returncode != -signal.SIGXCPU:
-            raise LimitError(f"crashes, or {_too_much(limits)}")
-        break
-    raise LimitError(f"takes more than {limits.seconds} s")
+def _too_long(limits: ProcessLimits) -> str:
+    return f"takes more than {limits.seconds} s"
 
 
 def _too_much(limits: ProcessLimits) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import faulthandler
-import os
 import pickle
 import traceback
 from collections.abc import Callable
@@ -53,14 +51,3 @@ def perform(call: bytes) -> Answer:
     except Exception as error:
         line = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(None, NeuroAnimatorError(printable(line)), traceback.format_exc())
-
-
-def perform_within(call: bytes, longest: float) -> Answer:
-    """Compute a packed call as `perform` does; after `longest` [s] the whole process ends."""
-    # A thread of C: it ends calls into compiled code that never come back, too.
-    with open(os.devnull, "w") as nowhere:
-        faulthandler.dump_traceback_later(longest, exit=True, file=nowhere)
-        try:
-            return perform(call)
-        finally:
-            faulthandler.cancel_dump_traceback_later()

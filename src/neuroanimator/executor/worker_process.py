@@ -17,9 +17,6 @@ from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.executor.worker import Answer, perform
 from neuroanimator.text import printable
 
-READY = b"ready"
-"""The first thing a worker says."""
-
 WATCH_PERIOD = 0.5
 """Interval between a worker's looks at whether the process that started it is still there [s]."""
 
@@ -31,7 +28,6 @@ def main() -> None:
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     connection = Connection(int(sys.argv[1]))
     try:
-        connection.send_bytes(READY)
         while True:
             answer = perform(connection.recv_bytes())
             connection.send_bytes(packed(answer))

@@ -13,7 +13,7 @@ from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.evaluation.csv_table import write_csv
-from neuroanimator.executor.executor import TRAINING_SECONDS, Executor, Outcome, raise_first
+from neuroanimator.executor.executor import Executor, Outcome, raise_first
 from neuroanimator.fleets.fleet_file import Fleet, Member
 from neuroanimator.fleets.member import MemberTask, TrainedMember, run_member_task
 from neuroanimator.parsing.json_text import parse_json_object
@@ -60,7 +60,6 @@ def train_fleet(
     out: str | Path,
     executor: Executor,
     *,
-    longest: float = TRAINING_SECONDS,
     on_start: Callable[[int], None] = lambda count: None,
     on_member: Callable[[], None] = lambda: None,
 ) -> list[FleetRow]:
@@ -79,7 +78,7 @@ def train_fleet(
             generate(config, data / name, executor=executor)
         on_start(len(missing))
         failed: dict[int, NeuroAnimatorError] = {}
-        for outcome in _trained(missing, data, out, executor, longest):
+        for outcome in _trained(missing, data, out, executor):
             if outcome.error is not None:
                 failed[outcome.index] = outcome.error
                 continue
@@ -99,7 +98,7 @@ def _datasets(members: list[Member]) -> dict[str, DatasetConfig]:
 
 
 def _trained(
-    members: list[Member], data: Place, out: Path, executor: Executor, longest: float
+    members: list[Member], data: Place, out: Path, executor: Executor
 ) -> Iterator[Outcome[TrainedMember]]:
     workplace = str(out.resolve()) if executor.shares_disk else ""
     tasks = []
@@ -115,7 +114,7 @@ def _trained(
             trusted=trusted_so_far(),
         )
         tasks.append(task)
-    return executor.outcomes(run_member_task, tasks, longest=longest)
+    return executor.outcomes(run_member_task, tasks)
 
 
 def _as_seen_elsewhere(place: Place) -> str:

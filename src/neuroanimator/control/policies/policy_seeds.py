@@ -10,7 +10,7 @@ from typing import NamedTuple
 from neuroanimator.control.policies.policy_training import PolicyTraining, train_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.executor.executor import TRAINING_SECONDS, Executor
+from neuroanimator.executor.executor import Executor
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import SIZE_LIMIT, read_bounded, write_whole
 from neuroanimator.storage.unfinished import temporary_folder
@@ -102,9 +102,7 @@ def train_policies(
         seen = str(path.resolve()) if executor.shares_disk else ""
         task = PolicyTask(content, replace(training, seed=seed), seen, trusted_so_far())
         tasks.append(task)
-    found = executor.map(
-        run_policy_task, tasks, longest=TRAINING_SECONDS, on_done=lambda outcome: on_policy()
-    )
+    found = executor.map(run_policy_task, tasks, on_done=lambda outcome: on_policy())
     least = min(trained.validation for trained in found)
     rows = []
     for seed, path, trained in zip(seeds, paths, found, strict=True):
