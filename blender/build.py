@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from importlib import resources
 from pathlib import Path
+
+from npz_file import write_npz
 
 import neuroanimator as na
 from neuroanimator.terminal import progress_bar
@@ -31,16 +32,14 @@ BEGINNING = (1980, 1, 1, 0, 0, 0)
 def build(path: Path, creatures: tuple[str, ...] = CREATURES) -> None:
     """Write the extension with these creatures to `path`."""
     contents = {file.name: file.read_bytes() for file in (HERE / "extension").glob("*.*")}
-    runtime = resources.files("neuroanimator.export.programs") / "numpy_runtime.py"
-    contents["numpy_runtime.py"] = runtime.read_bytes()
     with tempfile.TemporaryDirectory() as folder, progress_bar("exporting", len(creatures)) as bar:
         for number, name in enumerate(creatures):
             file = Path(folder) / f"{name}.npz"
-            na.write_numpy(na.load_emulator(f"{name}-{SUBSTEPS}"), file, LICENCE)
+            write_npz(na.load_emulator(f"{name}-{SUBSTEPS}"), file, LICENCE)
             contents[f"emulators/{file.name}"] = file.read_bytes()
             if name in POLICIES:
                 policy = Path(folder) / f"{name}.policy.npz"
-                na.write_numpy(na.load_policy(name), policy, LICENCE)
+                write_npz(na.load_policy(name), policy, LICENCE)
                 contents[f"emulators/{policy.name}"] = policy.read_bytes()
             bar.advance_to(number + 1)
     path.parent.mkdir(parents=True, exist_ok=True)

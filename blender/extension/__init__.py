@@ -1,7 +1,7 @@
 """NeuroAnimator in Blender: add a creature, say where it starts and what it is told, bake its motion to keyframes.
 
 Add > NeuroAnimator, or File > Import > NeuroAnimator emulator (.npz), which
-`neuroanimator export my_robot.emulator.safetensors --out my_robot.npz` writes. Then the sidebar's tab NeuroAnimator.
+`python blender/npz_file.py my_robot.emulator.safetensors` writes. Then the sidebar's tab NeuroAnimator.
 """
 
 from pathlib import Path
@@ -125,7 +125,7 @@ class AddCreature(bpy.types.Operator):
 
 
 class ImportEmulator(bpy.types.Operator, ImportHelper):
-    """Add the body of an emulator from a file that 'neuroanimator export' wrote"""
+    """Add the body of an emulator from a file that blender/npz_file.py wrote"""
 
     bl_idname = "neuroanimator.import_emulator"
     bl_label = "NeuroAnimator emulator (.npz)"

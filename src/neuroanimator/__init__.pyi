@@ -48,7 +48,6 @@ from neuroanimator.export.film.inline import show as show
 from neuroanimator.export.film.video import write_video as write_video
 from neuroanimator.export.gltf.scene import write_glb as write_glb
 from neuroanimator.export.programs.c_file import write_c_header as write_c_header
-from neuroanimator.export.programs.numpy_file import write_numpy as write_numpy
 from neuroanimator.export.programs.onnx_file import write_onnx as write_onnx
 from neuroanimator.export.programs.wasm_file import write_wasm as write_wasm
 from neuroanimator.export.usd.scene import write_usd as write_usd

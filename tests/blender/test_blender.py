@@ -10,13 +10,14 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import numpy_runtime
 import pytest
+from npz_file import write_npz
 
 import neuroanimator as na
 from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.animation.motion import named_start, random_motion
 from neuroanimator.appearance.colour import linear_of
-from neuroanimator.export.programs import numpy_runtime
 from neuroanimator.state.pose import read_pose
 
 ROOT = Path(__file__).parents[2] / "blender"
@@ -41,7 +42,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("creatures")
     files = {name: folder / f"{name}.npz" for name in SYSTEMS}
     for name, path in files.items():
-        na.write_numpy(na.load_emulator(name), path)
+        write_npz(na.load_emulator(name), path)
     return files
 
 

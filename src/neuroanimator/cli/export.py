@@ -29,7 +29,7 @@ def run(
     out: Annotated[
         list[Path],
         typer.Option(
-            help="File ending in .h or .npz, .wasm or .onnx (which need the extras wasm and onnx); "
+            help="File ending in .h, .wasm or .onnx (the latter two need the extras wasm and onnx); "
             "of a clip in .glb, .usda, .usdz, .mp4 or .csv. May be repeated."
         ),
     ],

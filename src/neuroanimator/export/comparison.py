@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from neuroanimator.animation.clip import make_clip
+from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.emulator.emulator import Emulator
@@ -16,11 +16,15 @@ def write_comparison(emulator: Emulator, replay: Replay, path: str | Path) -> No
 
     Where there is no physics, as of recordings, it is the emulator's motion alone.
     """
-    path = Path(path)
-    emulator_clip = make_clip(emulator, replay.emulator_states, source="emulator")
+    clip, ghost = replay_clips(emulator, replay)
+    write_glb(clip, path, ghost=ghost)
+
+
+def replay_clips(emulator: Emulator, replay: Replay) -> tuple[Clip, Clip | None]:
+    """Return (the motion on the physics, the emulator's as its ghost); where there is no physics, the latter alone."""
+    emulated = make_clip(emulator, replay.emulator_states, source="emulator")
     if not replay.is_on_physics:
-        write_glb(drawable(emulator_clip, emulator), path)
-        return
-    physics_clip = make_clip(emulator, replay.physics_states, source="physics")
-    ghost = drawable(emulator_clip, emulator, ranges_from=physics_clip)
-    write_glb(drawable(physics_clip, emulator), path, ghost=ghost)
+        return drawable(emulated, emulator), None
+    physics = make_clip(emulator, replay.physics_states, source="physics")
+    ghost = drawable(emulated, emulator, ranges_from=physics)
+    return drawable(physics, emulator), ghost

@@ -90,7 +90,6 @@ def write_worst(
 
 def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:
     takes = []
-    held = round(HELD_SECONDS * RATE)
     for number, segment in enumerate(inspection.worst, start=1):
         physics = _slow_clip(emulator, segment.physics, "physics")
         emulated = _slow_clip(emulator, segment.emulated, "emulator")
@@ -99,14 +98,16 @@ def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:
             f"{emulator.system}, n = {emulator.substeps}, worst {number} of {len(inspection.worst)}: off by "
             f"{short_number(segment.error)}, most of all in {segment.component}. Magenta: the emulator"
         )
-        takes.append(Take((drawable(physics, emulator),), ghost, caption, held))
+        takes.append(Take((drawable(physics, emulator),), ghost, caption))
     return takes
 
 
 def _slow_clip(emulator: Emulator, states: Float[np.ndarray, "T1 S"], source: str) -> Clip:
-    """Return the clip of a segment in slow motion."""
+    """Return the clip of a segment in slow motion, which stays on its end."""
     clip = make_clip(emulator, _sound(states), rate=SLOWER * RATE, source=source)
-    return replace(clip, times=np.arange(len(clip.states)) / RATE)
+    end = np.repeat(clip.states[-1:], round(HELD_SECONDS * RATE), axis=0)
+    shown = np.concatenate([clip.states, end])
+    return replace(clip, states=shown, times=np.arange(len(shown)) / RATE)
 
 
 def _sound(states: Float[np.ndarray, "T1 S"]) -> Float[np.ndarray, "T1 S"]:

@@ -11,21 +11,21 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy_runtime
 import onnx
 import onnxruntime
 import pytest
 from conftest import Cli
+from npz_file import npz_bytes
 
 from neuroanimator import Emulator, NeuroAnimatorError, Policy, load_emulator, write_onnx
 from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.emulator.trust import EDGE
-from neuroanimator.export.programs import numpy_runtime
 from neuroanimator.export.programs.definition import (
     Definition,
     Port,
     definition_of,
 )
-from neuroanimator.export.programs.numpy_file import numpy_bytes
 from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
 from neuroanimator.export.programs.vectors import COUNT, KEPT, make_vectors
 from neuroanimator.state.layout import Layout, Slice
@@ -85,7 +85,7 @@ def test_a_function_is_the_same_in_onnx(name: str, batch: int):
     np.testing.assert_allclose(computed["z"], expected, rtol=2e-5, atol=2e-5)
     reference = run_reference(content, feeds)["z"]
     np.testing.assert_allclose(reference, expected, rtol=2e-5, atol=2e-5)
-    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(six_numbers(FUNCTIONS[name]))))
+    in_numpy = numpy_runtime.load(io.BytesIO(npz_bytes(six_numbers(FUNCTIONS[name]))))
     np.testing.assert_allclose(in_numpy.run(x, y), expected, rtol=2e-5, atol=2e-5)
 
 
@@ -204,7 +204,7 @@ def trust_outside(emulator: Emulator, states: np.ndarray, controls: np.ndarray) 
     definition = definition_of(emulator, has_trust=True)
     feeds = {"state": np.float32(states), "control": np.float32(controls)}
     content = onnx_bytes(definition)
-    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(definition)))
+    in_numpy = numpy_runtime.load(io.BytesIO(npz_bytes(definition)))
     with np.errstate(all="ignore"):  # onnx' own evaluator warns of what is no number
         reference = run_reference(content, feeds)
     return {
@@ -247,7 +247,7 @@ def test_of_a_file_from_before_there_were_scores_there_is_none_which_is_said(tmp
     written = write_onnx(old, tmp_path / "old.onnx")
     assert "gives no trust: the file is from before there were scores" in written.summary()
     assert [output.name for output in onnx.load(written.path).graph.output] == ["next_state"]
-    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(definition_of(old, has_trust=True))))
+    in_numpy = numpy_runtime.load(io.BytesIO(npz_bytes(definition_of(old, has_trust=True))))
     assert in_numpy.step(old.rest, np.zeros(3)).shape == (6,)
     with pytest.raises(ValueError, match="no scores of trust"):
         in_numpy.trust(old.rest, np.zeros(3))
@@ -289,11 +289,11 @@ def test_a_program_that_does_something_else_is_refused():
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .h, .wasm, .onnx, .npz"),
+        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .h, .wasm, .onnx"),
         (
             ["pendulum", "--out", "p.onnx", "--out", "p.exe"],
             2,
-            "'p.exe' ends in none of .h, .wasm, .onnx, .npz",
+            "'p.exe' ends in none of .h, .wasm, .onnx",
         ),
         (["pendulm", "--out", "p.onnx"], 3, "No emulator file 'pendulm'"),
         (["pendulum", "--policy", "--out", "p.onnx"], 3, "No policy file 'pendulum'"),

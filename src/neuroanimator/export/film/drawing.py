@@ -141,10 +141,8 @@ def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[UInt8[np
                 scene.doubt = float(glow[frame])
                 image = canvas.draw(shots.lookat[frame], shots.angles(frame))
                 footer.write(image, frame)
-                repeats = 1 + (take.held if frame == take.frames - 1 else 0)
-                for _ in range(repeats):
-                    yield image
-                done += repeats
+                yield image
+                done += 1
                 bar.advance_to(done)
 
 

@@ -15,6 +15,7 @@ from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.page import render
+from neuroanimator.export.comparison import replay_clips
 from neuroanimator.export.film.video import write_video
 from neuroanimator.storage.unfinished import temporary_folder
 
@@ -58,12 +59,8 @@ def film_html(path: Path, words: str) -> Markup:
 
 def replay_html(emulator: Emulator, replay: Replay) -> Markup:
     """Return the motion on the physics, the emulator's as a ghost, as part of a page; else a line that says why not."""
-    emulated = make_clip(emulator, replay.emulator_states, source="emulator")
-    if not replay.is_on_physics:
-        return _drawn_html(drawable(emulated, emulator), EMULATED_WORDS)
-    physics = make_clip(emulator, replay.physics_states, source="physics")
-    ghost = drawable(emulated, emulator, ranges_from=physics)
-    return _drawn_html(drawable(physics, emulator), REPLAY_WORDS, ghost)
+    clip, ghost = replay_clips(emulator, replay)
+    return _drawn_html(clip, EMULATED_WORDS if ghost is None else REPLAY_WORDS, ghost)
 
 
 def motion_html(emulator: Emulator) -> Markup:

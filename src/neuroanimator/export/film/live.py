@@ -20,12 +20,6 @@ if TYPE_CHECKING:
 SIZE = (480, 360)
 """Width and height of a picture [pixels]."""
 
-FOLLOWING = 0.5
-"""Share of its distance to the body that the camera makes up with each picture: steady, and never far behind."""
-
-NEW_START = 0.5
-"""Distance between two pictures, over the body's size, from which on the body has begun anew elsewhere."""
-
 
 @final
 class LiveCamera:
@@ -41,19 +35,14 @@ class LiveCamera:
         middle = bounding_boxes([clip]).centres[0]
         if self._canvas is None:
             self._canvas = self._new_canvas(clip)
-            self._lookat = middle
-        offset = middle - self._lookat
-        share = 1.0 if np.linalg.norm(offset) > NEW_START * self._size else FOLLOWING
-        self._lookat = self._lookat + share * offset
         self._scene.pose([state])
-        return self._canvas.draw(self._lookat, self._angles)
+        return self._canvas.draw(middle, self._angles)
 
     def _new_canvas(self, clip: Clip) -> Canvas:
         needed_graphics()
         from neuroanimator.export.film.drawing import Canvas, scene_of
 
         self._scene, shots = scene_of(Take((clip,)), Film(SIZE))
-        self._size = shots.size
         self._angles = shots.angles(0)
         return Canvas(self._scene, SIZE)
 

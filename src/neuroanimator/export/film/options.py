@@ -44,8 +44,6 @@ class Take(NamedTuple):
     """Another motion of the first clip's body, translucent at the same place and time."""
     caption: str = ""
     """A line below the picture; empty for none."""
-    held: int = 0
-    """Number of times its last frame is shown again."""
 
     @property
     def frames(self) -> int:

@@ -78,7 +78,7 @@ def write_takes(
     needed_graphics()
     from neuroanimator.export.film.drawing import draw_takes
 
-    count = sum(take.frames + take.held for take in takes)
+    count = sum(take.frames for take in takes)
     try:
         with unfinished(path, path.suffix) as temporary:
             with progress_bar(f"drawing {path.name}", count) as bar:

@@ -10,17 +10,20 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import numpy_runtime
 import pytest
+from npz_file import write_npz
 
-from neuroanimator import load_emulator, load_policy, write_numpy
-from neuroanimator.export.programs import numpy_runtime
+from neuroanimator import load_emulator, load_policy
+
+RUNTIME = str(Path(numpy_runtime.__file__).parent)
 
 ALONE = """
 import sys
 import numpy as np
-from fish import load
+from numpy_runtime import load
 assert "neuroanimator" not in sys.modules and "jax" not in sys.modules
-fish, swim = load(), load("swim.npz")
+fish, swim = load("fish.npz"), load("swim.npz")
 state, phase, controls = fish.rest, 0.0, []
 for _ in range(20):
     control = swim.control(state, phase, [0.1, 0.2, 0.0, 0.0])
@@ -40,13 +43,13 @@ np.savez("found.npz", states=states, controls=controls, scores=scores)
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("numpy")
-    write_numpy(load_emulator("fish-50"), folder / "fish.npz", "Apache-2.0")
-    write_numpy(load_policy("fish"), folder / "swim.npz")
+    write_npz(load_emulator("fish-50"), folder / "fish.npz", "Apache-2.0")
+    write_npz(load_policy("fish"), folder / "swim.npz")
     return folder
 
 
 def test_a_motion_alone_is_the_emulators(written: Path):
-    command = [sys.executable, "-I", "-c", "import sys; sys.path.insert(0, '.')" + ALONE]
+    command = [sys.executable, "-I", "-c", f"import sys; sys.path.insert(0, {RUNTIME!r})" + ALONE]
     subprocess.run(command, cwd=written, check=True, capture_output=True)
     found = np.load(written / "found.npz")
     fish = load_emulator("fish-50")
@@ -61,9 +64,10 @@ def test_a_motion_alone_is_the_emulators(written: Path):
 
 def test_the_same_model_is_the_same_bytes_and_says_what_draws_it(written: Path, tmp_path: Path):
     emulator = load_emulator("fish-50")
-    again = write_numpy(emulator, tmp_path / "fish.npz", "Apache-2.0")
-    assert again.path.read_bytes() == (written / "fish.npz").read_bytes()
-    fish = numpy_runtime.load(again.path)
+    again = tmp_path / "fish.npz"
+    write_npz(emulator, again, "Apache-2.0")
+    assert again.read_bytes() == (written / "fish.npz").read_bytes()
+    fish = numpy_runtime.load(again)
     assert fish.facts["licence"] == "Apache-2.0"
     assert len(fish.body["bones"]) == len(emulator.spec.skeleton.bones)
     assert fish.arrays["skin_triangles"].max() < len(fish.arrays["skin_points"])
@@ -96,7 +100,7 @@ def hostile(written: Path, **changes: object) -> io.BytesIO:
 )
 def test_a_strange_program_is_refused(changes: dict, written: Path):
     with pytest.raises(ValueError, match="wanted|no operator|nothing computes|no program"):
-        numpy_runtime.read(hostile(written, **changes))
+        numpy_runtime.load(hostile(written, **changes))
 
 
 @pytest.mark.attack
@@ -108,7 +112,7 @@ def test_a_damaged_file_is_refused_wherever_it_is_cut_or_changed(written: Path):
         for place in rng.integers(0, max(1, len(content)), 4):
             content[place : place + 1] = bytes([rng.integers(256)])
         try:
-            numpy_runtime.read(io.BytesIO(bytes(content)))
+            numpy_runtime.load(io.BytesIO(bytes(content)))
         except ValueError:
             continue
 

@@ -1,4 +1,4 @@
-"""An emulator or a policy as an .npz file, and a module beside it that runs it in NumPy alone.
+"""Write an emulator or a policy as an .npz file for Blender: python blender/npz_file.py my_robot.emulator.safetensors
 
     definition in JAX → program → graph of operators (as for ONNX) → arrays and JSON in one .npz, no pickle
 
@@ -9,31 +9,29 @@ from __future__ import annotations
 
 import io
 import json
-from importlib import resources
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parent / "extension"))  # the runtime goes into the extension
+
+import numpy_runtime
+
 from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
-from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.export.programs import numpy_runtime
+from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import Definition, definition_of
-from neuroanimator.export.programs.exported_files import (
-    CheckedProgram,
-    ExportedFiles,
-    write_program,
-)
+from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.export.programs.onnx_graph import onnx_graph
 from neuroanimator.export.programs.vectors import make_vectors
 from neuroanimator.state.pose_entries import describe_root
-
-RUNTIME = "numpy_runtime.py"
-"""The module that is written beside a file, under its name."""
+from neuroanimator.storage.files import write_whole
 
 
 class Body(NamedTuple):
@@ -49,25 +47,23 @@ NO_BODY = Body({}, {})
 """What draws a policy: nothing."""
 
 
-def write_numpy(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
-    """Write `model` to `path`, after holding it against JAX, with `fish.py`, which runs it, and test vectors beside it.
+def write_npz(model: Emulator | Policy, path: Path, licence: str = "") -> str:
+    """Write `model` to `path`, after holding it against JAX; return a line that says so.
 
     Raises UnsupportedError for an operation there is no operator for, and NeuroAnimatorError where the program does
     not do what JAX does; then nothing is written.
     """
     definition = definition_of(model, licence, has_trust=True)
-    content = numpy_bytes(definition, _body(model))
+    content = npz_bytes(definition, _body(model))
     vectors = make_vectors(definition, model)
-    runs = numpy_runtime.read(io.BytesIO(content))
-    computed = runs.run_all(*(vectors.inputs[port.name] for port in definition.inputs))
-    runtime = f"NumPy {np.__version__}"
-    difference = vectors.check(computed, f"The program in {runtime}")
-    program = CheckedProgram(content, {definition.name: vectors}, runtime, difference)
-    module = (resources.files("neuroanimator.export.programs") / RUNTIME).read_bytes()
-    return write_program(path, definition, program, {".py": module})
+    inputs = [vectors.inputs[port.name] for port in definition.inputs]
+    computed = numpy_runtime.load(io.BytesIO(content)).run_all(*inputs)
+    difference = vectors.check(computed, "The program in NumPy")
+    write_whole(path, content)
+    return f"{path}: {len(content) / 1e3:.0f} kB, what JAX does to {difference:.0e} of the output's scale. {definition.missing}"
 
 
-def numpy_bytes(definition: Definition, body: Body = NO_BODY) -> bytes:
+def npz_bytes(definition: Definition, body: Body = NO_BODY) -> bytes:
     """Return the .npz file of `definition` and of what draws its `body`, the same bytes each time."""
     graph = onnx_graph(definition)
     told = {
@@ -128,3 +124,20 @@ def _bones(skeleton: Skeleton) -> tuple[list[dict[str, Any]], dict[str, np.ndarr
             light = linear_of(shape.colour[:3]).tolist()
             row["shapes"].append({"array": name, "light": [*light, shape.colour[3]]})
     return rows, arrays
+
+
+def main(reference: str) -> None:
+    """Write the emulator or policy in a file, `.policy.safetensors` a policy, beside the present work."""
+    is_policy = reference.endswith(POLICY_ENDING)
+    model = load_policy(reference) if is_policy else Emulator.load(reference)
+    name = Path(reference).name.removesuffix(".safetensors").removesuffix(".emulator")
+    print(write_npz(model, Path(f"{name}.npz")))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("Wanted one file: python blender/npz_file.py my_robot.emulator.safetensors")
+    try:
+        main(sys.argv[1])
+    except (NeuroAnimatorError, OSError) as error:
+        sys.exit(str(error))
