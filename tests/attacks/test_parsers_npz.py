@@ -66,22 +66,21 @@ CLAIM = described(shape="(4000000000,)")
 NPZ = {
     "no archive": (b"PK\x03\x04 and nothing more", "not a usable NPZ"),
     "cut short": (PACKED[: len(PACKED) // 2], "not a usable NPZ"),
-    "a claimed shape of 4e9": (with_time(npy(CLAIM)), "claims 4,000,000,000 numbers"),
+    "a claimed shape of 4e9": (with_time(npy(CLAIM)), "not a usable NPZ"),
     "a claimed shape beyond 64 bits": (
         with_time(npy(described(shape=f"({2**40}, {2**40})"))),
-        "claims",
+        "not a usable NPZ",
     ),
-    "a negative shape": (with_time(npy(described(shape="(-3,)"))), "negative length"),
+    "a negative shape": (with_time(npy(described(shape="(-3,)"))), "not a usable NPZ"),
     "forty axes": (with_time(npy(described(shape="(" + "1," * 40 + ")"), bytes(8))), "40 axes"),
-    "too few bytes": (with_time(npy(described(), bytes(16))), "claims 3 numbers"),
-    "too many bytes": (with_time(npy(described(), bytes(32))), "claims 3 numbers"),
+    "too few bytes": (with_time(npy(described(), bytes(16))), "not a usable NPZ"),
     "a pickle": (
         with_time(npy(described("'|O'"), b"cos\nsystem\n(S'true'\ntR.")),
-        "objects are refused",
+        "not a usable NPZ",
     ),
     "a named column of pickles": (
         with_time(npy(described("[('a', '|O')]"), bytes(24))),
-        "wanted numbers",
+        "not a usable NPZ",
     ),
     "a header that is no dictionary": (with_time(npy("[" * 1000)), "not a usable NPZ"),
     "a header of minus signs": (with_time(npy("-" * 2000 + "1")), "not a usable NPZ"),
@@ -92,7 +91,10 @@ NPZ = {
     "a header of a megabyte": (with_time(npy(" " * 2**20, version=(2, 0))), "not a usable NPZ"),
     "an unknown type": (with_time(npy(described("'<q9'"), bytes(24))), "not a usable NPZ"),
     "a type that is a list": (with_time(npy(described("[]"), bytes(24))), "not a usable NPZ"),
-    "an unknown version": (with_time(npy(described(), bytes(24), version=(9, 0))), "version"),
+    "an unknown version": (
+        with_time(npy(described(), bytes(24), version=(9, 0))),
+        "not a usable NPZ",
+    ),
     "no array": (with_time(b"hello"), "not a usable NPZ"),
     "a zip bomb": (
         archive({"time.npy": bytes(64 * 2**20)}, zipfile.ZIP_DEFLATED),

@@ -6,7 +6,6 @@ import errno
 import fcntl
 import hashlib
 import json
-import math
 import os
 import stat
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import safetensors
 import safetensors.numpy
 
 from neuroanimator.errors import BadFileError, ResourceError
@@ -173,11 +173,13 @@ def read_tensors(
     """
     raw = read_bounded(path, largest)
     try:
-        header, start = _read_header(raw)
+        header = _read_header(raw)
         metadata = _take_metadata(header)
-        tensors = _view_tensors(header, raw, start)
+        if len(header) > TENSOR_LIMIT:
+            raise ValueError(f"{len(header)} tensors; wanted at most {TENSOR_LIMIT}")
+        tensors = _parse_tensors(raw)
         _check_payload(tensors, metadata, kind)
-    except ValueError as error:
+    except (ValueError, safetensors.SafetensorError) as error:
         raise BadFileError(
             f"{path} is not a usable {kind} file: {one_line(error)}. Make it again."
         ) from error
@@ -201,14 +203,11 @@ def read_bounded(path: Place, largest: int) -> bytes:
         raise BadFileError(f"Could not read {path}: {reason}. Check the path.") from error
 
 
-def _read_header(raw: bytes) -> tuple[dict[str, Any], int]:
-    """Return (the header, where the tensors begin)."""
+def _read_header(raw: bytes) -> dict[str, Any]:
     length = int.from_bytes(raw[:LENGTH_BYTES], "little")
-    largest = min(HEADER_LIMIT, len(raw) - LENGTH_BYTES)
-    if len(raw) < LENGTH_BYTES or length > largest:
+    if len(raw) < LENGTH_BYTES or length > HEADER_LIMIT:
         raise ValueError("truncated, or not a safetensors file")
-    start = LENGTH_BYTES + length
-    return parse_json_object(raw[LENGTH_BYTES:start], HEADER_LIMIT), start
+    return parse_json_object(raw[LENGTH_BYTES : LENGTH_BYTES + length], HEADER_LIMIT)
 
 
 def _take_metadata(header: dict[str, Any]) -> dict[str, Any]:
@@ -221,54 +220,19 @@ def _take_metadata(header: dict[str, Any]) -> dict[str, Any]:
     return parse_json_object(text, HEADER_LIMIT)
 
 
-def _view_tensors(header: dict[str, Any], raw: bytes, start: int) -> dict[str, np.ndarray]:
-    """Return the tensors as views into `raw`; together they fill it from `start` on, without a gap or an overlap."""
-    if len(header) > TENSOR_LIMIT:
-        raise ValueError(f"{len(header)} tensors; wanted at most {TENSOR_LIMIT}")
-    ranges = {name: _check_range(name, entry) for name, entry in header.items()}
-    expected = 0
-    for name, (begin, end) in sorted(ranges.items(), key=lambda item: item[1]):
-        if begin != expected:
-            raise ValueError(f"tensor {name[:MAX_SHOWN]!r} overlaps another, or leaves a gap")
-        expected = end
-    if start + expected != len(raw):
-        raise ValueError(f"{len(raw) - start:,} bytes of tensors; wanted {expected:,}")
+def _parse_tensors(raw: bytes) -> dict[str, np.ndarray]:
+    """Return the tensors of a safetensors file, whose places in it the library checks."""
     tensors = {}
-    for name, (begin, _) in ranges.items():
-        entry = header[name]
-        dtype = DTYPES[entry["dtype"]]
-        count = math.prod(entry["shape"])
-        flat = np.zeros(0, dtype)
-        if count:
-            flat = np.frombuffer(raw, dtype, count, start + begin)
+    for name, entry in safetensors.deserialize(raw):
+        dtype = DTYPES.get(entry["dtype"])
+        if dtype is None or len(entry["shape"]) > MAX_AXES:
+            raise ValueError(
+                f"tensor {name[:MAX_SHOWN]!r}: wanted at most {MAX_AXES} axes of {', '.join(DTYPES)}"
+            )
+        flat = np.frombuffer(entry["data"], dtype)
+        flat.flags.writeable = False
         tensors[name] = flat.reshape(entry["shape"])
     return tensors
-
-
-def _check_range(name: str, entry: Any) -> tuple[int, int]:
-    """Return (begin, end) of a tensor among the tensors' bytes."""
-    label = f"tensor {name[:MAX_SHOWN]!r}"
-    if not isinstance(entry, dict) or set(entry) != {"dtype", "shape", "data_offsets"}:
-        raise ValueError(f"{label}: wanted dtype, shape and data_offsets")
-    dtype = entry["dtype"]
-    shape = entry["shape"]
-    offsets = entry["data_offsets"]
-    if not isinstance(dtype, str) or dtype not in DTYPES:
-        raise ValueError(
-            f"{label} has dtype {str(dtype)[:MAX_SHOWN]}; wanted one of {sorted(DTYPES)}"
-        )
-    if not _are_counts(shape) or len(shape) > MAX_AXES:
-        raise ValueError(f"{label}: its shape is not at most {MAX_AXES} whole numbers")
-    if not _are_counts(offsets) or len(offsets) != 2:
-        raise ValueError(f"{label}: its data_offsets are not two whole numbers")
-    begin, end = offsets
-    if end - begin != math.prod(shape) * DTYPES[dtype].itemsize:
-        raise ValueError(f"{label}: its shape does not fit its data_offsets")
-    return begin, end
-
-
-def _are_counts(value: Any) -> bool:
-    return isinstance(value, list) and all(type(number) is int and number >= 0 for number in value)
 
 
 def _check_payload(tensors: dict[str, np.ndarray], metadata: dict[str, Any], kind: str) -> None:

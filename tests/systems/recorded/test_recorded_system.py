@@ -410,7 +410,7 @@ class _Trap:
             {"controls": np.full((2400, 1), np.nan)},
             "controls, row 0, column 0: not a finite number",
         ),
-        ({"run": np.array([_Trap()] * 2400)}, "objects are refused"),
+        ({"run": np.array([_Trap()] * 2400)}, "Object arrays cannot be loaded"),
     ],
 )
 def test_a_bad_npz_is_refused_by_array(

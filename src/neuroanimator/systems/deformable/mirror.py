@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Int
-from numpy.typing import ArrayLike
+from jaxtyping import Int
 
 from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.errors import ArgumentError
@@ -22,6 +21,9 @@ TOLERANCE = 1e-9
 REVERSE_Y = np.array([1.0, -1.0, 1.0])
 """Factors by which the mirror multiplies a vector, axis by axis."""
 
+Numbers = dict[str, list[float]]
+"""Numbers of each part of a body, by its name."""
+
 
 def mirror_of(definition: BodyDefinition, body: Body) -> Mirror | None:
     """Return left and right of `body`; None where the definition names no partners.
@@ -33,7 +35,7 @@ def mirror_of(definition: BodyDefinition, body: Body) -> Mirror | None:
     partners = _partners(definition)
     nodes = _partner_numbers(definition, "nodes", partners)
     controls = _partner_numbers(definition, "controls", partners)
-    check_mirror(body, nodes, controls, control_names(definition))
+    _check_mirror(body, nodes, controls, control_names(definition))
     return Mirror(tuple(nodes.tolist()), tuple(controls.tolist()))
 
 
@@ -72,7 +74,7 @@ def _partner_numbers(
     return np.array(numbers, int)
 
 
-def check_mirror(
+def _check_mirror(
     body: Body,
     nodes: Int[np.ndarray, " N"],
     controls: Int[np.ndarray, " C"],
@@ -82,104 +84,64 @@ def check_mirror(
 
     `nodes` and `controls` are the partners of each.
     """
-    _check_nodes(body, nodes)
-    _check_springs(body, nodes, controls, control_names)
-    _check_faces(body, nodes)
-    _check_external_forces(body, controls, control_names)
-
-
-def _check_nodes(body: Body, nodes: Int[np.ndarray, " N"]) -> None:
-    mirrored = body.positions * REVERSE_Y
-    partners = body.positions[nodes]
-    distances = np.abs(partners - mirrored).max(axis=1)
-    size = np.ptp(body.positions, axis=0).max()
-    i = _first_true(distances > TOLERANCE * size)
-    if i is not None:
-        wanted = (mirrored[i] + 0.0).tolist()  # no minus before a zero
-        came = (partners[i] + 0.0).tolist()
+    mass_points: Numbers = {}
+    mass_point_images: Numbers = {}
+    for i, name in enumerate(body.names):
+        mass_points[name] = [*body.positions[i], body.masses[i]]
+        image = body.positions[i] * REVERSE_Y + 0.0  # no minus before a zero
+        mass_point_images[body.names[int(nodes[i])]] = [*image, body.masses[i]]
+    _refuse_difference("node", "position [m] and mass [kg]", mass_points, mass_point_images)
+    springs: Numbers = {}
+    spring_images: Numbers = {}
+    partner_muscles = controls[: body.muscles.shape[1]]
+    for number, ends in enumerate(body.springs):
+        material = [body.stiffness[number], body.damping[number]]
+        springs[_pair(body, ends)] = [*material, *body.muscles[number]]
+        image = body.muscles[number, partner_muscles]
+        spring_images[_pair(body, nodes[ends])] = [*material, *image]
+    meaning = "stiffness [N/m], damping [N·s/m] and share by which each muscle shortens it"
+    _refuse_difference("spring", meaning, springs, spring_images)
+    faces = Counter(_ring(body, face) for face in body.faces)
+    face_images = Counter(_ring(body, nodes[face][::-1]) for face in body.faces)
+    for ring in face_images - faces:
         raise ArgumentError(
-            f"mirror: '{body.names[i]}' needs a partner at {wanted}, but '{body.names[int(nodes[i])]}' is at {came}. "
-            "Move one, or name the other."
-        )
-    i = _first_true(~_is_close(body.masses[nodes], body.masses))
-    if i is not None:
-        raise ArgumentError(
-            f"mirror: '{body.names[i]}' has {body.masses[i]:g} kg and its partner '{body.names[int(nodes[i])]}' "
-            f"{body.masses[nodes[i]]:g} kg. Give both the same mass."
-        )
-
-
-def _check_springs(
-    body: Body,
-    nodes: Int[np.ndarray, " N"],
-    controls: Int[np.ndarray, " C"],
-    control_names: Sequence[str],
-) -> None:
-    springs = body.springs.tolist()
-    number_of = {frozenset(ends): number for number, ends in enumerate(springs)}
-    muscle_partners = controls[: body.muscles.shape[1]]
-    for spring, ends in enumerate(springs):
-        partner_ends = nodes[ends].tolist()
-        pair = [body.names[i] for i in ends]
-        partner_pair = [body.names[i] for i in partner_ends]
-        partner = number_of.get(frozenset(partner_ends))
-        if partner is None:
-            raise ArgumentError(
-                f"mirror: spring {pair} has no partner {partner_pair}. Add it, or leave out the mirror."
-            )
-        for what, values in (("stiffness", body.stiffness), ("damping", body.damping)):
-            if not _is_close(values[spring], values[partner]):
-                raise ArgumentError(
-                    f"mirror: spring {pair} has {what} {values[spring]:g} and its partner {partner_pair} "
-                    f"{values[partner]:g}. Make them the same."
-                )
-        c = _first_true(body.muscles[partner, muscle_partners] != body.muscles[spring])
-        if c is not None:
-            raise ArgumentError(
-                f"mirror: muscle '{control_names[c]}' shortens {pair} by {body.muscles[spring, c]:g}, but its partner "
-                f"'{control_names[int(controls[c])]}' shortens {partner_pair} by "
-                f"{body.muscles[partner, controls[c]]:g}. Name the other partner, or the mirrored springs."
-            )
-
-
-def _check_faces(body: Body, nodes: Int[np.ndarray, " N"]) -> None:
-    present = Counter(_ring(face) for face in body.faces.tolist())
-    mirrored = Counter(_ring(nodes[face][::-1].tolist()) for face in body.faces)
-    for ring in mirrored - present:
-        corners = [body.names[i] for i in ring]
-        raise ArgumentError(
-            f"mirror: a face is missing: {corners}, the mirror image of one that is there. "
+            f"mirror: a face is missing: {list(ring)}, the mirror image of one that is there. "
             "Add it, or leave out the mirror."
         )
+    forces: Numbers = {}
+    force_images: Numbers = {}
+    for number, force in enumerate(body.external_forces.T):
+        forces[control_names[number]] = [*force]
+        force_images[control_names[int(controls[number])]] = [*(force * REVERSE_Y + 0.0)]
+    _refuse_difference("external force", "force [N]", forces, force_images)
 
 
-def _ring(corners: Sequence[int]) -> tuple[int, ...]:
-    """Return the corners from the smallest one on, in the same sense."""
-    ring = list(dict.fromkeys(corners))
+def _refuse_difference(noun: str, meaning: str, parts: Numbers, images: Numbers) -> None:
+    """Refuse a body whose parts have other numbers than its mirror image's, or lack one of these."""
+    if not parts:
+        return
+    scale = np.abs(np.array(list(parts.values()))).max(axis=0)
+    for name, wanted in images.items():
+        came = parts.get(name)
+        if came is None or not np.allclose(came, wanted, TOLERANCE, TOLERANCE * scale):
+            shown = "none" if came is None else _shown(came)
+            raise ArgumentError(
+                f"mirror: {noun} {name}: as the image of its partner it needs {_shown(wanted)}, came {shown} ({meaning}). "
+                "Make both the same, name another partner, or leave out the mirror."
+            )
+
+
+def _shown(numbers: list[float]) -> list[float]:
+    return np.array(numbers).tolist()
+
+
+def _pair(body: Body, ends: Int[np.ndarray, " 2"]) -> str:
+    first, second = sorted(body.names[i] for i in ends)
+    return f"{first} to {second}"
+
+
+def _ring(body: Body, corners: Int[np.ndarray, " 4"]) -> tuple[str, ...]:
+    """Return the names of the corners, in the same sense, from the first in the alphabet on."""
+    ring = list(dict.fromkeys(body.names[i] for i in corners))
     first = ring.index(min(ring))
     return tuple(ring[first:] + ring[:first])
-
-
-def _check_external_forces(
-    body: Body, controls: Int[np.ndarray, " C"], control_names: Sequence[str]
-) -> None:
-    forces = body.external_forces
-    difference = np.abs(forces[:, controls] - forces * REVERSE_Y[:, None]).max(axis=0)
-    c = _first_true(difference > TOLERANCE * np.abs(forces).max(initial=0))
-    if c is not None:
-        raise ArgumentError(
-            f"mirror: reversing Y, the external force '{control_names[c]}' does not become that of "
-            f"'{control_names[int(controls[c])]}'. Make them mirror images, or leave out the mirror."
-        )
-
-
-def _is_close(left: ArrayLike, right: ArrayLike) -> Any:
-    return np.isclose(left, right, rtol=TOLERANCE, atol=0)
-
-
-def _first_true(flags: Bool[np.ndarray, " K"]) -> int | None:
-    """Return the number of the first flag that is set; None if none is."""
-    numbers = np.flatnonzero(flags)
-    if not len(numbers):
-        return None
-    return int(numbers[0])
