@@ -367,8 +367,8 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
 def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
     """Return whether an actuator drives a joint of the same tree of bodies; one that is on no joint counts as any's."""
     tree_of = model.body_rootid[model.jnt_bodyid]
-    driven = [actuated_joint(model, actuator) for actuator in range(model.nu)]
-    return any(other < 0 or tree_of[other] == tree_of[joint] for other in driven)
+    driven = np.array([actuated_joint(model, actuator) for actuator in range(model.nu)])
+    return bool(((driven < 0) | (tree_of[driven] == tree_of[joint])).any())
 
 
 def system_of(values: dict[str, Any], model: mujoco.MjModel) -> ModelSystem:
