@@ -12,6 +12,7 @@ from neuroanimator import DatasetConfig, TrainingConfig, load_system, train
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.data.shard import make_shard
+from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.rigid.model_system import ModelSystem
@@ -60,6 +61,14 @@ def share_upright(system: ModelSystem, states: np.ndarray) -> float:
     return upright / len(states)
 
 
+@pytest.fixture(scope="module")
+def jolted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Proposal]:
+    """The TOML file of a model with keyframes, one of which is mad, and its proposal."""
+    folder = tmp_path_factory.mktemp("jolted")
+    (folder / "jolted.xml").write_text(JOLTED)
+    return write_definition(str(folder / "jolted.xml"), keyframe="up")
+
+
 @pytest.mark.parametrize("model", [pytest.param("drone", marks=pytest.mark.endurance), "quadruped"])
 def test_most_of_the_data_are_of_bodies_that_stand_or_fly(model: str, tmp_path: Path):
     toml, proposal = write_definition(str(put(model, tmp_path)))
@@ -68,7 +77,7 @@ def test_most_of_the_data_are_of_bodies_that_stand_or_fly(model: str, tmp_path: 
     name, definition, substeps = resolve(str(toml))
     system = load_system(name, definition)
     assert isinstance(system, ModelSystem)
-    config = DatasetConfig.usual(name, definition, substeps, count=2000)
+    config = DatasetConfig.usual(name, definition, substeps, count=600)
     states = make_shard(system, config, 0, threads=2).tensors["states"]
     assert share_upright(system, states[:, ::4].reshape(-1, states.shape[-1]).astype(float)) > 0.5
     if model == "drone":
@@ -84,22 +93,21 @@ def test_what_no_control_holds_upright_keeps_its_whole_controls_and_is_said_to_f
     assert any("so most of the data are of falls" in text for text in proposal.warnings)
 
 
-def test_rest_and_keyframes_are_always_among_the_starts(tmp_path: Path):
-    (tmp_path / "jolted.xml").write_text(JOLTED)
-    _, proposal = write_definition(str(tmp_path / "jolted.xml"), tmp_path / "j.toml", keyframe="up")
+def test_rest_and_keyframes_are_always_among_the_starts(jolted: tuple[Path, Proposal]):
+    toml, proposal = jolted
     assert any("keyframe mad: runs that begin there diverge" in line for line in proposal.warnings)
-    system = load_system(str(tmp_path / "j.toml"))
+    system = load_system(str(toml))
     starts = sample_starts(system, np.random.default_rng(0), 400)
     for pose in (3.1, 1.5):
         assert (starts == [pose, 0.0]).all(axis=1).mean() > 0.01
 
 
-def test_a_definition_that_says_nothing_of_resets_keeps_its_data(tmp_path: Path):
-    (tmp_path / "jolted.xml").write_text(JOLTED)
-    toml, _ = write_definition(str(tmp_path / "jolted.xml"))
+def test_a_definition_that_says_nothing_of_resets_keeps_its_data(jolted: tuple[Path, Proposal]):
+    toml, _ = jolted
     lines = [line for line in toml.read_text().splitlines() if not line.startswith("reset_")]
-    toml.write_text("\n".join(lines))
-    _, definition, _ = resolve(str(toml))
+    silent = toml.with_name("silent.toml")
+    silent.write_text("\n".join(lines))
+    _, definition, _ = resolve(str(silent))
     assert "reset_share" not in definition
 
 

@@ -106,7 +106,8 @@ def test_batches_are_seen_unless_the_file_says_otherwise(
 
 def test_a_slow_function_is_named_before_anybody_waits_for_it(tmp_path: Path):
     slow = "    import time; time.sleep(0.002)\n    if state[0] > 5: return state\n    speed ="
-    _, proposal = written(tmp_path, ("    speed =", slow))
+    step = ("STEP = 0.01", 'SPREAD = {"place": 1.0, "speed": 3.0}\nSTEP = 0.01')
+    _, proposal = written(tmp_path, step, ("    speed =", slow))
     assert "300,000 transitions take about" in proposal.warnings[-1]
     assert "generate --count" in proposal.warnings[-1]
 

@@ -12,7 +12,7 @@ from neuroanimator.data.config import USUAL_COUNT
 from neuroanimator.parsing.names import model_name
 from neuroanimator.scaffold.actuators import actuators_without_range
 from neuroanimator.scaffold.holding import Hold
-from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, free_spread, is_urdf
+from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, is_urdf
 from neuroanimator.scaffold.root_invariance import (
     can_touch_ground,
     gravity_of,
@@ -20,8 +20,6 @@ from neuroanimator.scaffold.root_invariance import (
     why_root_is_placed,
 )
 from neuroanimator.scaffold.teacher import Teacher, in_words
-from neuroanimator.state.contacts import Contacts
-from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.rigid.actuators import actuator_name
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name, sensor_name
 from neuroanimator.systems.rigid.limbs import acts_on
@@ -52,17 +50,10 @@ COMMENTS = {
     "warm_up: random driving before the others are recorded [s]; tilt: of a free root [rad].",
     "sampling.above_ground": "lifts starts that would lie in the ground",
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
-    "or as far as one number to either side of rest.",
+    "or as far as one number to either side of rest: over a joint's range, all the way round, or as in trial runs.",
     "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
 }
 """Titles of tables and comments on values that are the same for every model."""
-
-FEATURE_NOTES = {
-    "cyclic": "nothing can tell where it stands",
-    "planar": "a root that moves in the plane",
-    "sine": "may turn more than half round",
-}
-"""Reasons for the features that are not plain."""
 
 
 class Findings(NamedTuple):
@@ -76,8 +67,6 @@ class Findings(NamedTuple):
     whole: dict[str, tuple[float, float]]
     """The whole range of each control."""
     teacher: Teacher
-    symmetries: dict[Symmetry, float]
-    """Symmetries of the motion, and the error of each as a share of a usual change."""
     lost: list[str]
     """Those of rest and keyframes that runs diverge from."""
 
@@ -92,26 +81,17 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         "keyframe": f"the state of rest, of: {listed(keyframes) or 'none; the reference pose'}",
         "physics.truth_step": _teacher_note(found.teacher),
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
-        "frame.contacts": _contacts_note(system.structure.contacts),
-        "frame.symmetries": _symmetries_note(found.symmetries),
         "sampling.warm_up": _warm_up_note(system, found.motion),
     }
     for actuator in range(model.nu):
         comments[f"control.{actuator_name(model, actuator)}"] = _control_note(
             model, found, actuator
         )
-    for view in system.views:
-        spread = "as in trial runs"
-        if free_spread(model, view.index) is not None:
-            limited = is_limited(model, view.index)
-            spread = "the joint's range" if limited else "all the way round, as nothing limits it"
-        comments[f"sampling.position.{view.name}"] = spread
-        note = FEATURE_NOTES.get(view.feature, "")
-        if view.feature == "placed":
-            why = why_root_is_placed(model) if view.index == 0 else "it is not the first joint"
-            note = f"where it stands matters: {why}"
-        comments[f"state.{view.name}"] = note
-    return {key: comment for key, comment in comments.items() if comment}
+    root = system.views[0]
+    if root.feature == "placed":
+        why = why_root_is_placed(model)
+        comments[f"state.{root.name}"] = f"where it stands matters: {why}"
+    return comments
 
 
 def _substeps_note(found: Findings) -> str:
@@ -160,25 +140,6 @@ def _warm_up_note(system: ModelSystem, motion: Motion) -> str:
 
 def _posture(motion: Motion) -> str:
     return f"upright for {motion.upright:.0%} of the time"
-
-
-def _contacts_note(contacts: Contacts | None) -> str:
-    """Return what the network is shown of contacts."""
-    if contacts is None:
-        return "nothing touches a fixed plane, and no joint has a stop"
-    points = len(contacts.points)
-    stops = len(contacts.stops)
-    return f"shows the network where {points} points and {stops} joints are going, to the ground and to their stops"
-
-
-def _symmetries_note(symmetries: dict[Symmetry, float]) -> str:
-    """Return what the symmetries of a model are good for."""
-    if not symmetries:
-        return "no mirror or exchange of like limbs leaves the motion what it is"
-    return (
-        f"every example stands for {len(symmetries) + 1}: mirrored, or with like limbs exchanged, "
-        f"it is true to {max(symmetries.values()):.1g} of a usual change"
-    )
 
 
 def _teacher_note(teacher: Teacher) -> str:

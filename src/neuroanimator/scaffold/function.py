@@ -107,18 +107,11 @@ class Trial(NamedTuple):
         """Duration of the function's own step [s]."""
         return self.system.physics_dt
 
-    def after(self, states: States) -> States:
-        """Return what follows on `states` after one step."""
-        return self.later(1, states)
-
-    def later(self, steps: int, states: States) -> States:
-        """Return what follows on `states` after some steps."""
-        return self.by(self.system.scheme, steps * self.dt, states)
-
-    def by(self, scheme: Scheme, duration: float, states: States) -> States:
-        """Return what follows by `scheme` on `states` after `duration` [s]."""
-        runs = self.system.simulate(states, self.controls[:, None], duration, scheme=scheme)
-        return runs.states[:, 1]
+    def after(self, states: States, steps: float = 1, parts: int = 1) -> States:
+        """Return what follows on `states` after some steps, each cut into `parts`."""
+        scheme = Scheme(FUNCTION, min(steps, 1) * self.dt / parts)
+        held = self.controls[:, None]
+        return self.system.simulate(states, held, steps * self.dt, scheme=scheme).states[:, 1]
 
 
 def propose_function(path: Path) -> Proposal:
@@ -252,18 +245,15 @@ def _substeps(trial: Trial) -> tuple[int, str]:
 
 def _teacher(trial: Trial) -> tuple[int, float]:
     """Return into how many parts the teacher cuts the step, and its error; refuse a function that ignores dt."""
-
-    def states_after(parts: int, duration: float = trial.dt) -> States:
-        return trial.by(Scheme(FUNCTION, duration / parts), duration, trial.states)
-
-    if np.array_equal(states_after(1), states_after(1, trial.dt / 2)):
+    states = trial.states
+    if np.array_equal(trial.after(states), trial.after(states, 0.5)):
         raise BadFileError(
             f"{trial.system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step."
         )
-    exact = states_after(FINE_PARTS)
-    unit = np.maximum((exact - trial.states).std(axis=0), MIN_CHANGE)
+    exact = trial.after(states, parts=FINE_PARTS)
+    unit = np.maximum((exact - states).std(axis=0), MIN_CHANGE)
     for parts in TEACHER_PARTS:
-        errors = (states_after(parts) - exact) / unit
+        errors = (trial.after(states, parts=parts) - exact) / unit
         rms_error = float(np.sqrt(np.mean(errors**2)))
         if rms_error <= MAX_TEACHER_ERROR:
             return parts, rms_error
@@ -279,12 +269,12 @@ def _warnings(trial: Trial, values: dict[str, Any]) -> Iterator[str]:
     still = [system.state.names[entry] for entry in np.flatnonzero(is_still)]
     if still:
         yield f"state: {listed(still)} never change. Leave them out of STATE, or check step."
-    following = trial.later(substeps, states)
+    following = trial.after(states, substeps)
     is_whole = ~are_too_large(following)
     yield from warn_of_small(system.state.names, (following - states)[is_whole])
     side = np.where(trial.controls < system.bounds.middle, 0.5, -0.5)
     other = trial._replace(controls=trial.controls + side * system.bounds.half)
-    if np.array_equal(other.later(LATER, states), trial.later(LATER, states)):
+    if np.array_equal(other.after(states, LATER), trial.after(states, LATER)):
         yield "control: nothing that step returns depends on it. Check step."
     seconds = _seconds_per_call(system)
     if seconds > SLOW_CALL and not values["batched"]:

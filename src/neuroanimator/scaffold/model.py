@@ -105,7 +105,7 @@ def propose(
         "fine_integrator": teacher.fine.integrator,
     }
     lost = _resets_that_diverge(system, trial.dt)
-    found = Findings(motion, hold, growth, bounds, teacher, symmetries, lost)
+    found = Findings(motion, hold, growth, bounds, teacher, lost)
     return Proposal(
         check_table(values, path.name, Definition),
         comments_on(system, found),

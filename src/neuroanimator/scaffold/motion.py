@@ -34,7 +34,7 @@ from neuroanimator.scaffold.trials import (
     run_trial,
     usual_velocities,
 )
-from neuroanimator.state.rotation import rotate
+from neuroanimator.state.rotation import rotate_back
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import JointView, joint_name
 from neuroanimator.systems.rigid.model_system import ModelSystem
@@ -292,10 +292,10 @@ def _fill_joint(
 
 def _usual_tilt(orientations: Float[np.ndarray, "B T 4"], rest: Float[np.ndarray, " 4"]) -> float:
     """Return the standard deviation of the tilt of `orientations` from what is upright at rest [rad]."""
-    # The axis that is up at rest, in the body's own frame.
-    own_up = rotate(rest * [1, -1, -1, -1], np.array([0.0, 0.0, 1.0]))
-    up = rotate(orientations, np.broadcast_to(own_up, (*orientations.shape[:2], 3)))
-    tilt = np.arccos(np.clip(up[..., 2], -1, 1))
+    # The world's vertical in the body's own frame, at rest and later.
+    vertical = np.array([0.0, 0.0, 1.0])
+    up = rotate_back(orientations, np.broadcast_to(vertical, (*orientations.shape[:2], 3)))
+    tilt = np.arccos(np.clip(up @ rotate_back(rest, vertical), -1, 1))
     # Of two angles, about two level axes.
     return float(np.sqrt(np.mean(tilt**2) / 2))
 
@@ -333,8 +333,8 @@ def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:
             mujoco.mj_step(model, data)
             if not np.abs(data.qvel).max() < DIVERGED_VELOCITY:
                 break
-    speeds = np.nan_to_num(np.abs(data.qvel), nan=np.inf)
-    return joint_name(model, int(model.dof_jntid[int(np.argmax(speeds))]))
+    # Of several that are no numbers the first counts.
+    return joint_name(model, int(model.dof_jntid[np.argmax(np.abs(data.qvel))]))
 
 
 def is_urdf(values: dict[str, Any]) -> bool:
@@ -367,8 +367,8 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
 def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
     """Return whether an actuator drives a joint of the same tree of bodies; one that is on no joint counts as any's."""
     tree_of = model.body_rootid[model.jnt_bodyid]
-    driven = [actuated_joint(model, actuator) for actuator in range(model.nu)]
-    return any(other < 0 or tree_of[other] == tree_of[joint] for other in driven)
+    driven = np.array([actuated_joint(model, actuator) for actuator in range(model.nu)])
+    return bool(((driven < 0) | (tree_of[driven] == tree_of[joint])).any())
 
 
 def system_of(values: dict[str, Any], model: mujoco.MjModel) -> ModelSystem:

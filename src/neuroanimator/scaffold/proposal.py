@@ -82,7 +82,7 @@ def _fill(
         name = prefix + key
         if not _has_tables(value):
             item = tomlkit.item(value)
-            if name in comments:
+            if comments.get(name):
                 item.comment(printable(comments[name]))
             container.add(key, item)
         elif isinstance(value, list):

@@ -64,7 +64,7 @@ def propose_recording(path: Path) -> Proposal:
     names = [name for name, _ in recording.state]
     units = [unit for _, unit in recording.state]
     with_units = [f"{name} {unit}" for name, unit in recording.state]
-    _refuse_standstill(recording, samples)
+    warnings = list(_still_columns(recording, samples))
     refuse_large(path.name, with_units, samples)
     runs = _unwrapped(recording)
     is_turning = (np.ptp(samples, axis=0) > np.pi) & (np.array(units) == "rad")
@@ -104,8 +104,7 @@ def propose_recording(path: Path) -> Proposal:
         "state.rate": "where one column adds up to another's changes, noise left aside",
         "state.rest": f"where the recordings {where}; motions begin there if nothing else is said",
     }
-    warnings = [
-        *_still_columns(names, samples),
+    warnings += [
         *_outliers(recording, samples),
         *_fast_turns(names, runs, turning),
         *_short_runs(recording, window_length(substeps)),
@@ -115,9 +114,13 @@ def propose_recording(path: Path) -> Proposal:
     return Proposal(definition, comments, tuple(names), tuple(warnings))
 
 
-def _refuse_standstill(recording: Recording, samples: Float[np.ndarray, "N S"]) -> None:
-    """Raise BadFileError if no state column ever changes, or if a control column does not."""
-    if (np.ptp(samples, axis=0) == 0).all():
+def _still_columns(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterator[str]:
+    """Yield a line if there are state columns that never change.
+
+    Raises BadFileError if no state column ever changes, or if a control column does not.
+    """
+    is_still = np.ptp(samples, axis=0) == 0
+    if is_still.all():
         raise BadFileError(
             f"{recording.file}: the state is the same in every row, so there is no motion to learn. Record while it moves."
         )
@@ -128,6 +131,9 @@ def _refuse_standstill(recording: Recording, samples: Float[np.ndarray, "N S"]) 
                 f"{recording.file}: control.{name} never changes, so nothing can be learned of it. Remove the column, or record "
                 "while it changes."
             )
+    still = [f"state.{recording.state[i][0]}" for i in np.flatnonzero(is_still)]
+    if still:
+        yield f"{listed(still)}: the same in every row, so nothing can be learned of it. Remove the column."
 
 
 def _unwrapped(recording: Recording) -> Runs:
@@ -199,13 +205,6 @@ def _largest_for(recording: Recording, most: int) -> int:
         return substeps
     split_runs(recording.file, rows, window_length(1))
     return 1
-
-
-def _still_columns(names: list[str], samples: Float[np.ndarray, "N S"]) -> Iterator[str]:
-    """Yield a line if there are state columns that never change."""
-    still = [f"state.{names[i]}" for i in np.flatnonzero(np.ptp(samples, axis=0) == 0)]
-    if still:
-        yield f"{listed(still)}: the same in every row, so nothing can be learned of it. Remove the column."
 
 
 def _outliers(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterator[str]:

@@ -137,7 +137,16 @@ def is_same_anywhere(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
         velocities = rng.normal(size=model.nv)
         drive = (rng.normal(size=model.nu), rng.uniform(size=model.na))
         usual = _turned(model, joints, _accelerations(loose, positions, velocities, *drive))
-        moved = _moved(model, joints, positions, shift)
+        moved = positions.copy()
+        first = model.jnt_qposadr[joints[0]]
+        moved[first] += shift
+        if _can_turn(model, joints):
+            moved[first + 1] += shift
+            if len(joints) > 1:
+                moved[first + 2] += TURN
+            else:
+                orientation = slice(first + 3, first + 7)
+                moved[orientation] = multiply(facing(np.array(TURN)), positions[orientation])
         found = _accelerations(loose, moved, _turned(model, joints, velocities), *drive)
         if (np.abs(found - usual) > TOLERANCE * np.maximum(1, np.abs(usual))).any():
             return False
@@ -159,23 +168,6 @@ def _accelerations(
     with warnings_counted:
         mujoco.mj_forward(model, data)
     return np.array(data.qacc)
-
-
-def _moved(model: mujoco.MjModel, joints: Sequence[int], positions: Vector, shift: float) -> Vector:
-    """Return the positions with the root turned by `TURN`, if it can be, and then shifted along its axes."""
-    moved = positions.copy()
-    first = model.jnt_qposadr[joints[0]]
-    level = slice(first, first + 1)
-    if _can_turn(model, joints):
-        level = slice(first, first + 2)
-        moved[level] = rotate_in_plane(np.array([TURN]), positions[level])
-        if len(joints) > 1:
-            moved[first + 2] += TURN
-        else:
-            orientation = slice(first + 3, first + 7)
-            moved[orientation] = multiply(facing(np.array(TURN)), positions[orientation])
-    moved[level] += shift
-    return moved
 
 
 def _turned(model: mujoco.MjModel, joints: Sequence[int], vector: Vector) -> Vector:

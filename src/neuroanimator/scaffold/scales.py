@@ -70,29 +70,28 @@ def _variance_of_change(runs: Runs, span: int) -> Float[np.ndarray, " S"]:
 
 def slow_substeps(runs: Runs, noise: Noise, usual: int) -> int:
     """Return how many samples of something slow a super step should have: as many as leave it near where it was."""
-    substeps = usual
-    while substeps < _longest(runs):
-        if share_of_change(runs, noise, substeps + 1).max() > MAX_CHANGE:
-            break
-        substeps += 1
-    return substeps
+    return _lengthened(runs, noise, (usual, MAX_SUBSTEPS), MAX_CHANGE, noise_from=-1.0)
 
 
 def substeps_through_noise(runs: Runs, noise: Noise, usual: int, most: int) -> int:
     """Return how many samples a super step should have so that its changes stand out from noise: `usual` to `most`."""
-    substeps = usual
-    while (
-        substeps < min(most, _longest(runs)) and share_of_noise(runs, noise, substeps) > MAX_NOISE
-    ):
-        if share_of_change(runs, noise, substeps + 1).max() > MAX_CHANGE_THROUGH_NOISE:
+    return _lengthened(runs, noise, (usual, most), MAX_CHANGE_THROUGH_NOISE, noise_from=MAX_NOISE)
+
+
+def _lengthened(
+    runs: Runs, noise: Noise, ends: tuple[int, int], max_change: float, noise_from: float
+) -> int:
+    """Return the longest super step between `ends` over which nothing changes by more than the share `max_change`.
+
+    It is as short as leaves no more than the share `noise_from` of noise in the changes, if that may be.
+    """
+    substeps, most = ends
+    most = min(most, MAX_SUBSTEPS, max(len(states) for states in runs) - 1)
+    while substeps < most and share_of_noise(runs, noise, substeps) > noise_from:
+        if share_of_change(runs, noise, substeps + 1).max() > max_change:
             break
         substeps += 1
     return substeps
-
-
-def _longest(runs: Runs) -> int:
-    """Return the largest number of samples a super step may have: one run is longer than it."""
-    return min(MAX_SUBSTEPS, max(len(states) for states in runs) - 1)
 
 
 def fastest_rate(step: Step, states: States, dt: float) -> float:
