@@ -6,10 +6,12 @@ import random
 from pathlib import Path
 
 import pytest
-from processes import GENERATE, killed_at_random, leftovers, run
+from processes import GENERATE, killed_at_random, leftovers
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
+
+SIX_THOUSAND = DatasetConfig(system="pendulum", count=6000)
 
 
 def check_same(dataset: Path, folder: Path, tally: Tally) -> None:
@@ -24,7 +26,7 @@ def kill_and_resume(dataset: Path, folder: Path, tally: Tally, kills: int, longe
     arguments = (*GENERATE, folder)
     rng = random.Random(0)
     tally.tried += sum(killed_at_random(rng, longest, *arguments) for _ in range(kills))
-    assert run(*arguments).returncode == 0
+    generate(SIX_THOUSAND, folder)
     check_same(dataset, folder, tally)
 
 
@@ -43,9 +45,9 @@ def test_f01_killed_twenty_times_it_ends_with_the_same_bytes(
         kill_and_resume(dataset, tmp_path / str(number), tally, kills=5, longest=1.2)
 
 
-@pytest.mark.parametrize("threads", [1, 2, 4])
+@pytest.mark.parametrize("threads", [1, 4])
 def test_f20_the_bytes_do_not_depend_on_threads(
     threads: int, dataset: Path, tmp_path: Path, tally: Tally
 ):
-    generate(DatasetConfig(system="pendulum", count=6000), tmp_path, threads=threads)
+    generate(SIX_THOUSAND, tmp_path, threads=threads)
     check_same(dataset, tmp_path, tally)

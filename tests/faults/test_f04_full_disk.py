@@ -9,9 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from conftest import Cli
 from processes import GENERATE, command, leftovers, run
 from tally import Tally
 
+from neuroanimator import DatasetConfig, generate
 from neuroanimator.storage.files import locked
 
 
@@ -39,12 +41,12 @@ def test_f04_a_full_disk_is_said_and_resumed_from(small_disk: Path, dataset: Pat
     assert len(told.splitlines()) == 1
     assert not leftovers(folder)
     subprocess.run(["mount", "-o", "remount,size=64m", small_disk], check=True)
-    assert run(*GENERATE, folder).returncode == 0
+    generate(DatasetConfig(system="pendulum", count=6000), folder)
     for path in dataset.glob("*.*s*"):
         tally.expect(folder / path.name, path.read_bytes())
 
 
-def test_f04_a_lock_holds_on_a_full_disk(small_disk: Path):
+def test_f04_a_lock_holds_on_a_full_disk(small_disk: Path, cli: Cli):
     (small_disk / "data").mkdir()
     (small_disk / "data" / ".lock").touch()
     with open(small_disk / "filled", "wb", buffering=0) as file, suppress(OSError):
@@ -52,9 +54,9 @@ def test_f04_a_lock_holds_on_a_full_disk(small_disk: Path):
             file.write(b"x" * 4096)
     with locked(small_disk / "data"):
         pass
-    full = run(*GENERATE, small_disk / "data")
+    full = cli(*GENERATE, small_disk / "data")
     assert full.returncode == 4
-    assert b"dataset.json: No space left on device (" in full.stderr
+    assert "dataset.json: No space left on device (" in full.stderr
 
 
 def test_f04_a_limit_on_files_is_said(tmp_path: Path):

@@ -89,6 +89,7 @@ def bytes_of(out: Path) -> dict[str, bytes]:
     return {path.name.replace(out.name, "result"): path.read_bytes() for path in files}
 
 
+@pytest.mark.endurance
 def test_f02_stopped_in_every_round_it_ends_with_the_same_bytes(
     weak: Path, transitions: Transitions, whole: tuple[Path, Improvement], tmp_path: Path
 ):
