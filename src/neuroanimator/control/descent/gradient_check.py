@@ -19,9 +19,8 @@ from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import is_known_by_name
-from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.control.objective.objective_cost import cost_and_slopes
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError

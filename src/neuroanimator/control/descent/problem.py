@@ -12,8 +12,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.defects import rollout_with_defects, step_with_defect
 from neuroanimator.control.descent.parametrisation import Parametrisation
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.emulator.compiled import call_compiled
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.arrays import AnyArray
