@@ -65,10 +65,14 @@ class Problem(eqx.Module):
             return of_controls.residuals(motion)
 
         count = jax.eval_shape(of_motion, z).shape[0]
-        is_backward_cheaper = BACKWARD_COST * count < len(z)
-        jacobian_of = jax.jacrev if is_backward_cheaper else jax.jacfwd
-        residuals = jnp.concatenate([of_motion(z), of_effort(z)])
-        jacobian = jnp.concatenate([jacobian_of(of_motion)(z), jax.jacfwd(of_effort)(z)])
+        if BACKWARD_COST * count < len(z):
+            motion_residuals, pull_back = jax.vjp(of_motion, z)
+            (by_motion,) = jax.vmap(pull_back)(jnp.eye(count))
+        else:
+            motion_residuals, push = jax.linearize(of_motion, z)
+            by_motion = jax.vmap(push, out_axes=1)(jnp.eye(len(z)))
+        residuals = jnp.concatenate([motion_residuals, of_effort(z)])
+        jacobian = jnp.concatenate([by_motion, jax.jacfwd(of_effort)(z)])
         cost = jnp.sum(residuals**2) / 2
         slope = jnp.zeros_like(z)
         if self.objective.functions:
