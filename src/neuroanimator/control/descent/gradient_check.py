@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.codegen.kept import has_code_in_sources
-from neuroanimator.control.descent.descend import evaluator_of, pose_problem
+from neuroanimator.control.descent.descend import controls_in_jax, evaluator_of, pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.c_objective import is_known_by_name
 from neuroanimator.control.objective.objective import Objective, Trajectory
@@ -152,7 +152,7 @@ def _precise_controls(
     if has_code_in_sources(parametrisation):
         return np.stack([parametrisation.controls(z) for z in zs])
     with jax.enable_x64(True):
-        return np.asarray(_controls_of(parametrisation, zs))
+        return np.asarray(controls_in_jax(parametrisation, zs))
 
 
 def _precise_costs(
@@ -179,14 +179,6 @@ def _simulate(system: System, starts: np.ndarray, controls: np.ndarray, dt: floa
             "The physics diverged under these controls: it has no gradient there. Shorten the motion."
         )
     return runs.states
-
-
-@eqx.filter_jit
-def _controls_of(
-    parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
-) -> Float[Array, "K T C"]:
-    """Return the controls of each z, in float64 where JAX has it."""
-    return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
 
 
 @eqx.filter_jit
