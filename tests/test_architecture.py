@@ -41,7 +41,7 @@ BEYOND_PUBLIC_NAMES = {
     "control.descent.problem",
     "control.objective.c_objective",
     "control.objective.goals",
-    "control.objective.moments",
+    "control.objective.objective",
     "control.policies.policy",
     "control.synthesis.synthesise",
     "data.generate",

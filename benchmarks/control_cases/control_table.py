@@ -14,8 +14,7 @@ from control_cases.control_plot import Panel
 from control_cases.first_controller import cold_seconds
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
-from neuroanimator.control.objective.moments import ALL_ALONG
-from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective import ALL_ALONG, Objective
 from neuroanimator.control.planning.planner import Planner
 from neuroanimator.control.planning.plants import PhysicsPlant, control_plant
 from neuroanimator.control.synthesis.synthesise import Synthesis

@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 from neuroanimator import Objective, load_emulator, load_system
 from neuroanimator.control.descent.descend import evaluator_of, pose_problem
 from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm, Trajectory
 from neuroanimator.tasks.solver import Solver
 from neuroanimator.tasks.task import Task
 

@@ -29,7 +29,7 @@ from neuroanimator.control.descent.parametrisation import (
     Steered,
 )
 from neuroanimator.control.objective.goals import goal_start, goal_state, reach_goal
-from neuroanimator.control.objective.moments import Moments
+from neuroanimator.control.objective.objective import Moments
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -117,7 +117,7 @@ def swim_to_a_place(system: System, emulator: Emulator) -> PageDescent:
     )
     low = origin + length * np.array(swimming.low)
     high = origin + length * np.array(swimming.high)
-    entries = entries_of(objective, lambda one: one.terms[3].positions)[0]
+    entries = entries_of(objective, lambda one: one.terms[3].wanted)[0]
     movable = (
         _place(place, low, high, [Write(int(entry), axis) for axis, entry in enumerate(entries)]),
         _weight(objective, 0, "effort", 0.1),
@@ -162,7 +162,7 @@ def land_on_the_pad(system: System, emulator: Emulator) -> PageDescent:
     over_pad = LANDING_SECONDS - FINAL_DESCENT_SECONDS
     objective = landing_objective(system, over_pad)
     goal = entries_of(objective, lambda one: one.terms[1].goal)
-    above = entries_of(objective, lambda one: one.terms[2].positions)[0]
+    above = entries_of(objective, lambda one: one.terms[2].wanted)[0]
     # The ground is where it is.
     writes = [Write(int(entries[axis]), axis) for entries in (goal, above) for axis in (0, 1)]
     place = np.array(system.rest[:3], float)

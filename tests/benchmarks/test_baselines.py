@@ -23,9 +23,8 @@ from neuroanimator import Emulator, load_system
 from neuroanimator.control.descent.parametrisation import EachStep, Spline
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import goal_objective
-from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.control.objective.objective_cost import objective_cost
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import Scheme, System
 

@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 
 from control_cases.baselines.fast_physics import FastPhysics
 from neuroanimator.control.descent.parametrisation import Parametrisation
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import Objective, Trajectory
 
 DIVERGED_COST = 1e9
 """J of a motion that makes the physics diverge, or has no finite J: finite, for baselines take differences of it."""

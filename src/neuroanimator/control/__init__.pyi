@@ -9,8 +9,8 @@ from neuroanimator.control.descent.parametrisation import Parametrisation as Par
 from neuroanimator.control.descent.parametrisation import Periodic as Periodic
 from neuroanimator.control.descent.parametrisation import Spline as Spline
 from neuroanimator.control.descent.parametrisation import Steered as Steered
+from neuroanimator.control.objective.objective import Trajectory as Trajectory
 from neuroanimator.control.objective.obstacles import Zone as Zone
-from neuroanimator.control.objective.trajectory import Trajectory as Trajectory
 from neuroanimator.control.planning.environments import DmEnvironment as DmEnvironment
 from neuroanimator.control.planning.environments import Environment as Environment
 from neuroanimator.control.planning.environments import Episode as Episode

@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray

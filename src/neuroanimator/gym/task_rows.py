@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError

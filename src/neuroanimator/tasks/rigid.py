@@ -15,8 +15,7 @@ from neuroanimator.control.objective.costs import (
     stand_up,
 )
 from neuroanimator.control.objective.goals import goal_state, is_reached, reach_goal
-from neuroanimator.control.objective.moments import Moments
-from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective import Moments, Objective
 from neuroanimator.control.objective.obstacles import Zone, avoid, distances, footprint, zone_rows
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.rotation import facing

@@ -20,9 +20,8 @@ from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation, Spline
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import ObjectiveForm
-from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm
+from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm, Trajectory
 from neuroanimator.control.objective.objective_cost import objective_cost
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
 from neuroanimator.storage.private_folder import kept_folder
 from neuroanimator.tasks.all_tasks import TASKS

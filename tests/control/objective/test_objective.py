@@ -50,9 +50,8 @@ from neuroanimator.control.objective.costs import (
     travel,
 )
 from neuroanimator.control.objective.goals import ReachState, reach_goal
-from neuroanimator.control.objective.objective import CostTerm
+from neuroanimator.control.objective.objective import AT_THE_END, CostTerm, Trajectory
 from neuroanimator.control.objective.objective_cost import check_objective, cost_and_slopes
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
@@ -183,7 +182,10 @@ def reach_other(system: System, orientation: np.ndarray | None) -> ReachState:
     state = np.asarray(a_motion(system, seed=1).states[2], float)
     frame = Frame.of(system.structure, 0.0)
     goal = state if orientation is None else moved(system, state, orientation)
-    return ReachState.of(frame, goal, np.eye(frame.change_size(len(state))), 1.0)
+    judged = np.eye(frame.change_size(len(state)), dtype=np.float32)
+    return ReachState(
+        weight=np.float32(1.0), when=AT_THE_END, frame=frame, goal=as_float32(goal), judged=judged
+    )
 
 
 @pytest.mark.parametrize("body", BODIES)

@@ -11,7 +11,7 @@ import pytest
 
 import neuroanimator as na
 from neuroanimator.control.descent.options import DescentOptions
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import Trajectory
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError

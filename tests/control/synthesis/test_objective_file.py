@@ -20,9 +20,8 @@ from neuroanimator.control.descent.options import DEFAULT_ITERATIONS
 from neuroanimator.control.descent.parametrisation import EachStep, Periodic, Spline
 from neuroanimator.control.objective import costs
 from neuroanimator.control.objective.goals import is_reached, reach_goal, usual_goal
-from neuroanimator.control.objective.moments import Moments
+from neuroanimator.control.objective.objective import Moments, Trajectory
 from neuroanimator.control.objective.obstacles import Zone, avoid
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.control.synthesis.objective_file import KINDS, ObjectiveFile, read_objective
 from neuroanimator.control.synthesis.progress import watching
 from neuroanimator.control.synthesis.synthesise import synthesise_goal

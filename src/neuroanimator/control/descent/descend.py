@@ -198,13 +198,14 @@ def controls_of(
         controls = controls_in_c(parametrisation, single)
         if controls is not None:
             return controls.astype(float)
-    return np.asarray(_controls_in_jax(parametrisation, single), float)
+    return np.asarray(controls_in_jax(parametrisation, single), float)
 
 
 @eqx.filter_jit
-def _controls_in_jax(
+def controls_in_jax(
     parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
 ) -> Float[Array, "K T C"]:
+    """Return the controls of each z, in float64 where JAX has it."""
     return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
 
 

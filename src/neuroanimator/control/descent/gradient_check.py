@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import equinox as eqx
 import jax
@@ -12,17 +12,11 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.backend import backend
 from neuroanimator.codegen.kept import has_code_in_sources
-from neuroanimator.control.descent.c_evaluator import c_evaluator
-from neuroanimator.control.descent.descend import pose_problem
+from neuroanimator.control.descent.descend import controls_in_jax, evaluator_of, pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
-from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import is_known_by_name
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.objective_cost import cost_and_slopes
-from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.state.arrays import AnyArray
@@ -101,7 +95,7 @@ def gradient_trust(
         return _simulate(system, starts, controls, emulator.dt)
 
     with phase("checking the gradient"):
-        on_emulator = along @ emulated_gradient(problem, z)
+        on_emulator = along @ evaluator_of(problem).gradients(z[None])[1][0]
         on_physics = difference_gradient(
             simulate,
             objective,
@@ -158,7 +152,7 @@ def _precise_controls(
     if has_code_in_sources(parametrisation):
         return np.stack([parametrisation.controls(z) for z in zs])
     with jax.enable_x64(True):
-        return np.asarray(_controls_of(parametrisation, zs))
+        return np.asarray(controls_in_jax(parametrisation, zs))
 
 
 def _precise_costs(
@@ -185,54 +179,6 @@ def _simulate(system: System, starts: np.ndarray, controls: np.ndarray, dt: floa
             "The physics diverged under these controls: it has no gradient there. Shorten the motion."
         )
     return runs.states
-
-
-def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"]:
-    """Return dJ/dz (Z,) on the emulator, by the `backend`.
-
-    In JAX by two programs, of which only the objective's own is compiled anew for other costs.
-    """
-    if backend() != "jax":
-        in_c = c_evaluator(problem)
-        if in_c is not None:
-            return in_c.gradients(np.asarray(z, float)[None])[1][0]
-    point = as_jax(z)
-    motion = replace(problem, objective=Objective.of())
-    _, slopes = cost_and_slopes(problem.objective, _emulated_motion(motion, point))
-    return np.asarray(_pulled_back(motion, point, slopes), float)
-
-
-def _emulated_motion(problem: Problem, z: Array) -> Trajectory:
-    """Return the motion on the emulator; by the program everybody uses, unless it has defects."""
-    if np.asarray(problem.defects).any():
-        return _trajectory(problem, z)
-    controls = _controls_of(problem.parametrisation, z[None])[0]
-    states = problem.emulator.rollout(problem.start, controls)
-    return Trajectory(states, controls, problem.control_scale, problem.emulator.dt)
-
-
-@eqx.filter_jit
-def _controls_of(
-    parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
-) -> Float[Array, "K T C"]:
-    """Return the controls of each z, in float64 where JAX has it."""
-    return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
-
-
-@eqx.filter_jit
-def _trajectory(problem: Problem, z: Array) -> Trajectory:
-    return problem.trajectory(z)
-
-
-@eqx.filter_jit
-def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Array:
-    """Return how something changes with z that changes with states and controls by `slopes`."""
-
-    def motion(z: Array) -> tuple[Array, Array]:
-        states, controls, *_ = problem.trajectory(z)
-        return states, controls
-
-    return jax.vjp(motion, z)[1](slopes)[0]
 
 
 @eqx.filter_jit

@@ -52,10 +52,6 @@ class Parametrisation(eqx.Module):
 class EachStep(Parametrisation):
     """One value per super step and control."""
 
-    middle: Float[AnyArray, " C"]
-    half: Float[AnyArray, " C"]
-    steps: int = eqx.field(static=True)
-
     @classmethod
     def of(cls, steps: int, bounds: Bounds) -> EachStep:
         """Return the parameters of a motion of so many super steps."""
@@ -77,9 +73,6 @@ class EachStep(Parametrisation):
 class Spline(Parametrisation):
     """A clamped cubic spline per control: smooth, and fewer numbers than super steps."""
 
-    middle: Float[AnyArray, " C"]
-    half: Float[AnyArray, " C"]
-    steps: int = eqx.field(static=True)
     basis: Float[AnyArray, "T K"]
 
     @classmethod
@@ -118,9 +111,6 @@ class Periodic(Parametrisation):
     z holds the frequency, then per control offset, sine and cosine of the wave: amplitude and phase.
     """
 
-    middle: Float[AnyArray, " C"]
-    half: Float[AnyArray, " C"]
-    steps: int = eqx.field(static=True)
     period: Float[AnyArray, ""]
     """[s] Of the first guess."""
     dt: float = eqx.field(static=True)
@@ -179,9 +169,6 @@ class Steered(Parametrisation):
     z holds the frequency, then per control sine and cosine of the wave, then the splines' knots (K, C).
     """
 
-    middle: Float[AnyArray, " C"]
-    half: Float[AnyArray, " C"]
-    steps: int = eqx.field(static=True)
     wave: Periodic
     offsets: Spline
 

@@ -46,9 +46,9 @@ from neuroanimator.control.objective.objective import (
     CostTerm,
     Objective,
     StateTerm,
+    Trajectory,
     checked_rows,
 )
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding

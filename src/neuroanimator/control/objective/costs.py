@@ -15,18 +15,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.arguments import (
-    as_weight,
-    checked_axes,
-    checked_number,
-    checked_numbers,
-    checked_structure,
-    positive,
-    unit_vector,
+from neuroanimator.control.objective.objective import (
+    ALL_ALONG,
+    AT_THE_END,
+    CostTerm,
+    Moments,
+    TimedTerm,
+    Trajectory,
 )
-from neuroanimator.control.objective.moments import ALL_ALONG, AT_THE_END, Moments, TimedTerm
-from neuroanimator.control.objective.objective import CostTerm, StateTerm
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
@@ -68,7 +64,6 @@ PATH_SHARE = 0.1
 class Effort(CostTerm):
     """μ_u: ∫ |u / scale|² dt, so that J does not depend on the super step (eq. 11)."""
 
-    weight: Float[AnyArray, ""]
     of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
@@ -78,13 +73,12 @@ class Effort(CostTerm):
 
 def effort(weight: float = 1.0) -> Effort:
     """Return the cost of effort: large controls."""
-    return Effort(as_weight(weight))
+    return Effort(as_parameter(weight))
 
 
 class Smoothness(CostTerm):
     """∫ |du/dt / scale|² dt in [s²]: controls that do not jump."""
 
-    weight: Float[AnyArray, ""]
     of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
@@ -95,24 +89,31 @@ class Smoothness(CostTerm):
 
 def smoothness(weight: float = 0.01) -> Smoothness:
     """Return the cost of controls that jump."""
-    return Smoothness(as_weight(weight))
+    return Smoothness(as_parameter(weight))
 
 
-class ReachPositions(TimedTerm):
-    """Be at positions at given times: keyframes, or one position at the end."""
+class NearTerm(TimedTerm):
+    """A term that wants what it observes to be near some numbers: to be off by `within` is an error of one."""
 
-    weight: Float[AnyArray, ""]
-    structure: Structure = eqx.field(static=True)
-    positions: Float[AnyArray, "K A"]
-    """[m] Along the axes that matter."""
+    wanted: Float[AnyArray, "*K A"]
+    """One row for all moments, or one for each."""
     within: Float[AnyArray, ""]
+
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
+        return self.when.share(dt) * ((observed - self.wanted) / self.within).ravel()
+
+
+class NearPose(NearTerm):
+    """Have a position, a velocity or a direction: of the root, or of a deformable body as a whole."""
+
+    structure: Structure = eqx.field(static=True)
+    quantity: str = eqx.field(static=True)
+    """Name of the quantity in `Pose`: `position`, `velocity`, `forward` or `upward`."""
     axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
-        return _along(self.axes, read_pose(self.structure, state).position)
-
-    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
-        return self.when.share(dt) * ((observed - self.positions) / self.within).ravel()
+        vector = getattr(read_pose(self.structure, state), self.quantity)
+        return vector[..., np.array(self.axes)]
 
 
 def reach_position(
@@ -124,7 +125,7 @@ def reach_position(
     since: float | None = None,
     axes: str = "xyz",
     weight: float = 1.0,
-) -> ReachPositions:
+) -> NearPose:
     """Return the cost of not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
 
     `axes` says which of x, y, z it gives.
@@ -142,45 +143,120 @@ def reach_positions(
     within: float,
     axes: str = "xyz",
     weight: float = 1.0,
-) -> ReachPositions:
+) -> NearPose:
     """Return the cost of not being at `positions` (K, A) [m] at `times` (K,) [s]."""
-    which = checked_axes(axes)
-    positions = checked_numbers("places", positions, len(which), rows=True)
+    which = _axes(axes)
+    wanted = _numbers("places", positions, len(which), rows=True)
     when = AT_THE_END
     if times is not None:
-        if len(times) != len(positions) or not min(times) >= 0:
+        if len(times) != len(wanted) or not min(times) >= 0:
             raise ArgumentError(
-                f"keyframes: wanted {len(positions)} times of at least 0 s, came {list(times)}."
+                f"keyframes: wanted {len(wanted)} times of at least 0 s, came {list(times)}."
             )
         when = Moments.of(tuple(times))
-    return ReachPositions(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        positions=positions,
-        within=positive("within", within),
-        axes=which,
+    return _near_pose(system, "position", wanted, within, weight, when, which)
+
+
+def keep_velocity(
+    system: System,
+    velocity: ArrayLike,
+    *,
+    within: float,
+    since: float = 0.0,
+    axes: str = "xyz",
+    weight: float = 1.0,
+) -> NearPose:
+    """Return the cost of not moving with `velocity` (A,) [m/s] in the world `since` a time [s]."""
+    which = _axes(axes)
+    wanted = _numbers("velocity", velocity, len(which))
+    when = Moments.of(None, since)
+    return _near_pose(system, "velocity", wanted, within, weight, when, which)
+
+
+def keep_heading(
+    system: System, direction: ArrayLike, *, within: float, since: float = 0.0, weight: float = 1.0
+) -> NearPose:
+    """Return the cost of not pointing along `direction` (3,) in the world, `within` [rad], `since` a time [s]."""
+    wanted = _unit_vector("direction", direction)
+    return _near_pose(system, "forward", wanted, within, weight, Moments.of(None, since))
+
+
+def reach_heading(
+    system: System,
+    direction: ArrayLike,
+    *,
+    within: float,
+    at: float | None = None,
+    weight: float = 1.0,
+) -> NearPose:
+    """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
+    wanted = _unit_vector("direction", direction)
+    return _near_pose(system, "forward", wanted, within, weight, Moments.of(at))
+
+
+def stand_up(
+    system: System, *, within: float, at: float | None = None, weight: float = 1.0
+) -> NearPose:
+    """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
+    up = as_parameter([0.0, 0.0, 1.0])
+    return _near_pose(system, "upward", up, within, weight, Moments.of(at))
+
+
+def _near_pose(
+    system: System,
+    quantity: str,
+    wanted: Float[np.ndarray, "*K A"],
+    within: float,
+    weight: float,
+    when: Moments,
+    axes: tuple[int, ...] = (0, 1, 2),
+) -> NearPose:
+    return NearPose(
+        weight=as_parameter(weight),
         when=when,
+        wanted=wanted,
+        within=_positive("within", within),
+        structure=_structure(system),
+        quantity=quantity,
+        axes=axes,
     )
 
 
-class ReachPoint(TimedTerm):
-    """Be somewhere with a point of the body, such as a hand: at given times, or from one on."""
+class NearSpeed(NearTerm):
+    """Move forward, where the body points, at a speed."""
 
-    weight: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
+        pose = read_pose(self.structure, state)
+        xp = state.__array_namespace__()
+        return xp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
+
+
+def keep_speed(
+    system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0
+) -> NearSpeed:
+    """Return the cost of not going forward at `speed` [m/s] `since` a time [s]."""
+    return NearSpeed(
+        weight=as_parameter(weight),
+        when=Moments.of(None, since),
+        wanted=_numbers("speed", [speed], 1),
+        within=_positive("within", within),
+        structure=_structure(system),
+    )
+
+
+class NearPoint(NearTerm):
+    """Be somewhere with a point of the body, such as a hand."""
+
     chain: tuple[Link, ...] = eqx.field(static=True)
     """From the world to the body the point lies on."""
     offset: tuple[float, ...] = eqx.field(static=True)
     """[m] In that body's frame."""
-    position: Float[AnyArray, " A"]
-    """[m] Along the axes that matter."""
-    within: Float[AnyArray, ""]
     axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
-        return _along(self.axes, point_of_chain(self.chain, self.offset, state))
-
-    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
-        return self.when.share(dt) * ((observed - self.position) / self.within).ravel()
+        return point_of_chain(self.chain, self.offset, state)[..., np.array(self.axes)]
 
 
 def reach_point(
@@ -194,28 +270,27 @@ def reach_point(
     since: float | None = None,
     axes: str = "xyz",
     weight: float = 1.0,
-) -> ReachPoint:
+) -> NearPoint:
     """Return the cost of a point of `body` not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
 
     The point lies at `offset` (3,) [m] in the frame of the body, as MuJoCo has it: a hand, a mouth, the tip of a tool.
     """
-    which = checked_axes(axes)
-    place = checked_numbers("offset", offset, 3)
-    return ReachPoint(
-        weight=as_weight(weight),
+    which = _axes(axes)
+    place = _numbers("offset", offset, 3)
+    return NearPoint(
+        weight=as_parameter(weight),
+        when=Moments.of(at, since),
+        wanted=_numbers("position", position, len(which)),
+        within=_positive("within", within),
         chain=system.skeleton.chain_to(body),
         offset=tuple(map(float, place)),
-        position=checked_numbers("position", position, len(which)),
-        within=positive("within", within),
         axes=which,
-        when=Moments.of(at, since),
     )
 
 
 class ReachHeight(TimedTerm):
     """Be up with all of the body at given times: the rms of how far mass points are below a height."""
 
-    weight: Float[AnyArray, ""]
     structure: Structure = eqx.field(static=True)
     height: Float[AnyArray, ""]
     """[m]"""
@@ -239,18 +314,17 @@ def reach_height(
     the root's position.
     """
     return ReachHeight(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        height=checked_number("height", height),
-        within=positive("within", within),
+        weight=as_parameter(weight),
+        structure=_structure(system),
+        height=_number("height", height),
+        within=_positive("within", within),
         when=Moments.of(at),
     )
 
 
-class FollowPath(StateTerm):
+class FollowPath(TimedTerm):
     """Be where a path says all along, passed at a steady pace."""
 
-    weight: Float[AnyArray, ""]
     structure: Structure = eqx.field(static=True)
     points: Float[AnyArray, "K A"]
     shares: Float[AnyArray, " K"]
@@ -258,11 +332,8 @@ class FollowPath(StateTerm):
     within: Float[AnyArray, ""]
     axes: tuple[int, ...] = eqx.field(static=True)
 
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return ALL_ALONG.rows(steps, dt)
-
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
-        return _along(self.axes, read_pose(self.structure, state).position)
+        return read_pose(self.structure, state).position[..., np.array(self.axes)]
 
     def compare(self, observed: Float[AnyArray, "T A"], dt: float) -> Float[AnyArray, " R"]:
         xp = observed.__array_namespace__()
@@ -271,7 +342,7 @@ class FollowPath(StateTerm):
         lengths = xp.maximum(xp.diff(self.shares), SHORTEST_LEG)
         passed = xp.clip((share[:, None] - self.shares[:-1]) / lengths, 0, 1)
         wanted = self.points[0] + passed @ xp.diff(self.points, axis=0)
-        return ALL_ALONG.share(dt) * ((observed - wanted) / self.within).ravel()
+        return self.when.share(dt) * ((observed - wanted) / self.within).ravel()
 
 
 def follow_path(
@@ -286,8 +357,8 @@ def follow_path(
 
     To be off by `within` [m] is an error of one; a tenth of the path's length if not given.
     """
-    which = checked_axes(axes)
-    points = checked_numbers("points", points, len(which), rows=True)
+    which = _axes(axes)
+    points = _numbers("points", points, len(which), rows=True)
     legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
     lengths = np.concatenate([[0.0], np.cumsum(legs)])
     if len(points) < 2 or not lengths[-1] > 0:
@@ -297,20 +368,19 @@ def follow_path(
     if within is None:
         within = PATH_SHARE * float(lengths[-1])
     return FollowPath(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
+        weight=as_parameter(weight),
+        structure=_structure(system),
         points=points,
         shares=as_parameter(lengths / lengths[-1]),
-        within=positive("within", within),
+        within=_positive("within", within),
         axes=which,
+        when=ALL_ALONG,
     )
 
 
 class TravelTerm(TimedTerm):
     """Come `distance` [m] forward along `direction`; further than possible means as far as possible."""
 
-    weight: Float[AnyArray, ""]
-    when: Moments = eqx.field(static=True)
     direction: Float[AnyArray, " 3"]
     distance: Float[AnyArray, ""]
     within: Float[AnyArray, ""]
@@ -360,10 +430,10 @@ def travel(
     deformable body's centroid.
     """
     when = Moments.of(None, since)
-    term_weight = as_weight(weight)
-    unit = unit_vector("direction", direction)
-    wanted = positive("distance", distance)
-    sizeable = positive("within", within)
+    term_weight = as_parameter(weight)
+    unit = _unit_vector("direction", direction)
+    wanted = _positive("distance", distance)
+    sizeable = _positive("within", within)
     names = [bone.name for bone in system.skeleton.bones if bone.joints]
     if body is None and names and not has_pose(system.structure):
         raise ArgumentError(
@@ -371,150 +441,14 @@ def travel(
             f"or another of {', '.join(names)}."
         )
     if body is None:
-        return Travel(term_weight, when, unit, wanted, sizeable, checked_structure(system))
+        return Travel(term_weight, when, unit, wanted, sizeable, _structure(system))
     chain = system.skeleton.chain_to(body)
     return TravelPoint(term_weight, when, unit, wanted, sizeable, chain)
-
-
-class KeepVelocity(TimedTerm):
-    """Move with a velocity, from a given time on."""
-
-    weight: Float[AnyArray, ""]
-    structure: Structure = eqx.field(static=True)
-    velocity: Float[AnyArray, " A"]
-    within: Float[AnyArray, ""]
-    axes: tuple[int, ...] = eqx.field(static=True)
-
-    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
-        return _along(self.axes, read_pose(self.structure, state).velocity)
-
-    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
-        off = (observed - self.velocity) / self.within
-        return self.when.share(dt) * off.ravel()
-
-
-def keep_velocity(
-    system: System,
-    velocity: ArrayLike,
-    *,
-    within: float,
-    since: float = 0.0,
-    axes: str = "xyz",
-    weight: float = 1.0,
-) -> KeepVelocity:
-    """Return the cost of not moving with `velocity` (A,) [m/s] in the world `since` a time [s]."""
-    which = checked_axes(axes)
-    wanted = checked_numbers("velocity", velocity, len(which))
-    return KeepVelocity(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        velocity=wanted,
-        within=positive("within", within),
-        axes=which,
-        when=Moments.of(None, since),
-    )
-
-
-class KeepSpeed(TimedTerm):
-    """Move forward, where the body points, at a speed, from a given time on."""
-
-    weight: Float[AnyArray, ""]
-    structure: Structure = eqx.field(static=True)
-    speed: Float[AnyArray, ""]
-    within: Float[AnyArray, ""]
-
-    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
-        pose = read_pose(self.structure, state)
-        xp = state.__array_namespace__()
-        return xp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
-
-    def compare(self, observed: Float[AnyArray, "K 1"], dt: float) -> Float[AnyArray, " K"]:
-        return self.when.share(dt) * (observed[:, 0] - self.speed) / self.within
-
-
-def keep_speed(
-    system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0
-) -> KeepSpeed:
-    """Return the cost of not going forward at `speed` [m/s] `since` a time [s]."""
-    return KeepSpeed(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        speed=checked_number("speed", speed),
-        within=positive("within", within),
-        when=Moments.of(None, since),
-    )
-
-
-class Point(TimedTerm):
-    """Point forward, or stand upright, along `direction`: at given times, or from one on."""
-
-    weight: Float[AnyArray, ""]
-    structure: Structure = eqx.field(static=True)
-    direction: Float[AnyArray, " 3"]
-    within: Float[AnyArray, ""]
-    """[rad]"""
-    axis: str = eqx.field(static=True)
-    """`forward` or `upward`."""
-
-    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
-        return getattr(read_pose(self.structure, state), self.axis)
-
-    def compare(self, observed: Float[AnyArray, "K 3"], dt: float) -> Float[AnyArray, " R"]:
-        off = (observed - self.direction) / self.within
-        return self.when.share(dt) * off.ravel()
-
-
-def keep_heading(
-    system: System, direction: ArrayLike, *, within: float, since: float = 0.0, weight: float = 1.0
-) -> Point:
-    """Return the cost of not pointing along `direction` (3,) in the world, `within` [rad], `since` a time [s]."""
-    return Point(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        direction=unit_vector("direction", direction),
-        within=positive("within", within),
-        axis="forward",
-        when=Moments.of(None, since),
-    )
-
-
-def reach_heading(
-    system: System,
-    direction: ArrayLike,
-    *,
-    within: float,
-    at: float | None = None,
-    weight: float = 1.0,
-) -> Point:
-    """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
-    return Point(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        direction=unit_vector("direction", direction),
-        within=positive("within", within),
-        axis="forward",
-        when=Moments.of(at),
-    )
-
-
-def stand_up(
-    system: System, *, within: float, at: float | None = None, weight: float = 1.0
-) -> Point:
-    """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
-    return Point(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        direction=as_parameter([0.0, 0.0, 1.0]),
-        within=positive("within", within),
-        axis="upward",
-        when=Moments.of(at),
-    )
 
 
 class StayUpright(TimedTerm):
     """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
 
-    weight: Float[AnyArray, ""]
     structure: Structure = eqx.field(static=True)
     tolerance: Float[AnyArray, ""]
     """[rad] Leaning that costs nothing."""
@@ -547,10 +481,10 @@ def stay_upright(
     leap, is kept from rolling over only.
     """
     return StayUpright(
-        weight=as_weight(weight),
-        structure=checked_structure(system),
-        tolerance=positive("tolerance", tolerance),
-        within=positive("within", within),
+        weight=as_parameter(weight),
+        structure=_structure(system),
+        tolerance=_positive("tolerance", tolerance),
+        within=_positive("within", within),
         may_pitch=may_pitch,
         when=Moments.of(None, since),
     )
@@ -569,17 +503,13 @@ def _lean(pose: Pose, *, may_pitch: bool) -> Float[AnyArray, "*B"]:
     return xp.atan2(xp.sqrt(aside + NEARLY_UPRIGHT**2), above)
 
 
-class StayWithin(StateTerm):
+class StayWithin(TimedTerm):
     """Keep state entries between bounds, such as joints: ∫ of what is beyond."""
 
-    weight: Float[AnyArray, ""]
     low: Float[AnyArray, " E"]
     high: Float[AnyArray, " E"]
     within: Float[AnyArray, ""]
     entries: tuple[int, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return ALL_ALONG.rows(steps, dt)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B E"]:
         return state[..., np.array(self.entries)]
@@ -589,7 +519,7 @@ class StayWithin(StateTerm):
         above = xp.maximum(observed - self.high, 0)
         below = xp.maximum(self.low - observed, 0)
         beyond = (above + below) / self.within
-        return ALL_ALONG.share(dt) * beyond.ravel()
+        return self.when.share(dt) * beyond.ravel()
 
 
 def stay_within(
@@ -604,8 +534,8 @@ def stay_within(
     """Return the cost of the state's `part`, such as a joint, leaving what is between `low` and `high`, in its unit."""
     where = system.state.index(part)
     entries = tuple(range(where.start, where.stop))
-    lows = checked_numbers("low", np.atleast_1d(low), None)
-    highs = checked_numbers("high", np.atleast_1d(high), None)
+    lows = _numbers("low", np.atleast_1d(low), None)
+    highs = _numbers("high", np.atleast_1d(high), None)
     sizes = (1, len(entries))
     if len(lows) not in sizes or len(highs) not in sizes:
         raise ArgumentError(
@@ -618,13 +548,56 @@ def stay_within(
             f"stay_within: wanted low below high for '{part}', came {low} and {high}."
         )
     return StayWithin(
-        weight=as_weight(weight),
+        weight=as_parameter(weight),
         low=lows,
         high=highs,
-        within=positive("within", within),
+        within=_positive("within", within),
         entries=entries,
+        when=ALL_ALONG,
     )
 
 
-def _along(axes: tuple[int, ...], vector: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B A"]:
-    return vector[..., np.array(axes)]
+def _structure(system: System) -> Structure:
+    """Return the structure of `system`; ArgumentError where a state says nothing of a position."""
+    read_pose(system.structure, system.rest)
+    return system.structure
+
+
+def _axes(names: str) -> tuple[int, ...]:
+    if not names or any(name not in "xyz" for name in names) or len(set(names)) != len(names):
+        raise ArgumentError(f"axes: wanted some of x, y, z, such as 'xy', came '{names}'.")
+    return tuple("xyz".index(name) for name in names)
+
+
+def _numbers(
+    label: str, values: ArrayLike, size: int | None, *, rows: bool = False
+) -> Float[np.ndarray, " ..."]:
+    """Return `values` (`size`,), or rows of them; ArgumentError unless all are finite and there is at least one."""
+    array = as_numbers(values, label)
+    axes = 2 if rows else 1
+    has_size = size is None or array.shape[-1:] == (size,)
+    if array.ndim != axes or not array.size or not has_size or not np.isfinite(array).all():
+        numbers = "number" if size == 1 else "numbers"
+        wanted = f"{size or 'some'} finite {numbers}"
+        if rows:
+            wanted = f"rows of {wanted}"
+        raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
+    return as_parameter(array)
+
+
+def _number(label: str, value: float) -> Float[np.ndarray, " ..."]:
+    return _numbers(label, [value], 1).reshape(())
+
+
+def _positive(label: str, value: float) -> Float[np.ndarray, " ..."]:
+    if not 0 < value < math.inf:
+        raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
+    return as_parameter(value)
+
+
+def _unit_vector(label: str, direction: ArrayLike) -> Float[np.ndarray, " ..."]:
+    vector = _numbers(label, direction, 3)
+    length = float(np.linalg.norm(vector))
+    if length == 0:
+        raise ArgumentError(f"{label}: wanted a direction, came zeros.")
+    return vector / length

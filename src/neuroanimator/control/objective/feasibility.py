@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from neuroanimator.control.objective.costs import KeepSpeed, KeepVelocity, ReachPositions
+from neuroanimator.control.objective.costs import NearPose, NearSpeed
 from neuroanimator.control.objective.goals import ReachState
 from neuroanimator.control.objective.objective import CostTerm, Objective
 from neuroanimator.emulator.emulator import Emulator
@@ -70,13 +70,15 @@ def _check_speed(term: CostTerm, fastest: float, start: np.ndarray, seconds: flo
 
 def _wanted_speed(term: CostTerm, start: np.ndarray, seconds: float) -> float:
     """Return the speed [m/s] it takes to do what `term` wants from `start` (S,) in so many seconds; 0 for any other."""
-    if isinstance(term, KeepSpeed):
-        return abs(float(term.speed))
-    if isinstance(term, KeepVelocity):
-        return float(np.linalg.norm(term.velocity))
-    if isinstance(term, ReachPositions):
+    if isinstance(term, NearSpeed):
+        return abs(float(term.wanted[0]))
+    if not isinstance(term, NearPose):
+        return 0.0
+    if term.quantity == "velocity":
+        return float(np.linalg.norm(term.wanted))
+    if term.quantity == "position":
         position = read_pose(term.structure, start).position[list(term.axes)]
-        distances = np.linalg.norm(np.asarray(term.positions) - position, axis=-1)
+        distances = np.linalg.norm(np.asarray(term.wanted) - position, axis=-1)
         times = np.array(term.when.times or (seconds,))
         if term.when.lasts:
             times = np.array([seconds])

@@ -9,10 +9,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.arguments import as_weight
 from neuroanimator.control.objective.costs import effort
-from neuroanimator.control.objective.moments import AT_THE_END, Moments, TimedTerm
-from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.objective import (
+    AT_THE_END,
+    Moments,
+    Objective,
+    TimedTerm,
+)
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
@@ -30,29 +33,10 @@ ERRORS_PER_TOLERANCE = 3
 class ReachState(TimedTerm):
     """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
 
-    weight: Float[AnyArray, ""]
     frame: Frame
     goal: Float[AnyArray, " S"]
     judged: Float[AnyArray, "R V"]
     """Turns the difference from the goal into numbers of which one is a sizeable error."""
-
-    @classmethod
-    def of(
-        cls,
-        frame: Frame,
-        goal: ArrayLike,
-        judged: ArrayLike,
-        weight: float,
-        when: Moments = AT_THE_END,
-    ) -> ReachState:
-        """Return the cost of not being at `goal` (S,); `judged` (R, V) makes residuals of the difference."""
-        return cls(
-            weight=as_weight(weight),
-            frame=frame,
-            goal=as_parameter(goal),
-            judged=as_parameter(judged),
-            when=when,
-        )
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B R"]:
         xp = state.__array_namespace__()
@@ -105,8 +89,14 @@ def reach_goal(
         weights = 1 / np.array(goal.scales)
     else:
         weights = ERRORS_PER_TOLERANCE * (1 / tolerances)
-    compare = weights[:, None] * rows
-    return ReachState.of(frame, goal_state(system, goal), compare, weight, when)
+    judged = weights[:, None] * rows
+    return ReachState(
+        weight=as_parameter(weight),
+        when=when,
+        frame=frame,
+        goal=as_parameter(goal_state(system, goal)),
+        judged=as_parameter(judged),
+    )
 
 
 def state_goal(

@@ -6,17 +6,38 @@ Terms of the package, and so J, are written once for arrays of NumPy and JAX ali
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Sequence
-from typing import ClassVar
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
+
+
+class Trajectory(NamedTuple):
+    """States and the controls that led from each to the next, on emulator or physics: all arrays of JAX, or of NumPy."""
+
+    states: Float[AnyArray, "T+1 S"]
+    controls: Float[AnyArray, "T C"]
+    control_scale: Float[AnyArray, " C"]
+    """Magnitude of each control that counts as full effort."""
+    dt: float
+    """[s] From one state to the next."""
+
+    def beside(self, numbers: Iterable[Any]) -> Trajectory:
+        """Return it in arrays of JAX if any of its own, or any of `numbers`, is one."""
+        arrays = (self.states, self.controls, self.control_scale)
+        if not any(isinstance(array, jax.Array) for array in (*arrays, *numbers)):
+            return self
+        states, controls, control_scale = map(jnp.asarray, arrays)
+        return Trajectory(states, controls, control_scale, self.dt)
 
 
 class CostTerm(eqx.Module):
@@ -69,6 +90,65 @@ def checked_rows(term: StateTerm, steps: int, dt: float) -> Int[np.ndarray, " K"
             "Make the motion longer, or mend the term's rows."
         )
     return rows % (steps + 1)
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Which states of a motion a term looks at: those at some times, the last one if there are none, or all since one."""
+
+    times: tuple[float, ...] = ()
+    """[s]"""
+    lasts: bool = False
+    """Whether all states count from the one time on, so that what is compared is a sum over time."""
+
+    @classmethod
+    def of(cls, at: float | tuple[float, ...] | None = None, since: float | None = None) -> Moments:
+        """Return the moments `at` a time or several [s], or all `since` one; the end if neither is given.
+
+        Raises ArgumentError for both, and for times that are negative or not finite.
+        """
+        if at is not None and since is not None:
+            raise ArgumentError(f"at and since: wanted one of them, came {at} and {since:g} s.")
+        if since is not None:
+            return cls((_time("since", since),), lasts=True)
+        if at is None:
+            return cls()
+        times = at if isinstance(at, tuple) else (at,)
+        return cls(tuple(_time("at", time) for time in times))
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        """Return which states these are of a motion of so many super steps of `dt` [s]; the start is none of those that last."""
+        rows = [round(time / dt) for time in self.times]
+        if not self.lasts:
+            return rows or [steps]
+        first = max(1, min(*rows, steps))
+        return list(range(first, steps + 1))
+
+    def share(self, dt: float) -> float:
+        """Return what residuals are multiplied by, so that a sum over time does not depend on the super step."""
+        return math.sqrt(dt) if self.lasts else 1.0
+
+
+AT_THE_END = Moments()
+"""The last state alone."""
+
+ALL_ALONG = Moments((0.0,), lasts=True)
+"""Every state but the start."""
+
+
+def _time(label: str, seconds: float) -> float:
+    if not 0 <= seconds < math.inf:
+        raise ArgumentError(f"{label}: wanted a time of at least 0 s, came {seconds:g}.")
+    return float(seconds)
+
+
+class TimedTerm(StateTerm):
+    """A term that looks at the states at some moments."""
+
+    when: Moments = eqx.field(static=True)
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return self.when.rows(steps, dt)
 
 
 CostFunction = Callable[[Trajectory], Float[AnyArray, ""]]

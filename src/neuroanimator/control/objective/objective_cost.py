@@ -16,9 +16,9 @@ from neuroanimator.control.objective.objective import (
     CostFunction,
     CostTerm,
     Objective,
+    Trajectory,
     name_of,
 )
-from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError

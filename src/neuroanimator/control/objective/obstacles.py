@@ -10,9 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.arguments import as_weight
-from neuroanimator.control.objective.moments import ALL_ALONG
-from neuroanimator.control.objective.objective import StateTerm
+from neuroanimator.control.objective.objective import ALL_ALONG, TimedTerm
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
@@ -55,18 +53,14 @@ def footprint(structure: Structure, states: AnyArray, probes: AnyArray) -> AnyAr
     return pose.position[..., None, :2] + shift
 
 
-class Avoid(StateTerm):
+class Avoid(TimedTerm):
     """Keep discs about a body's probes out of zones: ∫ of how far they are in, over the margin."""
 
-    weight: Float[AnyArray, ""]
     structure: Structure = eqx.field(static=True)
     zones: Float[AnyArray, "K 5"]
     probes: Float[AnyArray, "P 2"]
     margin: Float[AnyArray, ""]
     """[m] Radius of the discs: half the body's width and some room."""
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return ALL_ALONG.rows(steps, dt)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B O"]:
         points = footprint(self.structure, state, self.probes)
@@ -75,7 +69,7 @@ class Avoid(StateTerm):
         return within.reshape(*state.shape[:-1], -1)
 
     def compare(self, observed: Float[AnyArray, "T O"], dt: float) -> Float[AnyArray, " R"]:
-        return math.sqrt(dt) * (observed / self.margin).ravel()
+        return self.when.share(dt) * (observed / self.margin).ravel()
 
 
 def avoid(
@@ -94,11 +88,12 @@ def avoid(
         )
     read_pose(system.structure, system.rest)
     return Avoid(
-        as_weight(weight),
-        system.structure,
-        as_parameter(zone_rows(zones)),
-        as_parameter(points),
-        as_parameter(margin),
+        weight=as_parameter(weight),
+        when=ALL_ALONG,
+        structure=system.structure,
+        zones=as_parameter(zone_rows(zones)),
+        probes=as_parameter(points),
+        margin=as_parameter(margin),
     )
 
 

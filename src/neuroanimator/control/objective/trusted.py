@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.objective.arguments import as_weight
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import Trajectory
+from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE
@@ -55,4 +55,4 @@ def stay_trusted(
         raise ArgumentError(
             "threshold: this emulator's file is from before there were scores. na.fit_trust(emulator, data) gives it one."
         )
-    return StayTrusted(emulator, as_weight(threshold), as_weight(weight))
+    return StayTrusted(emulator, as_parameter(threshold), as_parameter(weight))

@@ -157,7 +157,6 @@ def transitions_near(
     *,
     count: int,
     seed: int = 0,
-    threads: int = 1,
 ) -> Transitions:
     """Return `data` plus about `count` physics windows near the motion (T+1, S) under controls (T, C)."""
     system = data.system
@@ -168,7 +167,7 @@ def transitions_near(
     windows = np.minimum(steps[:, None] + np.arange(MAX_UNROLL), len(controls) - 1)
     noise = rng.normal(size=(count, MAX_UNROLL, len(bounds.half)))
     held = bounds.clip(controls[windows] + noise * CONTROL_SPREAD * bounds.half)
-    runs = system.simulate(starts, held, data.config.substeps * system.physics_dt, threads=threads)
+    runs = system.simulate(starts, held, data.config.substeps * system.physics_dt)
     whole = ~runs.has_diverged
     return replace(
         data,
