@@ -27,6 +27,7 @@ TEXTS = {
     "a number beyond all": ('{"a":1e999}', ""),
     "no number": ('{"a":NaN}', "expected value"),
     "no end": ('{"a":-Infinity}', "invalid number"),
+    "a name twice": ('{"a":1,"a":2}', "'a' occurs twice"),
     "half a character": ('{"a":"\\ud800"}', "hex escape"),
     "empty": ("", ""),
     "many lists": ('{"a":[' + "[]," * (ANY // 3) + "]}", ""),

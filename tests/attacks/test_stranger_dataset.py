@@ -143,6 +143,7 @@ def test_a_shard_that_is_none_is_refused_by_name(folder: Path, name: str):
 
 
 CONFIGS = {
+    "a key twice": ('{"system": "pendulum", "system": "fish"}', "'system' occurs twice"),
     "no object": ("[]", "wanted a JSON object"),
     "deep": ('{"system":' * 100_000, "recursion limit"),
     "a long number": ('{"seed":' + "1" * 5_000 + "}", "number out of range"),

@@ -210,11 +210,15 @@ def test_f08_a_file_that_lies_about_itself_is_refused(change, tmp_path: Path):
         Emulator.load(path)
 
 
-def test_a_crowded_or_deep_header_is_refused(tmp_path: Path):
+def test_a_crowded_repeating_or_deep_header_is_refused(tmp_path: Path):
     path = tmp_path / "hostile.safetensors"
     many = {f"t{i}": np.zeros(1, np.float32) for i in range(300)}
     path.write_bytes(safetensors.numpy.save(many, {METADATA_KEY: "{}"}))
     with pytest.raises(NeuroAnimatorError, match="300 tensors"):
+        Emulator.load(path)
+    header = b'{"__metadata__":{"na":"{}"},"a":{},"a":{}}'
+    path.write_bytes(len(header).to_bytes(8, "little") + header)
+    with pytest.raises(NeuroAnimatorError, match="hostile.*occurs twice"):
         Emulator.load(path)
     deep = b'{"a":' + b"[" * 100_000
     path.write_bytes(len(deep).to_bytes(8, "little") + deep)

@@ -1,10 +1,13 @@
-"""JSON by strangers: one object of bounded size, read by pydantic's reader, which bounds its depth."""
+"""JSON by strangers: one object of bounded size and depth, in which no name occurs twice."""
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from pydantic_core import from_json
+
+from neuroanimator.text import quoted
 
 MAX_DEFINITION = 512 * 1024
 """Maximum size of the JSON text of a system [bytes]: an emulator file carries it in its header."""
@@ -22,7 +25,18 @@ def parse_json_object(
     raw = content.encode() if isinstance(content, str) else content
     if most_texts is not None and raw.count(b'"') > 2 * most_texts:
         raise ValueError(f"more than {most_texts:,} names and texts in JSON")
-    value = from_json(raw, allow_inf_nan=False)
+    from_json(raw, allow_inf_nan=False)  # bounds the depth, and refuses what is no text or no number
+    value = json.loads(raw, object_pairs_hook=_object_of)
     if not isinstance(value, dict):
         raise ValueError(f"wanted a JSON object, came a {type(value).__name__}")
     return value
+
+
+def _object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the object of these names and values; ValueError where two readers could see two different ones."""
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the name {quoted(twice)} occurs twice")
+    return values
