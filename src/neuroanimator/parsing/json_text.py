@@ -25,7 +25,9 @@ def parse_json_object(
     raw = content.encode() if isinstance(content, str) else content
     if most_texts is not None and raw.count(b'"') > 2 * most_texts:
         raise ValueError(f"more than {most_texts:,} names and texts in JSON")
-    from_json(raw, allow_inf_nan=False)  # bounds the depth, and refuses what is no text or no number
+    from_json(
+        raw, allow_inf_nan=False
+    )  # bounds the depth, and refuses what is no text or no number
     value = json.loads(raw, object_pairs_hook=_object_of)
     if not isinstance(value, dict):
         raise ValueError(f"wanted a JSON object, came a {type(value).__name__}")
