@@ -23,12 +23,12 @@ from control_cases.own_terms import own_rows
 from neuroanimator import DescentOptions, descend, load_emulator, load_system
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.synthesis.replay import replay
+from neuroanimator.control.tasks.all_tasks import TASKS
+from neuroanimator.control.tasks.solver import Solver
+from neuroanimator.control.tasks.task import Task
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.evaluation.csv_table import quartiles, write_csv
-from neuroanimator.machine import describe_machine
-from neuroanimator.tasks.all_tasks import TASKS
-from neuroanimator.tasks.solver import Solver
-from neuroanimator.tasks.task import Task
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]

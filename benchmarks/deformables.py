@@ -25,9 +25,9 @@ from deformable_emulators import accuracy_rows, deformable, hierarchy_rows, long
 
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, make_test
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.evaluation.speed_mass_spring import twin_error
-from neuroanimator.machine import describe_machine
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin
 from neuroanimator.systems.deformable.stability import largest_stable_step

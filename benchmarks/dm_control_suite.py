@@ -32,7 +32,7 @@ from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import held_out_runs, system_of
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.system import System

@@ -19,7 +19,7 @@ from typing import Any
 import neuroanimator as na
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.drift import STEPS
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
 
 TABLE = Path(__file__).parent / "results" / "drift.csv"

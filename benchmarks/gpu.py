@@ -27,7 +27,7 @@ from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square, scheme_error
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import print_table

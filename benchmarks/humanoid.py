@@ -26,6 +26,7 @@ from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.baselines import baselines
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import (
     PHYSICS_STEPS,
     TIMED_SUPER_STEPS,
@@ -35,7 +36,6 @@ from neuroanimator.evaluation.speed import (
     physics_player,
 )
 from neuroanimator.gym import mjcf_of
-from neuroanimator.machine import describe_machine
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem

@@ -29,13 +29,13 @@ import numpy as np
 from trust import shifted
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig, train
-from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.weakness.config import ImprovementConfig
 from neuroanimator.evaluation.weakness.improve import GUARD, TEST_RUNS, known_states, usual_test
 from neuroanimator.evaluation.weakness.learning import Learner, error_on
@@ -46,7 +46,7 @@ from neuroanimator.evaluation.weakness.sampling import (
     sample_weak_runs,
     simulate_runs,
 )
-from neuroanimator.machine import describe_machine
+from neuroanimator.executor.cores import core_count
 from neuroanimator.terminal import print_table, progress_bar
 
 TABLE = Path(__file__).parent / "results" / "improve.csv"

@@ -21,7 +21,7 @@ from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.super_step import rollout_latent
 from neuroanimator.evaluation.csv_table import write_csv
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 

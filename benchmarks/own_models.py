@@ -39,7 +39,7 @@ from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.evaluate import QUICK as QUICK_EVALUATION
 from neuroanimator.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
 from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness

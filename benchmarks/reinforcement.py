@@ -41,8 +41,8 @@ from gymnasium.vector import AutoresetMode
 
 import neuroanimator as na
 from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym import EmulatorVectorEnv, PhysicsVectorEnv
-from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
 
 try:

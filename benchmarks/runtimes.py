@@ -33,8 +33,8 @@ from runtimes_cases.case import Case, Motion
 
 from neuroanimator import load_emulator, write_c_header, write_onnx, write_wasm
 from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import one_core
-from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
 
 SYSTEMS = ("pendulum", "pendulum-passive", "truck", "lander", "fish", "dolphin")

@@ -20,7 +20,7 @@ from pathlib import Path
 from scale_cases import costs, crowd, one_hash, overhead, small_fleet, stream
 
 from neuroanimator.evaluation.csv_table import write_csv
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
 RESULTS = Path(__file__).parent / "results"

@@ -16,6 +16,7 @@ from neuroanimator import Emulator, load_emulator
 from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HELD_OUT_RUNS, held_out_runs
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import (
     IN_C,
     IN_JAX,
@@ -25,9 +26,8 @@ from neuroanimator.evaluation.speed import (
     one_core,
 )
 from neuroanimator.evaluation.stability import count_diverged
-from neuroanimator.machine import describe_machine
+from neuroanimator.files.zoo import LARGE, emulator_name
 from neuroanimator.terminal import print_table
-from neuroanimator.zoo import LARGE, emulator_name
 
 SIZES = ("", "large")
 SETS = 3

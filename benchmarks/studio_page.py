@@ -22,7 +22,7 @@ from typing import Any
 from playwright.sync_api import Page, sync_playwright
 
 from neuroanimator.evaluation.csv_table import write_csv
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
 from neuroanimator_studio.run import page_folder
 

@@ -23,7 +23,7 @@ from neuroanimator import (
     replay,
 )
 from neuroanimator.evaluation.csv_table import write_csv
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 from neuroanimator.terminal import print_table

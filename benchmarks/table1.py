@@ -23,10 +23,10 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.evaluate import QUICK, THOROUGH, EvaluationBudget
-from neuroanimator.machine import describe_machine
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.files.zoo import SHIPPED, emulator_name
 from neuroanimator.terminal import print_table, progress_bar
 from neuroanimator.training.recipes import RECIPES, cook
-from neuroanimator.zoo import SHIPPED, emulator_name
 
 Choice = list[tuple[str, int]]
 """Pairs of a system and its n, the physics steps of a super step."""

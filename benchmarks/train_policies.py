@@ -28,13 +28,13 @@ from neuroanimator.control.policies.steering import (
     unit,
     upright,
 )
+from neuroanimator.control.tasks.swimmers import body_length
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.files.zoo import POLICIES, find_policy, shipped_policy
 from neuroanimator.state.pose import Pose
 from neuroanimator.systems.system import System
-from neuroanimator.tasks.swimmers import body_length
 from neuroanimator.terminal import print_table
-from neuroanimator.zoo import POLICIES, find_policy, shipped_policy
 
 WORKPLACE = Path("out/policies")
 """Training writes its files to this folder."""

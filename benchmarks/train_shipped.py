@@ -19,11 +19,11 @@ from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.files.zoo import LARGE, SHIPPED, emulator_name, shipped_path
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, cook
 from neuroanimator.training.trust_fitting import fit_trust
-from neuroanimator.zoo import LARGE, SHIPPED, emulator_name, shipped_path
 
 WORKPLACE = Path("out/shipped")
 

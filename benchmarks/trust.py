@@ -32,18 +32,18 @@ import numpy as np
 from trust_cases import bounds, hybrid
 
 from neuroanimator import Emulator, load_emulator
-from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.weakness.sampling import rate_entries
-from neuroanimator.machine import describe_machine
+from neuroanimator.executor.cores import core_count
+from neuroanimator.files.zoo import LARGE, SHIPPED, emulator_name
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table, progress_bar
-from neuroanimator.zoo import LARGE, SHIPPED, emulator_name
 
 TABLE = Path(__file__).parent / "results" / "trust.csv"
 

@@ -21,7 +21,7 @@ from neuroanimator.control.policies.policy import blank_policy, policy_leaves
 from neuroanimator.emulator.description import blank
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_leaves
-from neuroanimator.storage.files import digest, read_tensors, write_tensors
+from neuroanimator.files.atomic import digest, read_tensors, write_tensors
 
 FORMATS = {"emulator": (4, 5), "policy": (1, 2)}
 """Format before and after."""

@@ -30,8 +30,8 @@ from neuroanimator.export.programs.definition import Definition, definition_of
 from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.export.programs.onnx_graph import onnx_graph
 from neuroanimator.export.programs.vectors import make_vectors
+from neuroanimator.files.atomic import write_whole
 from neuroanimator.state.pose_entries import describe_root
-from neuroanimator.storage.files import write_whole
 
 
 class Body(NamedTuple):

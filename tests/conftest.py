@@ -88,7 +88,7 @@ def tally(record_property: Callable[[str, object], None]) -> Tally:
 
 def pytest_collection() -> None:
     """Keep what JAX compiles, for tests that neither load nor train an emulator, too."""
-    from neuroanimator.jax_settings import keep_programs
+    from neuroanimator.codegen.jax_settings import keep_programs
 
     keep_programs()
 

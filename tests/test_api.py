@@ -17,7 +17,7 @@ PUBLIC = (
     "neuroanimator",
     "neuroanimator.control",
     "neuroanimator.control.policies",
-    "neuroanimator.tasks",
+    "neuroanimator.control.tasks",
 )
 """Packages with names for users, besides `neuroanimator.gym`, which needs an extra."""
 

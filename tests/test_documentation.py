@@ -30,7 +30,7 @@ import neuroanimator.gym
 from neuroanimator.cli.verbs import VERBS, app
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.film.graphics import graphics_backend
-from neuroanimator.zoo import shipped_emulators
+from neuroanimator.files.zoo import shipped_emulators
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -16,7 +16,7 @@ from test_documentation import blocks_of
 
 from neuroanimator.cli import studio
 from neuroanimator.errors import ResourceError
-from neuroanimator.zoo import SHIPPED, shipped_path
+from neuroanimator.files.zoo import SHIPPED, shipped_path
 
 CHECKOUT = Path(__file__).parents[1]
 PACKAGE = CHECKOUT / "src" / "neuroanimator"

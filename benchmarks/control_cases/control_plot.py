@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from control_cases.baselines.run_baseline import BaselineRun
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.storage.files import write_whole
+from neuroanimator.files.atomic import write_whole
 
 WIDTH = 11.0
 """Width of the picture [in]."""

@@ -18,9 +18,9 @@ from neuroanimator.control.objective.objective import ALL_ALONG, Objective
 from neuroanimator.control.planning.planner import Planner
 from neuroanimator.control.planning.plants import PhysicsPlant, control_plant
 from neuroanimator.control.synthesis.synthesise import Synthesis
+from neuroanimator.control.tasks.solver import Solver
+from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.evaluation.csv_table import quartiles
-from neuroanimator.tasks.solver import Solver
-from neuroanimator.tasks.task import Task, Trial
 from neuroanimator.terminal import progress_bar
 
 Rows = list[dict[str, Any]]

@@ -14,8 +14,8 @@ from neuroanimator import Objective, load_emulator, load_system
 from neuroanimator.control.descent.descend import evaluator_of, pose_problem
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm, Trajectory
-from neuroanimator.tasks.solver import Solver
-from neuroanimator.tasks.task import Task
+from neuroanimator.control.tasks.solver import Solver
+from neuroanimator.control.tasks.task import Task
 
 SIDE_BY_SIDE = 16
 """Number of costs asked for at once."""

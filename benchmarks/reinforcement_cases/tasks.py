@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import neuroanimator as na
+from neuroanimator.control.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, lot_zones
 from neuroanimator.gym import EpisodeRules
 from neuroanimator.state.layout import Layout
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
-from neuroanimator.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, lot_zones
 
 Rows = Float[np.ndarray, "B N"]
 Numbers = Float[np.ndarray, " B"]

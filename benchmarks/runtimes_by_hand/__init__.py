@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator import Emulator
+from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.codegen.kept import FLAGS, aligned
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address, pointer
 from neuroanimator.emulator.encoding import KEPT_MARGIN

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import DatasetConfig, generate
-from neuroanimator.cores import core_count
+from neuroanimator.executor.cores import core_count
 from neuroanimator.executor.executor import Executor
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor

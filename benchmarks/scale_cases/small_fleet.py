@@ -7,9 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from neuroanimator.evaluation.fleets.fleet_file import Fleet, read_fleet
+from neuroanimator.evaluation.fleets.train_fleet import FleetRow, train_fleet
 from neuroanimator.executor.local import LocalExecutor
-from neuroanimator.fleets.fleet_file import Fleet, read_fleet
-from neuroanimator.fleets.train_fleet import FleetRow, train_fleet
 from scale_cases.nodes import cluster_of, node_killed
 
 FLEET = """

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.compiler.compiler import compiled_library
+from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.systems.deformable.body import GRAVITY, Body
 
 PROGRAM = Path(__file__).with_name("plain_mass_spring.c")

@@ -11,7 +11,7 @@ from neuroanimator import Emulator, UnseenRuns, hybrid_rollout, load_emulator
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.evaluation.weakness.sampling import rate_entries
-from neuroanimator.hybrid import PHYSICS_STEPS
+from neuroanimator.systems.hybrid import PHYSICS_STEPS
 from neuroanimator.systems.system import System
 from neuroanimator.training.error_fitting import simulate_unseen, steps_of
 from trust_cases.bounds import errors_of

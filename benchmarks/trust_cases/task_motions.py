@@ -7,11 +7,11 @@ import numpy as np
 from neuroanimator import Emulator
 from neuroanimator.control.descent.descend import descend
 from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.tasks.all_tasks import TASKS
+from neuroanimator.control.tasks.solver import Solver
+from neuroanimator.control.tasks.task import Trial
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.system import System
-from neuroanimator.tasks.all_tasks import TASKS
-from neuroanimator.tasks.solver import Solver
-from neuroanimator.tasks.task import Trial
 from neuroanimator.training.error_fitting import UnseenRuns, simulate_unseen, steps_of
 
 CANDIDATES = 6

@@ -3,7 +3,7 @@
 from neuroanimator.animation.clip import Clip as Clip
 from neuroanimator.animation.clip import make_clip as make_clip
 from neuroanimator.animation.gauges import as_gauges as as_gauges
-from neuroanimator.backend import set_backend as set_backend
+from neuroanimator.codegen.backend import set_backend as set_backend
 from neuroanimator.control.descent.descend import descend as descend
 from neuroanimator.control.descent.options import DescentOptions as DescentOptions
 from neuroanimator.control.objective.costs import *  # noqa: F403
@@ -52,12 +52,12 @@ from neuroanimator.export.programs.onnx_file import write_onnx as write_onnx
 from neuroanimator.export.programs.wasm_file import write_wasm as write_wasm
 from neuroanimator.export.usd.scene import write_usd as write_usd
 from neuroanimator.export.worst_cases import write_worst as write_worst
-from neuroanimator.hybrid import HybridMotion as HybridMotion
-from neuroanimator.hybrid import hybrid_rollout as hybrid_rollout
 from neuroanimator.state.layout import Bounds as Bounds
 from neuroanimator.state.pose import read_heights as read_heights
 from neuroanimator.state.pose import read_pose as read_pose
 from neuroanimator.systems import load_system as load_system
+from neuroanimator.systems.hybrid import HybridMotion as HybridMotion
+from neuroanimator.systems.hybrid import hybrid_rollout as hybrid_rollout
 from neuroanimator.systems.loading import trust_files as trust_files
 from neuroanimator.training.config import TrainingConfig as TrainingConfig
 from neuroanimator.training.error_fitting import UnseenRuns as UnseenRuns

@@ -1,6 +1,6 @@
 """Text from outside as it may be shown: on a terminal, in an error, in a table.
 
-Names out of files are checked when they are read (`parsing/names.py`); these are the second fence, at each border.
+Names out of files are checked when they are read (`files/names.py`); these are the second fence, at each border.
 """
 
 from __future__ import annotations

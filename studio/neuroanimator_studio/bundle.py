@@ -16,10 +16,8 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.wasm_file import checked_wasm
-from neuroanimator.storage.files import write_whole
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.system import System
-from neuroanimator.zoo import (
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.zoo import (
     POLICIES,
     find_emulator,
     is_shipped,
@@ -27,6 +25,8 @@ from neuroanimator.zoo import (
     shipped_path,
     shipped_policy,
 )
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.system import System
 from neuroanimator_studio.catalogue import BUNDLE, EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator_studio.descent_module import descent_module
 from neuroanimator_studio.descents import DESCENT_FILE, descent_of, describe_descent

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import neuroanimator
-from neuroanimator.zoo import SHIPPED_SYSTEMS, WITHOUT_EMULATOR, emulator_name
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS, WITHOUT_EMULATOR, emulator_name
 
 BUNDLE = "bundle.json"
 """The file of a bundle that says everything but programs."""

@@ -19,12 +19,12 @@ from jaxtyping import Array, Float, Int
 
 import neuroanimator
 from neuroanimator import Emulator, NeuroAnimatorError, Objective
+from neuroanimator.codegen.build import CompilerError
 from neuroanimator.codegen.c_function import c_function
 from neuroanimator.codegen.c_map import FORMS, MapDefinition, c_map, callers
 from neuroanimator.codegen.c_text import c_number
 from neuroanimator.codegen.trace import Input
-from neuroanimator.compiler.build import CompilerError
-from neuroanimator.compiler.wasm import wasm_module
+from neuroanimator.codegen.wasm import wasm_module
 from neuroanimator.control.descent.c_evaluator import CALLERS, CONTROLS, controls_definition
 from neuroanimator.control.descent.defects import LINK, find_defects, link_definition, still_frame
 from neuroanimator.control.descent.descend import evaluator_of

@@ -17,6 +17,7 @@ from neuroanimator.control.policies.policy import COMMAND
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.emulator.verdict import Verdict
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.state.structure import Structure
@@ -24,7 +25,6 @@ from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
-from neuroanimator.zoo import SHIPPED_SYSTEMS
 
 DIGITS = 9
 """Digits of the numbers of a motion: those of float32."""

@@ -14,8 +14,8 @@ from neuroanimator import Clip, make_clip, write_clip, write_glb, write_usd
 from neuroanimator.animation.clip import clip_of
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.errors import DivergedError
-from neuroanimator.storage.files import write_whole
-from neuroanimator.storage.unfinished import folder_until_exit
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.unfinished import folder_until_exit
 from neuroanimator_studio.drive import checked_drive
 from neuroanimator_studio.judge import replay_physics
 from neuroanimator_studio.library import Shown

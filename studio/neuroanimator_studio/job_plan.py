@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.parsing.names import SystemName
-from neuroanimator.storage.files import write_whole
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.names import SystemName
+from neuroanimator.files.tables import Table, first_fault
 from neuroanimator.systems import SYSTEMS
-from neuroanimator.tables import Table, first_fault
 
 PLAN = "plan.json"
 """The file of a job's folder that says what it is to do."""

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.storage.files import canonical_json, locked, write_whole
+from neuroanimator.files.atomic import canonical_json, locked, write_whole
 
 STATUS = "status.json"
 """The file of a job's folder that says how far it is."""

@@ -18,8 +18,8 @@ from typing import Any
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.executor.python_command import python_command
-from neuroanimator.storage.files import write_whole
-from neuroanimator.storage.private_folder import private_folders
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.private_folder import private_folders
 from neuroanimator_studio.job_plan import MODEL, PLAN, Plan, read_plan, write_plan
 from neuroanimator_studio.job_worker import RUN, STATUS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from neuroanimator.storage.files import SIZE_LIMIT
+from neuroanimator.files.atomic import SIZE_LIMIT
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import Any
 
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.python_command import python_command
-from neuroanimator.storage.unfinished import folder_until_exit
-from neuroanimator.tables import read_toml
+from neuroanimator.files.tables import read_toml
+from neuroanimator.files.unfinished import folder_until_exit
 
 KEPT = 8
 """Models that are kept until the server ends."""

@@ -16,7 +16,7 @@ from neuroanimator import load_system
 from neuroanimator.animation.motion import USUAL_SECONDS, Drive
 from neuroanimator.animation.showcase import throw_body
 from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.storage.files import write_whole
+from neuroanimator.files.atomic import write_whole
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.system import System
 from neuroanimator.training.initialise import spec_of

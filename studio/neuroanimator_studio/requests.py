@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.tables import Finite, Table, first_fault
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.tables import Finite, Table, first_fault
 from neuroanimator.text import quoted
 from neuroanimator_studio.job_plan import Size
 

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from neuroanimator.errors import ResourceError
-from neuroanimator.storage.unfinished import remove_at_exit
+from neuroanimator.files.unfinished import remove_at_exit
+from neuroanimator.files.zoo import find_emulator
 from neuroanimator.terminal import hide_progress, phase
 from neuroanimator.text import print_line
-from neuroanimator.zoo import find_emulator
 from neuroanimator_studio.guard import Gate
 from neuroanimator_studio.library import Library
 from neuroanimator_studio.limits import USUAL, Limits

@@ -26,7 +26,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.storage.unfinished import temporary_folder
+from neuroanimator.files.unfinished import temporary_folder
 from neuroanimator_studio.catalogue import BUNDLE, PROGRAMS, catalogue
 from neuroanimator_studio.exports import described_drive
 from neuroanimator_studio.guard import Guard, refused

@@ -8,8 +8,8 @@ from __future__ import annotations
 import sys
 
 from neuroanimator import Emulator
+from neuroanimator.files.zoo import find_emulator
 from neuroanimator.text import print_line
-from neuroanimator.zoo import find_emulator
 from neuroanimator_studio.bundle import (
     bundle_facts,
     make_bundle,

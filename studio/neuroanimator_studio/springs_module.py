@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from neuroanimator.compiler.wasm import wasm_module
+from neuroanimator.codegen.wasm import wasm_module
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS
 from neuroanimator.systems.deformable.native.source import c_source

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.storage.files import write_whole
+from neuroanimator.files.atomic import write_whole
 from neuroanimator_studio.catalogue import catalogue
 from neuroanimator_studio.server import served_files
 from neuroanimator_studio.studio import page_files

@@ -8,7 +8,7 @@ import pytest
 from neuroanimator import is_reached, load_emulator, load_system
 from neuroanimator.animation.motion import default_drive
 from neuroanimator.emulator.trust_summary import summary_of
-from neuroanimator.zoo import SHIPPED, default_motion_path
+from neuroanimator.files.zoo import SHIPPED, default_motion_path
 
 SYSTEMS = sorted({system for system, _ in SHIPPED})
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.zoo import find_emulator
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.zoo import find_emulator
 
 POLICY = Path(__file__).parents[1] / "golden" / "fish.policy.safetensors"
 

@@ -30,7 +30,7 @@ from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.storage.files import canonical_json
+from neuroanimator.files.atomic import canonical_json
 from neuroanimator.systems import carried_system, trusted_files
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.recorded.recording import read_recording

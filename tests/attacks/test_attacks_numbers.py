@@ -20,8 +20,8 @@ from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.artifact import FAULTS
 from neuroanimator.emulator.description import FORMAT, blank
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.zoo import find_emulator
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.zoo import find_emulator
 
 HUGE, MANY = 1e300, 10**4000
 

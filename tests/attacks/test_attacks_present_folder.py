@@ -15,7 +15,7 @@ NAMES = ("subprocess", "numpy", "json", "queue")
 BUNDLE = """
 from pathlib import Path
 from neuroanimator_studio.library import Library
-from neuroanimator.zoo import find_emulator
+from neuroanimator.files.zoo import find_emulator
 library = Library(Path.cwd())
 library.add(find_emulator("pendulum"), print)
 """

@@ -36,16 +36,16 @@ from neuroanimator.evaluation.weakness.inspection import Extrapolation, Inspecti
 from neuroanimator.evaluation.weakness.readings import Reading
 from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
-from neuroanimator.parsing.names import MAX_MODEL_NAME
+from neuroanimator.files.atomic import canonical_json, read_tensors
+from neuroanimator.files.names import MAX_MODEL_NAME
+from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.files.zoo import SHIPPED, shipped_path
 from neuroanimator.scaffold.proposal import Proposal, as_toml
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.storage.files import canonical_json, read_tensors
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.model_system import ModelSystem
-from neuroanimator.tables import check_table, read_toml
 from neuroanimator.terminal import print_rows, print_table, progress_bar
-from neuroanimator.zoo import SHIPPED, shipped_path
 
 FIELDS = {
     "system": lambda metadata, text: metadata.update(system=text),

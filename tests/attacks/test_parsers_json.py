@@ -10,7 +10,7 @@ import pytest
 from fuzz.measure import Refusal, check_refusal, refusals
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import METADATA_KEY, read_tensors, write_tensors
+from neuroanimator.files.atomic import METADATA_KEY, read_tensors, write_tensors
 from neuroanimator.systems.rigid.model_files import ModelFiles
 
 ANY = 2**20 - 100

@@ -9,7 +9,7 @@ from fuzz.measure import Refusal, check_refusal, refusals
 from fuzz.seeds import JELLY, STEP
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.tables import read_toml
+from neuroanimator.files.tables import read_toml
 
 ATTACKS = {
     "deep lists": ("a=" + "[" * 100_000, "deep"),

@@ -20,7 +20,7 @@ from neuroanimator import (
 )
 from neuroanimator.data.store import CONFIG_NAME
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.files.atomic import read_tensors, write_tensors
 
 Tensors = dict[str, np.ndarray]
 

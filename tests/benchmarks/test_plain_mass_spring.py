@@ -8,7 +8,7 @@ from table1_cases.paper_table import nominal_against_plain_c
 from table1_cases.plain_mass_spring import plain_player
 
 from neuroanimator import Emulator, load_system
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 
 
 @pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])

@@ -7,7 +7,7 @@ import pytest
 import runtimes_by_hand
 
 from neuroanimator import load_emulator
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.errors import ResourceError
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")

@@ -17,10 +17,10 @@ from table1 import chosen_rows
 from table1_cases import training_time
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.fleets.sweep import SweepRow, largest_within, sweep
+from neuroanimator.evaluation.fleets.sweep import SweepRow, largest_within, sweep
+from neuroanimator.files.zoo import SHIPPED, shipped_path
 from neuroanimator.training.batches import draw_batches
 from neuroanimator.training.recipes import RECIPES
-from neuroanimator.zoo import SHIPPED, shipped_path
 
 
 @pytest.mark.endurance

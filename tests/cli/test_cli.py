@@ -17,8 +17,8 @@ from conftest import Cli
 from neuroanimator.cli import doctor, info
 from neuroanimator.cli.verbs import VERBS
 from neuroanimator.control.synthesis.summary import gap_in_words
+from neuroanimator.files.zoo import shipped_policy
 from neuroanimator.systems import SYSTEMS
-from neuroanimator.zoo import shipped_policy
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 

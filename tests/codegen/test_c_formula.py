@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from neuroanimator.codegen.c_formula import c_formula
+from neuroanimator.codegen.compiler import compiled_library, find_compiler
 from neuroanimator.codegen.trace import UnsupportedError
-from neuroanimator.compiler.compiler import compiled_library, find_compiler
 
 NUMBER = (1,)
 VECTOR = (1, 3)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from neuroanimator.codegen.c_function import CFunction, c_function, prelude
+from neuroanimator.codegen.compiler import compiled_library, find_compiler
 from neuroanimator.codegen.kept import FLAGS, aligned
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
-from neuroanimator.compiler.compiler import compiled_library, find_compiler
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 WEIGHTS = np.random.default_rng(0).normal(size=(21, 37)).astype(np.float32)

@@ -18,9 +18,9 @@ from neuroanimator.codegen.c_map import (
     judge_of,
     program_of_maps,
 )
+from neuroanimator.codegen.compiler import compiled_library, find_compiler
 from neuroanimator.codegen.kept import FLAGS, LoadedProgram, WrongProgramError, aligned
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.compiler.compiler import compiled_library, find_compiler
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 WEIGHTS = np.random.default_rng(0).normal(size=(18, 7)).astype(np.float32)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_emulator, set_backend
-from neuroanimator.compiler import compiler
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen import compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.emulator import c_emulator as module
 from neuroanimator.emulator.c_emulator import c_emulator, c_program
 from neuroanimator.emulator.super_step import trust
@@ -27,7 +27,7 @@ DRIFT = 1e-3
 
 @pytest.fixture
 def in_c(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("neuroanimator.backend._chosen", [])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     set_backend("c")
 
 
@@ -215,7 +215,7 @@ def test_a_program_is_made_once_a_machine_and_a_damaged_one_anew(
 
 def test_without_a_compiler_there_is_none_and_jax_takes_over(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
-    monkeypatch.setattr("neuroanimator.backend._chosen", ["auto"])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", ["auto"])
     emulator = load_emulator("pendulum-50")
     assert c_emulator(emulator) is None
     state, controls = motion(emulator, 3, 0)
@@ -228,7 +228,7 @@ def test_without_a_compiler_there_is_none_and_jax_takes_over(monkeypatch: pytest
 def test_an_unknown_backend_is_refused_by_name(monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(ArgumentError, match="wanted one of auto, c, jax, came 'cuda'"):
         set_backend("cuda")
-    monkeypatch.setattr("neuroanimator.backend._chosen", [])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     monkeypatch.setenv("NEUROANIMATOR_BACKEND", "gpu")
     emulator = load_emulator("pendulum-50")
     with pytest.raises(ArgumentError, match="NEUROANIMATOR_BACKEND: wanted one of"):

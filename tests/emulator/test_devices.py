@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_emulator, set_backend
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.emulator.probes import probes_of
 
@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("name", ["pendulum-50", "fish-50"])
 def test_a_super_step_on_every_device_is_that_of_c(name: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("neuroanimator.backend._chosen", [])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     set_backend("c")
     emulator = load_emulator(name)
     program = c_emulator(emulator)

@@ -26,10 +26,10 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.super_step import rollout
-from neuroanimator.storage.files import METADATA_KEY, _seal
+from neuroanimator.files.atomic import METADATA_KEY, _seal
+from neuroanimator.files.zoo import SHIPPED, WITHOUT_EMULATOR, find_emulator
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.training.initialise import build_emulator
-from neuroanimator.zoo import SHIPPED, WITHOUT_EMULATOR, find_emulator
 
 
 @pytest.fixture(params=["gated", "classic"])

@@ -20,8 +20,8 @@ from neuroanimator.emulator.spec import MAX_STRIDES
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.held_out import make_test
+from neuroanimator.files.zoo import LARGE, emulator_name, shipped_path
 from neuroanimator.training.train import train
-from neuroanimator.zoo import LARGE, emulator_name, shipped_path
 
 STEPS = 12
 RUNS = 32

@@ -16,8 +16,8 @@ from neuroanimator.emulator.networks.network import Units
 from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.emulator.trust_summary import summary_of
+from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.training.trust_fitting import fit_meter, fit_trust
 
 JUMP = 2.0

@@ -12,7 +12,7 @@ from neuroanimator import load_emulator
 from neuroanimator.evaluation.evaluate import evaluate
 from neuroanimator.evaluation.model_card import write_card
 from neuroanimator.evaluation.page import as_markdown
-from neuroanimator.zoo import find_emulator
+from neuroanimator.files.zoo import find_emulator
 
 
 def test_a_card_says_what_it_is_and_what_was_measured(tmp_path: Path):

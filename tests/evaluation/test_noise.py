@@ -22,8 +22,8 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.verdict import beyond_noise, judge
 from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import EvaluationBudget
+from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems.loading import resolve
 
 FAST = EvaluationBudget(repeats=1, starts=20, steps=50)

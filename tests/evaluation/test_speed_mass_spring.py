@@ -9,8 +9,8 @@ import pytest
 from deformable_cases.batch_players import c_batch_players, jax_batch_player
 from table1_cases.work_precision import draw_work_precision
 
-from neuroanimator.compiler import compiler
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen import compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.evaluation.accuracy import scheme_error
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.evaluation.held_out import HeldOut, make_test

@@ -26,13 +26,13 @@ from neuroanimator.emulator.verdict import judge
 from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.evaluation.report import write_report
+from neuroanimator.files.zoo import shipped_emulators
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.survey import base_windows
 from neuroanimator.training.train import Report
 from neuroanimator.training.validation import validation_errors
-from neuroanimator.zoo import shipped_emulators
 
 FAST = EvaluationBudget(runs=4, transitions=100, repeats=1, starts=20, steps=50, rounds=1)
 TRAINING = {"updates": 500, "widths": (24, 24), "batch": 128}

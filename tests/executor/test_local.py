@@ -15,7 +15,7 @@ from processes import children
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.executor.executor import Executor, LostTaskError, Outcome
 from neuroanimator.executor.local import LocalExecutor
-from neuroanimator.storage.unfinished import is_running
+from neuroanimator.files.unfinished import is_running
 
 NUMBERS = range(6)
 

@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuroanimator.backend import backend_in_words
-from neuroanimator.codegen import kept
-from neuroanimator.compiler import build, compiler
-from neuroanimator.compiler.compiler import compiled_library, compiler_facts, find_compiler
-from neuroanimator.compiler.zig import zig_cc
-from neuroanimator.storage.unfinished import UNFINISHED, remove_stale
+from neuroanimator.codegen import build, compiler, kept
+from neuroanimator.codegen.backend import backend_in_words
+from neuroanimator.codegen.compiler import compiled_library, compiler_facts, find_compiler
+from neuroanimator.codegen.zig import zig_cc
+from neuroanimator.files.unfinished import UNFINISHED, remove_stale
 from neuroanimator.systems import load_system
 from neuroanimator.terminal import warn_once
 
@@ -218,7 +217,7 @@ def test_arguments_of_the_compiler_are_heeded(home: Path, monkeypatch: pytest.Mo
 
 COMPILE = """
 import sys
-from neuroanimator.compiler import compiler
+from neuroanimator.codegen import compiler
 compiler.FLAGS = (("-O0",),)
 print(compiler.compiled_library("int it(void) { return 9; }").it())
 """
@@ -261,7 +260,7 @@ def only_zig(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         pytest.skip("no Zig: pip install 'neuroanimator[compiler]'")
     monkeypatch.setenv("PATH", str(home))
     monkeypatch.setattr(compiler, "FLAGS", kept.FLAGS)
-    monkeypatch.setattr("neuroanimator.backend._chosen", ["auto"])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", ["auto"])
     return home
 
 
@@ -297,6 +296,6 @@ def test_a_zig_that_fails_costs_one_line(
 def test_without_any_compiler_the_extra_is_named(home: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PATH", str(home))
     monkeypatch.setattr(compiler, "zig_cc", lambda: None)
-    monkeypatch.setattr("neuroanimator.backend._chosen", ["auto"])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", ["auto"])
     assert find_compiler() is None
     assert "pip install 'neuroanimator[compiler]'" in backend_in_words()

@@ -17,7 +17,7 @@ from tally import Tally
 
 from neuroanimator import DatasetConfig, NeuroAnimatorError, generate
 from neuroanimator.errors import ResourceError
-from neuroanimator.storage.files import append_line, write_whole
+from neuroanimator.files.atomic import append_line, write_whole
 
 MAX_CALLS = 200
 

@@ -14,7 +14,7 @@ from processes import GENERATE, command, leftovers, run
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
-from neuroanimator.storage.files import locked
+from neuroanimator.files.atomic import locked
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from tally import Tally
 from neuroanimator import DatasetConfig, generate
 from neuroanimator.executor.executor import LostTaskError
 from neuroanimator.executor.local import LocalExecutor
-from neuroanimator.storage.unfinished import is_running
+from neuroanimator.files.unfinished import is_running
 
 SIX_THOUSAND = DatasetConfig(system="pendulum", count=6000)
 

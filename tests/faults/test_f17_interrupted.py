@@ -16,7 +16,7 @@ from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
 from neuroanimator.cli.stop import SIGNALS
-from neuroanimator.storage.unfinished import is_running
+from neuroanimator.files.unfinished import is_running
 
 LONGEST = 8.0
 """[s] An end may take on a busy machine: half a second until a compiled call is given up, the rest for the machine."""
@@ -121,7 +121,7 @@ def test_f17_what_swallows_ctrl_c_does_not_keep_it(program: str):
 
 HALF_DONE = """
 import time
-from neuroanimator.storage.unfinished import temporary_folder
+from neuroanimator.files.unfinished import temporary_folder
 def work(task):
     with temporary_folder() as folder:
         (folder / "half").touch()
@@ -160,7 +160,7 @@ def test_f17_what_workers_have_temporarily_goes_too(number: int, tmp_path: Path)
 
 IN_A_COMPILER = """
 from neuroanimator.cli import main
-from neuroanimator.compiler.compiler import compiled_library
+from neuroanimator.codegen.compiler import compiled_library
 main._run = lambda: compiled_library("int it(void) { return 0; }")
 main.main()
 """

@@ -10,10 +10,10 @@ import pytest
 from tally import Tally
 
 from neuroanimator import load_emulator
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.emulator.super_step import step
-from neuroanimator.zoo import SHIPPED
+from neuroanimator.files.zoo import SHIPPED
 
 BLOCK = 10_000
 MAX_GROWTH = 0.05

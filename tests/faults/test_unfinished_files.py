@@ -12,8 +12,8 @@ import pytest
 from tally import Tally
 
 from neuroanimator import DatasetConfig, NeuroAnimatorError, generate
-from neuroanimator.storage.files import write_whole
-from neuroanimator.storage.unfinished import (
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.unfinished import (
     MAX_WRITE,
     UNFINISHED,
     remove_stale,
@@ -32,7 +32,7 @@ OWN = [
 DIES = """
 import os
 from pathlib import Path
-from neuroanimator.storage.unfinished import unfinished
+from neuroanimator.files.unfinished import unfinished
 with unfinished(Path("a.bin")) as path:
     path.write_bytes(b"half")
     os._exit(9)
@@ -41,7 +41,7 @@ with unfinished(Path("a.bin")) as path:
 DIES_AT_WORK = """
 import os
 from pathlib import Path
-from neuroanimator.storage.unfinished import remove_leftovers, temporary_folder
+from neuroanimator.files.unfinished import remove_leftovers, temporary_folder
 with temporary_folder(Path()) as killed, temporary_folder(Path()) as known:
     (killed / "half").mkdir()
     {before}

@@ -10,8 +10,8 @@ import numpy as np
 
 import neuroanimator
 from fuzz.corpus import read_corpus, write_corpus
-from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.zoo import shipped_path
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.zoo import shipped_path
 
 ASSETS = Path(str(neuroanimator.__file__)).parent / "systems" / "assets"
 

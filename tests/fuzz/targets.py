@@ -20,8 +20,10 @@ from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.csv_file import read_table
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.files.zoo import shipped_path
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import LOADERS, from_text
 from neuroanimator.systems.recorded.csv_file import read_csv
@@ -30,8 +32,6 @@ from neuroanimator.systems.recorded.recording import cut_runs
 from neuroanimator.systems.rigid.compiled_model import ModelRequest, compile_here
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.system import System
-from neuroanimator.tables import check_table, read_toml
-from neuroanimator.zoo import shipped_path
 from neuroanimator_studio.requests import read_request, request_id
 
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))

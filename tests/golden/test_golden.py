@@ -14,7 +14,7 @@ from neuroanimator.control.policies.policy import FORMAT as POLICY_FORMAT
 from neuroanimator.control.policies.policy import Policy, save_policy
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.description import FORMAT
-from neuroanimator.storage.files import read_tensors
+from neuroanimator.files.atomic import read_tensors
 
 from golden.make_golden import EMULATOR, POLICY, PREDICTIONS, controls_of  # isort: skip
 

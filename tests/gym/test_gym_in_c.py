@@ -10,7 +10,7 @@ import pytest
 
 import neuroanimator.gym  # noqa: F401 - registers the environments
 from neuroanimator import set_backend
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.emulator import c_rows
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
@@ -44,7 +44,7 @@ def episodes(backend: str, name: str) -> list[tuple[Any, ...]]:
 def test_an_environment_in_c_is_the_one_in_jax(
     name: str, programs: set[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("neuroanimator.backend._chosen", [])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     made = set()
     load = c_rows.c_rows
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, load_system
+from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.scaffold.defaults import MAX_TURN
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.tables import check_table, read_toml
 
 PENDULUM = """\
 import numpy as np

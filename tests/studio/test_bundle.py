@@ -16,9 +16,9 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.files.zoo import find_emulator, shipped_policy
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
-from neuroanimator.zoo import find_emulator, shipped_policy
 from neuroanimator_studio.bundle import bundle_facts, digest, make_bundle, policy_beside
 from neuroanimator_studio.catalogue import (
     PHYSICS_BUNDLES,

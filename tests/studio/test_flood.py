@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.tables import first_fault
+from neuroanimator.files.tables import first_fault
 from neuroanimator_studio.limits import Limits
 from neuroanimator_studio.requests import Export, read_export
 

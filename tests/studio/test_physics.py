@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_emulator
+from neuroanimator.control.tasks.swimmers import gait_controls
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator.files.zoo import SHIPPED
 from neuroanimator.systems import SYSTEMS, load_system
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.tasks.swimmers import gait_controls
-from neuroanimator.zoo import SHIPPED
 from neuroanimator_studio.catalogue import (
     PHYSICS_BUNDLES,
     PHYSICS_WASM,

@@ -26,7 +26,7 @@ from websockets.typing import Origin
 import neuroanimator as na
 from neuroanimator.cli import studio as studio_verb
 from neuroanimator.export.csv_file import read_clip
-from neuroanimator.zoo import find_emulator, shipped_policy
+from neuroanimator.files.zoo import find_emulator, shipped_policy
 from neuroanimator_studio import run
 from neuroanimator_studio.bundle import load_models
 from neuroanimator_studio.catalogue import (

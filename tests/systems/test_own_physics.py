@@ -35,7 +35,7 @@ from neuroanimator.export.film.drawing import scene_of
 from neuroanimator.export.film.options import Film, Take
 from neuroanimator.export.film.rigid_scene import RigidScene
 from neuroanimator.export.film.skeleton_scene import SkeletonScene
-from neuroanimator.storage.files import canonical_json
+from neuroanimator.files.atomic import canonical_json
 from neuroanimator.systems import trusted_files
 from neuroanimator.systems.loading import MissingPhysicsError, resolve
 from neuroanimator.systems.rigid.model_files import read_model_files

@@ -14,7 +14,8 @@ from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.error_bounds import KINDS, LEVELS, USUAL_LEVEL, log_scores
 from neuroanimator.evaluation.bounded_errors import bounded_errors
 from neuroanimator.evaluation.held_out import held_out_runs
-from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.zoo import LARGE, SHIPPED, emulator_name
 from neuroanimator.training.error_fitting import (
     UnseenRuns,
     conformal_quantile,
@@ -23,7 +24,6 @@ from neuroanimator.training.error_fitting import (
     with_error_bounds,
 )
 from neuroanimator.training.optimised_controls import optimised_controls
-from neuroanimator.zoo import LARGE, SHIPPED, emulator_name
 
 SYSTEM = load_system("pendulum")
 SIGMAS = 4

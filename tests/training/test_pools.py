@@ -27,7 +27,7 @@ from neuroanimator import (
 )
 from neuroanimator.data.store import Dataset, Transitions, join_transitions
 from neuroanimator.data.stored import StoredTransitions, recut
-from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.lesson import lesson_of

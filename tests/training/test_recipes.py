@@ -8,9 +8,9 @@ import pytest
 
 from neuroanimator.emulator.artifact import read_metadata
 from neuroanimator.emulator.emulator import load_emulator
+from neuroanimator.files.zoo import LARGE, SHIPPED, shipped_path
 from neuroanimator.training import recipes
 from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, Recipe, cook
-from neuroanimator.zoo import LARGE, SHIPPED, shipped_path
 
 
 def test_strides_make_up_every_super_step_that_ships():

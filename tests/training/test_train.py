@@ -126,7 +126,7 @@ def test_a_dataset_too_small_to_split_is_refused(transitions: Transitions, tmp_p
 
 
 def test_f06_two_trainings_cannot_share_a_folder(transitions: Transitions, tmp_path: Path):
-    from neuroanimator.storage.files import locked
+    from neuroanimator.files.atomic import locked
 
     out = tmp_path / "e.safetensors"
     with locked(run_folder(out)), pytest.raises(NeuroAnimatorError, match="in use by process"):

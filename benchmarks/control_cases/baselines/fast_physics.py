@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from mujoco import rollout as mujoco_rollout
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_controls
+from neuroanimator.executor.cores import core_count
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.deformable_system import MAX_STRAIN, DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import strains

@@ -16,8 +16,8 @@ from neuroanimator.control.descent.methods import (
     MIN_DAMPING,
     damped_steps,
 )
-from neuroanimator.cores import core_count
 from neuroanimator.errors import ArgumentError
+from neuroanimator.executor.cores import core_count
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System

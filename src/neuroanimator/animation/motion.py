@@ -19,9 +19,9 @@ from neuroanimator.animation.showcase import (
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.zoo import SHIPPED, default_motion_path
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import Start, start_state
-from neuroanimator.zoo import SHIPPED, default_motion_path
 
 MAX_SECONDS = 3600.0
 """Longest random motion [s]: an hour; of a slow system longer."""

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from neuroanimator.appearance.binding import Binding, binding_from_json, bound_pose
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.names import check_label
-from neuroanimator.parsing.numbers import number, numbers, whole
+from neuroanimator.files.names import check_label
+from neuroanimator.files.numbers import number, numbers, whole
 from neuroanimator.state.links import JOINT_KINDS, JOINT_SIZES, Joint, Link, Numbers
 from neuroanimator.state.rotation import multiply, rotate
 from neuroanimator.text import did_you_mean, quoted

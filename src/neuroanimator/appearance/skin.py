@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
-from neuroanimator.tables import Share, Table
+from neuroanimator.files.tables import Share, Table
 
 Colour = tuple[Share, Share, Share]
 """Red, green and blue, each 0 to 1."""

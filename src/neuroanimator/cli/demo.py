@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from neuroanimator.demo import run_demo
+from neuroanimator.cli.main_job import run_demo
 
 EXAMPLE = "neuroanimator demo --out out"
 

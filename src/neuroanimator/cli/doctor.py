@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, distribution, requires, ver
 
 import jax
 
-from neuroanimator.backend import backend_in_words
+from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.export.film.graphics import HOW_TO_GET_GL, graphics_backend
 from neuroanimator.terminal import print_rows
 

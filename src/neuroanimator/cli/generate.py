@@ -14,7 +14,7 @@ from neuroanimator.data.generate import generate
 from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.executor import Executor
-from neuroanimator.storage.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
+from neuroanimator.files.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.terminal import phase, print_rows, progress_bar

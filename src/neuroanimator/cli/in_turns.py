@@ -9,7 +9,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.evaluation.hybrid_shares import HybridGain, hybrid_gain
-from neuroanimator.hybrid import HybridMotion, hybrid_rollout
+from neuroanimator.systems.hybrid import HybridMotion, hybrid_rollout
 from neuroanimator.systems.loading import trust_files
 
 

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from neuroanimator.backend import backend_in_words
 from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
+from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.control.policies.policy import load_policy
 from neuroanimator.data.stored import open_to_measure
 from neuroanimator.emulator.emulator import Emulator
@@ -17,12 +17,12 @@ from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.trust_summary import UNJUDGED
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.weakness.inspection import inspect
+from neuroanimator.files.atomic import read_tensors
+from neuroanimator.files.places import is_url, place_of
+from neuroanimator.files.zoo import find_emulator, find_policy, is_shipped
 from neuroanimator.state.layout import Layout
-from neuroanimator.storage.files import read_tensors
-from neuroanimator.storage.places import is_url, place_of
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows
-from neuroanimator.zoo import find_emulator, find_policy, is_shipped
 
 EXAMPLE = "neuroanimator info pendulum-50"
 

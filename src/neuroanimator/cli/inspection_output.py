@@ -16,7 +16,7 @@ from neuroanimator.evaluation.weakness.tables import (
     coverage_facts,
     spread_tables,
 )
-from neuroanimator.storage.places import Place
+from neuroanimator.files.places import Place
 from neuroanimator.terminal import phase, print_rows, print_table, sparkline
 from neuroanimator.text import print_line, short_number
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from neuroanimator.systems import SYSTEMS, goal_names
-from neuroanimator.terminal import print_rows
-from neuroanimator.zoo import (
+from neuroanimator.files.zoo import (
     LARGE,
     POLICIES,
     SHIPPED,
@@ -12,6 +10,8 @@ from neuroanimator.zoo import (
     shipped_path,
     shipped_policy,
 )
+from neuroanimator.systems import SYSTEMS, goal_names
+from neuroanimator.terminal import print_rows
 
 EXAMPLE = "neuroanimator list"
 

@@ -109,7 +109,7 @@ def _descendants(process: int) -> list[int]:
 
 def _remove_leftovers() -> None:
     # Not imported for its own sake: if nobody has, there is nothing to remove.
-    module = sys.modules.get("neuroanimator.storage.unfinished")
+    module = sys.modules.get("neuroanimator.files.unfinished")
     remove = getattr(module, "remove_leftovers", None)
     if remove is not None:
         remove()

@@ -18,9 +18,9 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE
 from neuroanimator.errors import ArgumentError
-from neuroanimator.fleets.fleet_file import is_fleet, read_fleet
-from neuroanimator.fleets.train_fleet import TABLE, train_fleet
-from neuroanimator.tables import read_toml
+from neuroanimator.evaluation.fleets.fleet_file import is_fleet, read_fleet
+from neuroanimator.evaluation.fleets.train_fleet import TABLE, train_fleet
+from neuroanimator.files.tables import read_toml
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.error_fitting import fit_error_bounds

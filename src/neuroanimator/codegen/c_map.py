@@ -22,7 +22,7 @@ from neuroanimator.codegen.c_function import CFunction, LatePart, c_function, pr
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, aligned
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, constant_array
-from neuroanimator.storage.files import digest
+from neuroanimator.files.atomic import digest
 
 TOLERANCE = 1e-3
 """Tolerance of numbers, over the largest of their array: both sum float32 in orders of their own."""

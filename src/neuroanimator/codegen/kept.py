@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.codegen.compiler import compiled_library, compiler_facts
 from neuroanimator.codegen.program import ALIGNMENT
-from neuroanimator.compiler.compiler import compiled_library, compiler_facts
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
-from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.storage.private_folder import kept_folder
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.private_folder import kept_folder
 from neuroanimator.terminal import phase, warn_once
 
 OPTIMISED = ("-O1", "-ftree-vectorize", "-ffp-contract=fast", "-fno-math-errno")

@@ -11,12 +11,12 @@ from pydantic import Field
 
 from neuroanimator.definitions.carried import data_identity
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.json_text import MAX_DEFINITION
-from neuroanimator.parsing.names import SystemName
-from neuroanimator.storage.files import canonical_json
-from neuroanimator.storage.places import Place
+from neuroanimator.files.atomic import canonical_json
+from neuroanimator.files.json_text import MAX_DEFINITION
+from neuroanimator.files.names import SystemName
+from neuroanimator.files.places import Place
+from neuroanimator.files.tables import Settings, Table
 from neuroanimator.systems import carried_system
-from neuroanimator.tables import Settings, Table
 
 RUN_STEPS = 40
 """A simulated run lasts this many super steps."""

@@ -16,8 +16,8 @@ from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.shard_checks import TensorSpec, check_tensors
 from neuroanimator.data.store import read_config
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.storage.places import Place, place_of
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.places import Place, place_of
 from neuroanimator.systems import load_system
 
 KIND = "diverged"

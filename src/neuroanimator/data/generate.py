@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUNS_PER_SHARD, DatasetConfig
 from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.data.recorded_windows import write_held_out
@@ -24,11 +23,12 @@ from neuroanimator.data.store import (
     shard_transitions,
 )
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator.executor.cores import core_count
 from neuroanimator.executor.executor import Executor, LostTaskError, raise_first
 from neuroanimator.executor.local import LocalExecutor
-from neuroanimator.storage.files import locked
-from neuroanimator.storage.places import Place, UrlPath, place_of
-from neuroanimator.storage.unfinished import remove_stale
+from neuroanimator.files.atomic import locked
+from neuroanimator.files.places import Place, UrlPath, place_of
+from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.warnings import also_heard
 from neuroanimator.systems.system import System

@@ -21,8 +21,8 @@ from neuroanimator.data.config import (
 from neuroanimator.data.recorded_noise import noise_of
 from neuroanimator.data.recorded_segments import Segment, split_recordings
 from neuroanimator.data.store import HELD_OUT_NAME
-from neuroanimator.storage.files import write_tensors
-from neuroanimator.storage.places import Place
+from neuroanimator.files.atomic import write_tensors
+from neuroanimator.files.places import Place
 from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 WINDOWS_STREAM = 2

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.places import Place
+from neuroanimator.files.places import Place
 
 MAX_SHOWN = 40
 """Longer values are cut off in an error [characters]."""

@@ -7,8 +7,8 @@ from neuroanimator.data.diverged_runs import has_diverged, write_diverged
 from neuroanimator.data.shard import Shard
 from neuroanimator.data.store import read_shard
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import write_tensors
-from neuroanimator.storage.places import Place
+from neuroanimator.files.atomic import write_tensors
+from neuroanimator.files.places import Place
 from neuroanimator.systems.system import System
 
 

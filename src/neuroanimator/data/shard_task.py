@@ -11,7 +11,7 @@ from typing import NamedTuple
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.shard import Shard, make_shard
 from neuroanimator.data.shard_files import diverged_in, store_shard
-from neuroanimator.storage.places import UrlPath
+from neuroanimator.files.places import UrlPath
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.warnings import warnings_heard
 from neuroanimator.systems.system import System

@@ -31,8 +31,7 @@ from neuroanimator.data.shard_checks import (
     whole_number,
 )
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.storage.files import (
+from neuroanimator.files.atomic import (
     HEADER_LIMIT,
     canonical_json,
     digest,
@@ -42,14 +41,15 @@ from neuroanimator.storage.files import (
     write_first,
     write_whole,
 )
-from neuroanimator.storage.places import Place, place_of
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.places import Place, place_of
+from neuroanimator.files.tables import first_fault
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.loading import named_model, names_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.model_xml import MAX_TOTAL
 from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import know_model
-from neuroanimator.tables import first_fault
 from neuroanimator.text import quoted
 
 CONFIG_NAME = "dataset.json"

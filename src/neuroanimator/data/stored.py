@@ -26,7 +26,7 @@ from neuroanimator.data.store import (
     shard_transitions,
 )
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.places import Place, place_of
+from neuroanimator.files.places import Place, place_of
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
 

@@ -22,8 +22,8 @@ from pydantic import Field
 
 from neuroanimator.appearance.skin import SkinTable
 from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.parsing.names import PartName, SystemName
-from neuroanimator.tables import Finite, Positive, Share, Step, Table
+from neuroanimator.files.names import PartName, SystemName
+from neuroanimator.files.tables import Finite, Positive, Share, Step, Table
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
 """These are the names of the integrators of deformable systems."""

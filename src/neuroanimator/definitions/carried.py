@@ -17,11 +17,11 @@ from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.parsing.json_text import MAX_DEFINITION, parse_json_object
-from neuroanimator.parsing.names import check_file_name
-from neuroanimator.parsing.numbers import listed, whole
-from neuroanimator.storage.files import canonical_json
-from neuroanimator.tables import check_table
+from neuroanimator.files.atomic import canonical_json
+from neuroanimator.files.json_text import MAX_DEFINITION, parse_json_object
+from neuroanimator.files.names import check_file_name
+from neuroanimator.files.numbers import listed, whole
+from neuroanimator.files.tables import check_table
 from neuroanimator.text import quoted
 
 TABLES: dict[str, type[Any]] = {

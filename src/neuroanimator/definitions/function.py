@@ -8,9 +8,9 @@ from pydantic import Field
 
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parts import ControlPart, StatePart
-from neuroanimator.parsing.names import FileName, SystemName
-from neuroanimator.parsing.numbers import MIN_STEP
-from neuroanimator.tables import Share, Table
+from neuroanimator.files.names import FileName, SystemName
+from neuroanimator.files.numbers import MIN_STEP
+from neuroanimator.files.tables import Share, Table
 
 MAX_STEP = 3600.0
 """The longest step of a function [s]: an hour, of something slow."""

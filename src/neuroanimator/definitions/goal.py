@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from neuroanimator.tables import Finite, Positive, Table
+from neuroanimator.files.tables import Finite, Positive, Table
 
 MAX_SECONDS = 1e6
 """[s] No motion to a goal is longer: twelve days, of something slow."""

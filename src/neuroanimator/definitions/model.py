@@ -18,8 +18,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.parsing.names import ModelPath, PartName, SystemName
-from neuroanimator.tables import Finite, Share, Step, Table
+from neuroanimator.files.names import ModelPath, PartName, SystemName
+from neuroanimator.files.tables import Finite, Share, Step, Table
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
 """These are our names of MuJoCo's integrators."""

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from neuroanimator.parsing.names import PartName
-from neuroanimator.tables import Finite, Table
+from neuroanimator.files.names import PartName
+from neuroanimator.files.tables import Finite, Table
 
 
 class StatePart(Table):

@@ -8,9 +8,9 @@ from pydantic import Field
 
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parts import ControlPart, StatePart
-from neuroanimator.parsing.names import FileName, SystemName
-from neuroanimator.parsing.numbers import MIN_STEP
-from neuroanimator.tables import Table
+from neuroanimator.files.names import FileName, SystemName
+from neuroanimator.files.numbers import MIN_STEP
+from neuroanimator.files.tables import Table
 
 
 class RecordedPhysics(Table):

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.emulator.description import FORMAT, Made, blank, describe
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.tensors import emulator_leaves, emulator_tensors, with_tensors
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.jax_settings import keep_programs
-from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.text import printable, quoted
 
 TRIAL_NAME = "trial.emulator.safetensors"

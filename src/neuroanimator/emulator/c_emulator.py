@@ -18,19 +18,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, load_program
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError
-from neuroanimator.compiler.compiler import find_compiler
-from neuroanimator.cores import in_parts
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.super_step import SuperStep, latent_size
 from neuroanimator.emulator.tensors import emulator_tensors
-from neuroanimator.storage.files import canonical_json, digest
-from neuroanimator.storage.remembered import UNKNOWN, Remembered
+from neuroanimator.executor.cores import in_parts
+from neuroanimator.files.atomic import canonical_json, digest
+from neuroanimator.files.remembered import UNKNOWN, Remembered
 
 FEWEST_LANES = 4
 """With fewer motions than this, one after the other is faster."""

@@ -17,17 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from neuroanimator.backend import backend
+from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError
-from neuroanimator.cores import in_parts
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
 from neuroanimator.emulator.compiled import call_compiled, is_traced, of_rows
 from neuroanimator.emulator.probes import BORDERLINE, Expected, compiled_quickly, rounded
-from neuroanimator.storage.remembered import UNKNOWN, Remembered
+from neuroanimator.executor.cores import in_parts
+from neuroanimator.files.remembered import UNKNOWN, Remembered
 
 SOUND_SHARE = 0.5
 """Share of the inputs a program is tried on of which JAX must make finite numbers: or the trial would say little."""

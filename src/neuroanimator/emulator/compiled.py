@@ -16,8 +16,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 PROGRAMS = 256
 """Functions of structures that are kept compiled; each takes some megabytes."""

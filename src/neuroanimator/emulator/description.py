@@ -22,8 +22,8 @@ from neuroanimator.emulator.spec import MAX_STRIDES, EmulatorSpec
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.trust import TrustMeter
 from neuroanimator.emulator.verdict import blank_errors
-from neuroanimator.parsing.names import check_system_name
-from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
+from neuroanimator.files.names import check_system_name
+from neuroanimator.files.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.gait import Gait

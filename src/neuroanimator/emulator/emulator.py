@@ -19,8 +19,8 @@ from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.emulator.verdict import Verdict, judge_bounds
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.zoo import find_emulator, is_name
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.zoo import find_emulator, is_name
 
 
 class Emulator(SuperStep):

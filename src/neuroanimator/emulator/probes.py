@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from neuroanimator.codegen.kept import WrongProgramError
 from neuroanimator.emulator.super_step import SuperStep, rollout, step, trust
+from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import as_rows
-from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 MOTIONS = 40
 """Random motions whose states are tried."""

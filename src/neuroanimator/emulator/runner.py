@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.backend import backend
+from neuroanimator.codegen.backend import backend
 from neuroanimator.emulator.arrays import as_float32, as_jax, is_plain
 from neuroanimator.emulator.c_emulator import CEmulator, c_emulator
 from neuroanimator.emulator.checks import MAX_CONTROL, MAX_MAGNITUDE, check_motion, check_numbers

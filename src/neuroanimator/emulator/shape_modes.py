@@ -19,7 +19,7 @@ from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.pca import mixing
-from neuroanimator.parsing.numbers import listed, number, whole
+from neuroanimator.files.numbers import listed, number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import PROBE_FEATURES
 from neuroanimator.state.layout import MAX_NUMBERS, Layout, Slice

@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.cores import core_count
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.held_out import HeldOut
+from neuroanimator.executor.cores import core_count
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Runs, Scheme
 from neuroanimator.training.validation import noise_differences

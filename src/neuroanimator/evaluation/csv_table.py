@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neuroanimator.machine import describe_machine
-from neuroanimator.storage.files import write_whole
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.files.atomic import write_whole
 
 
 def quartiles(values: ArrayLike, digits: int = 3) -> str:

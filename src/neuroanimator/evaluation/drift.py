@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import emulate
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.executor.cores import core_count
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.systems.system import System
 

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.executor.cores import core_count
 from neuroanimator.state.arrays import as_rows
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness

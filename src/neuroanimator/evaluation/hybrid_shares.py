@@ -10,8 +10,8 @@ from jaxtyping import Float
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import emulate, rollout_error, root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut
-from neuroanimator.hybrid import HybridMotion, hybrid_rollout
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.systems.hybrid import HybridMotion, hybrid_rollout
 from neuroanimator.systems.system import System
 
 THRESHOLDS = (2.0, 1.0, 0.5, 0.25)

@@ -12,10 +12,10 @@ from pathlib import Path
 from neuroanimator.emulator.artifact import read_metadata
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.page import render_markdown
-from neuroanimator.machine import describe_machine
-from neuroanimator.storage.files import write_whole
-from neuroanimator.zoo import licence_of
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.zoo import licence_of
 
 MAX_PARTS = 40
 """Maximum number of parts of a state or control named in a table; the others are counted."""

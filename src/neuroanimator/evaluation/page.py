@@ -15,8 +15,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from neuroanimator.evaluation import plots
-from neuroanimator.machine import describe_machine
-from neuroanimator.storage.files import write_whole
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.files.atomic import write_whole
 from neuroanimator.text import printable, short_number
 
 TEMPLATES = Path(__file__).with_name("templates")

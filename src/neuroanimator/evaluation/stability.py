@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.executor.cores import core_count
 
 BLOCK = 500
 """Number of super steps rolled out at once."""

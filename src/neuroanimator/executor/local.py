@@ -25,7 +25,7 @@ from neuroanimator.executor.executor import (
 )
 from neuroanimator.executor.python_command import python_command
 from neuroanimator.executor.worker import Answer, worker_environment
-from neuroanimator.storage.unfinished import folder_until_exit
+from neuroanimator.files.unfinished import folder_until_exit
 
 WORKER = "neuroanimator.executor.worker_process"
 """The module that a worker runs."""

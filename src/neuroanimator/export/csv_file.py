@@ -13,10 +13,10 @@ from jaxtyping import Float
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.csv_text import csv_rows
-from neuroanimator.parsing.numbers import number_in
+from neuroanimator.files.atomic import one_line, read_bounded, write_whole
+from neuroanimator.files.csv_text import csv_rows
+from neuroanimator.files.numbers import number_in
 from neuroanimator.state.layout import Layout
-from neuroanimator.storage.files import one_line, read_bounded, write_whole
 from neuroanimator.systems.recorded.columns import MAX_MAGNITUDE
 from neuroanimator.text import quoted, table_cell
 

@@ -14,7 +14,7 @@ from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.export.usd.scene import write_usd
-from neuroanimator.zoo import find_emulator
+from neuroanimator.files.zoo import find_emulator
 
 FORMATS = (".csv", ".glb", ".mp4", ".usda", ".usdc", ".usdz")
 """How the names of files that can be written end."""

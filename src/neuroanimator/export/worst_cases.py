@@ -20,7 +20,7 @@ from neuroanimator.evaluation.plots import svg_text
 from neuroanimator.evaluation.weakness.inspection import Inspection
 from neuroanimator.export.film.options import Take
 from neuroanimator.export.film.video import write_takes
-from neuroanimator.storage.files import write_whole
+from neuroanimator.files.atomic import write_whole
 from neuroanimator.text import short_number
 
 FORMATS = (".mp4", ".png", ".svg")

@@ -18,10 +18,10 @@ except ImportError:
         "Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'"
     ) from None
 
+from neuroanimator.files.zoo import SHIPPED
 from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, PhysicsVectorEnv
 from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.rules import EpisodeRules, RunningCost
-from neuroanimator.zoo import SHIPPED
 
 __all__ = [
     "EmulatorEnv",

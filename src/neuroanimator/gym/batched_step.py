@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
+from neuroanimator.control.tasks.task import Aim
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.c_rows import call_rows
@@ -19,7 +20,6 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position
-from neuroanimator.tasks.task import Aim
 
 MAX_OBSERVATION = 10.0
 """Observations are kept within ± this: body and goal are of order one, and no episode goes far beyond training."""

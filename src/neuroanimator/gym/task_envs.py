@@ -1,4 +1,4 @@
-"""The tasks of `neuroanimator.tasks` as Gymnasium environments: a goal, a reward on the way, an end."""
+"""The tasks of `neuroanimator.control.tasks` as Gymnasium environments: a goal, a reward on the way, an end."""
 
 from __future__ import annotations
 

@@ -14,9 +14,12 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import Objective, Trajectory
+from neuroanimator.control.tasks.all_tasks import TASKS
+from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.zoo import emulator_name
 from neuroanimator.gym.batched_step import (
     MAX_OBSERVATION,
     Aims,
@@ -27,9 +30,6 @@ from neuroanimator.gym.batched_step import (
 from neuroanimator.gym.vector_env import EpisodeRows, Outcome
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems import load_system
-from neuroanimator.tasks.all_tasks import TASKS
-from neuroanimator.tasks.task import Task, Trial
-from neuroanimator.zoo import emulator_name
 
 TRIALS = 100
 """Number of starts and goals an episode is drawn from: the same ones `benchmarks/control.py` solves."""

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.data.config import USUAL_COUNT
-from neuroanimator.parsing.names import model_name
+from neuroanimator.files.names import model_name
 from neuroanimator.scaffold.actuators import actuators_without_range
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, is_urdf

@@ -10,9 +10,9 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictInt, ValidationEr
 
 from neuroanimator.definitions.function import MAX_STEP, FunctionStep
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.names import PartName
+from neuroanimator.files.names import PartName
+from neuroanimator.files.tables import MIN_STEP, Finite, Table
 from neuroanimator.scaffold.defaults import ANGLE_SPREAD
-from neuroanimator.tables import MIN_STEP, Finite, Table
 from neuroanimator.text import listed
 
 MAX_SHOWN = 60

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
 from neuroanimator.definitions.function import PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.declarations import Declarations, read_declarations
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
@@ -46,7 +47,6 @@ from neuroanimator.systems.functions.function_system import FUNCTION, PythonSyst
 from neuroanimator.systems.functions.step_file import call_step, run_file
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
-from neuroanimator.tables import check_table
 from neuroanimator.text import listed
 
 TEACHER_PARTS = (1, 2, 5, 10)

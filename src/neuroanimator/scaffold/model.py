@@ -11,6 +11,7 @@ import numpy as np
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.actuators import actuator_faults, proposed_bounds, widen_guesses
 from neuroanimator.scaffold.comments import Findings, comments_on, told_of, warnings_about
 from neuroanimator.scaffold.defaults import FINE_PARTS, proposed_substeps, rounded, usual_name
@@ -36,7 +37,6 @@ from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.touching import is_limited
-from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase
 
 WARM_UP = 1.0

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
     FASTEST,
@@ -41,7 +42,6 @@ from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import DIVERGED_VELOCITY
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.systems.rigid.warnings import warnings_counted
-from neuroanimator.tables import check_table
 from neuroanimator.terminal import progress_bar
 
 SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)

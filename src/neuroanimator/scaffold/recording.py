@@ -13,6 +13,7 @@ from neuroanimator.data.recorded_noise import noise_of
 from neuroanimator.data.recorded_segments import split_runs
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import (
     FASTEST,
     MAX_TURN,
@@ -34,7 +35,6 @@ from neuroanimator.scaffold.scales import (
 from neuroanimator.scaffold.structure import Runs, changes_of, rate_entries
 from neuroanimator.systems.recorded.recording import Recording, read_recording
 from neuroanimator.systems.trusted_files import digest_of
-from neuroanimator.tables import check_table
 from neuroanimator.text import listed
 
 MAX_TURN_THROUGH_NOISE = 2 * MAX_TURN

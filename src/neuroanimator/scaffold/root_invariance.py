@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.parsing.names import model_name
+from neuroanimator.files.names import model_name
 from neuroanimator.state.rotation import facing, multiply, rotate_in_plane
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import joint_name

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
 from neuroanimator.errors import ArgumentError
+from neuroanimator.executor.cores import core_count
 from neuroanimator.scaffold.defaults import MAX_TEACHER_ERROR, MIN_CHANGE, rounded
 from neuroanimator.scaffold.trials import EVALUATIONS, Trial, step_cost
 from neuroanimator.state.body_frame import Frame

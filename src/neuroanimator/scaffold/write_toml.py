@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Literal
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.parsing.names import SYSTEM_PATTERN
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.names import SYSTEM_PATTERN
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.function import propose_function
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.proposal import Proposal, as_toml
 from neuroanimator.scaffold.recording import propose_recording
-from neuroanimator.storage.files import write_whole
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.trusted_files import trust_file
 from neuroanimator.text import quoted

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.parsing.numbers import entries, listed, numbers
+from neuroanimator.files.numbers import entries, listed, numbers
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.kinematics import Kinematics, product
 from neuroanimator.state.rotation import conjugate, rotated_by, rotation_matrices

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.parsing.numbers import number, numbers
+from neuroanimator.files.numbers import number, numbers
 from neuroanimator.state.layout import Bounds
 
 MIN_PERIOD = 1e-6

@@ -11,8 +11,8 @@ from jaxtyping import Num
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.names import check_label, refuse_twins
-from neuroanimator.parsing.numbers import numbers, whole
+from neuroanimator.files.names import check_label, refuse_twins
+from neuroanimator.files.numbers import numbers, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.units import STATE_UNITS
 from neuroanimator.text import quoted

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.parsing.numbers import listed, numbers
+from neuroanimator.files.numbers import listed, numbers
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.rotation import cross, rotate, rotate_back
 

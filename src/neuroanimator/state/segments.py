@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from jaxtyping import Float
 
-from neuroanimator.parsing.numbers import number, whole
+from neuroanimator.files.numbers import number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.state.reference_shape import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from neuroanimator.parsing.numbers import entries
+from neuroanimator.files.numbers import entries
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Segment, moves_freely, orientations_of

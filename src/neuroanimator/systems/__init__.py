@@ -7,8 +7,8 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.text import did_you_mean, quoted
-from neuroanimator.zoo import SHIPPED_SYSTEMS
 
 if TYPE_CHECKING:  # whoever asks for names waits for no physics
     from neuroanimator.systems.system import System

@@ -24,7 +24,8 @@ from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import canonical_json
+from neuroanimator.files.atomic import canonical_json
+from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
@@ -35,7 +36,6 @@ from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
 from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import digest_of, know_model, known_models, trust_file
-from neuroanimator.tables import check_table, read_toml
 from neuroanimator.text import quoted
 
 

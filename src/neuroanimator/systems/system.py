@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.cores import core_count
 from neuroanimator.errors import ArgumentError
+from neuroanimator.executor.cores import core_count
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.state.start import Start, start_state

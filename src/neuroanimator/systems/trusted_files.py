@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import read_bounded
+from neuroanimator.files.atomic import read_bounded
 from neuroanimator.systems.rigid.model_files import ModelFiles
 
 MAX_FILE = 512 * 2**20

@@ -11,8 +11,8 @@ import optax
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import checked_arrays, to_numpy
 from neuroanimator.errors import BadFileError
-from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.storage.places import Place
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.places import Place
 
 NAME = "checkpoint.safetensors"
 

@@ -12,9 +12,9 @@ from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.stored import DEFAULT_MEMORY
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.atomic import canonical_json
+from neuroanimator.files.tables import Settings
 from neuroanimator.state.structure import Structure
-from neuroanimator.storage.files import canonical_json
-from neuroanimator.tables import Settings
 from neuroanimator.text import quoted
 
 UPDATES_PER_CHUNK = 250

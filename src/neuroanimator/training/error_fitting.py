@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import LEVELS, ErrorBounds, errors_in, log_scores
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import ArgumentError
+from neuroanimator.executor.cores import core_count
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.structure import Structure

@@ -9,8 +9,8 @@ import numpy as np
 from neuroanimator.data.store import Dataset, Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.files.atomic import digest
 from neuroanimator.state.symmetry import Symmetry
-from neuroanimator.storage.files import digest
 from neuroanimator.systems.system import System
 from neuroanimator.training.chunk import TrainingProblem
 from neuroanimator.training.config import TrainingConfig

@@ -12,10 +12,10 @@ from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import Report, train
-from neuroanimator.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
 
 
 @dataclass(frozen=True)

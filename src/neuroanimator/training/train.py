@@ -14,16 +14,16 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.data.store import Dataset, Transitions
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.jax_settings import keep_programs
-from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.storage.files import append_line, locked, read_bounded, write_whole
-from neuroanimator.storage.places import Place
-from neuroanimator.storage.unfinished import remove_stale
+from neuroanimator.files.atomic import append_line, locked, read_bounded, write_whole
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.places import Place
+from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 from neuroanimator.training.chunk import TrainingProblem, completed
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig

@@ -11,7 +11,7 @@ import pytest
 from jaxtyping import Array, Float
 
 import neuroanimator as na
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.control.descent.c_evaluator import c_evaluator, controls_in_c
 from neuroanimator.control.descent.defects import find_defects
 from neuroanimator.control.descent.descend import controls_of, pose_problem
@@ -22,9 +22,9 @@ from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import ObjectiveForm
 from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm, Trajectory
 from neuroanimator.control.objective.objective_cost import objective_cost
+from neuroanimator.control.tasks.all_tasks import TASKS
 from neuroanimator.errors import ArgumentError
-from neuroanimator.storage.private_folder import kept_folder
-from neuroanimator.tasks.all_tasks import TASKS
+from neuroanimator.files.private_folder import kept_folder
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
@@ -147,7 +147,7 @@ def test_one_objective_is_judged_by_the_scale_of_each_problems_controls(emulator
 def test_a_controller_is_found_as_with_jax(emulator: na.Emulator, monkeypatch: pytest.MonkeyPatch):
     found = {}
     for name in ("jax", "c"):
-        monkeypatch.setattr("neuroanimator.backend._chosen", [name])
+        monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [name])
         found[name] = na.descend(emulator, objective(), emulator.rest, steps=STEPS)
     assert found["c"].cost == pytest.approx(found["jax"].cost, rel=0.01)
     assert found["c"].iterations == found["jax"].iterations
@@ -160,7 +160,7 @@ def test_defects_controls_and_costs_are_those_of_jax(
     zs = np.random.default_rng(0).normal(size=(2, varied.size))
     found = {}
     for name in ("jax", "c"):
-        monkeypatch.setattr("neuroanimator.backend._chosen", [name])
+        monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [name])
         controls = controls_of(varied, zs)
         states = np.asarray(emulator.rollout(emulator.rest, controls[0]), float)
         defects = find_defects(emulator, states + 0.01, controls[0])

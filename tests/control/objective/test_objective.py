@@ -23,7 +23,7 @@ from neuroanimator import (
     load_system,
     read_pose,
 )
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.control.descent.parametrisation import (
     EachStep,
     Parametrisation,

@@ -40,13 +40,13 @@ from neuroanimator.control.policies.steering import (
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.pca import mixing, reflection
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.zoo import POLICIES, find_emulator, find_policy, shipped_policy
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import Pose
 from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
 from neuroanimator.state.rotation import facing
-from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.zoo import POLICIES, find_emulator, find_policy, shipped_policy
 
 SECONDS = 6.0
 """As long as a fish needs to turn a third of a circle and to be back at its speed."""

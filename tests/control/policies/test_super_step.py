@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_emulator, set_backend
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.control.policies import super_step as module
 from neuroanimator.control.policies.behaviours import steer_along, wander
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator
@@ -29,7 +29,7 @@ BODIES = 5
 @pytest.fixture
 def policy(monkeypatch: pytest.MonkeyPatch) -> Policy:
     """A policy of the lander, untrained: a small program."""
-    monkeypatch.setattr("neuroanimator.backend._chosen", [])
+    monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     ranges = Bounds((0.0, -1.0, -1.0, -1.0), (2.0, 1.0, 1.0, 1.0))
     return fresh_policy(load_emulator("lander-50"), ranges, widths=(8,))
 

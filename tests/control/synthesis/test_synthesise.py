@@ -20,6 +20,7 @@ from neuroanimator import (
     replay,
     synthesise,
 )
+from neuroanimator.cli.main_job import CORRECTIONS, SWEEPS
 from neuroanimator.control.descent.defects import find_defects
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.methods import METHODS
@@ -37,7 +38,6 @@ from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS
 from neuroanimator.control.synthesis.finetune import transitions_near
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.data.store import Transitions
-from neuroanimator.demo import CORRECTIONS, SWEEPS
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
 

@@ -22,8 +22,8 @@ from neuroanimator import (
     load_policy,
     write_c_header,
 )
-from neuroanimator.compiler import compiler
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen import compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.programs.c_file import check_gradients, check_steps, compiled_header
 from neuroanimator.export.programs.c_header import c_header, identifier, part_names
@@ -33,8 +33,8 @@ from neuroanimator.export.programs.vectors import (
     make_gradient_vectors,
     make_vectors,
 )
+from neuroanimator.files.zoo import POLICIES, SHIPPED
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.zoo import POLICIES, SHIPPED
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 WARNINGS = ("-Wall", "-Wextra", "-Werror")

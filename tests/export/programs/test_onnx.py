@@ -28,8 +28,8 @@ from neuroanimator.export.programs.definition import (
 )
 from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
 from neuroanimator.export.programs.vectors import COUNT, KEPT, make_vectors
+from neuroanimator.files.zoo import POLICIES, SHIPPED
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.zoo import POLICIES, SHIPPED
 
 EMULATORS = sorted({system for system, _ in SHIPPED})
 WEIGHTS = np.random.default_rng(0).normal(size=(6, 37)).astype(np.float32)

@@ -14,13 +14,13 @@ import wasmtime
 from conftest import Cli
 
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator, load_policy, write_wasm
-from neuroanimator.compiler.wasm import wasm_module
+from neuroanimator.codegen.wasm import wasm_module
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.programs import wasm_file
 from neuroanimator.export.programs.c_file import check_steps
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.vectors import make_vectors
-from neuroanimator.zoo import SHIPPED
+from neuroanimator.files.zoo import SHIPPED
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="no node")
 

@@ -12,10 +12,10 @@ import pytest
 
 from neuroanimator.definitions.body import MAX_NODES, MAX_SPRINGS, BodyDefinition
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.tables import check_table
 from neuroanimator.systems.deformable.build import group_numbers
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.stability import largest_stable_step
-from neuroanimator.tables import check_table
 
 NODES = {
     "nose": [0.2, 0.0, 0.0, 0.1],

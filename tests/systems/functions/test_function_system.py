@@ -24,8 +24,8 @@ from neuroanimator import (
 )
 from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.evaluation.speed_function import function_schemes
+from neuroanimator.files.atomic import canonical_json
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.loading import resolve, trust_files
 

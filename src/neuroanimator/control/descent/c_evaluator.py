@@ -26,6 +26,7 @@ from neuroanimator.codegen.c_map import (
     judge_of,
     program_of_maps,
 )
+from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.codegen.kept import (
     FLAGS,
     LoadedProgram,
@@ -35,7 +36,6 @@ from neuroanimator.codegen.kept import (
 )
 from neuroanimator.codegen.program import WIDTH
 from neuroanimator.codegen.trace import UnsupportedError
-from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.control.descent.defects import link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
@@ -49,7 +49,7 @@ from neuroanimator.control.objective.c_objective import (
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import compiled_quickly
-from neuroanimator.storage.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.terminal import warn_once
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))

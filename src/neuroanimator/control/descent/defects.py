@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.backend import backend
+from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_map import CMap, MapDefinition, check_maps, judge_of, program_of_maps
 from neuroanimator.codegen.kept import CProgram, LoadedProgram
 from neuroanimator.codegen.program import WIDTH
@@ -28,9 +28,9 @@ from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import Probes, compiled_quickly
 from neuroanimator.emulator.super_step import latent_size
+from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 LINK = "link"
 """What the map is called in C."""

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.backend import backend
+from neuroanimator.codegen.backend import backend
 from neuroanimator.control.descent.c_evaluator import c_evaluator, controls_in_c
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.evaluator import Evaluator

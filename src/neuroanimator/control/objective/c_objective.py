@@ -30,6 +30,7 @@ from neuroanimator.codegen.c_map import (
     judge_of,
     program_of_maps,
 )
+from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.codegen.kept import (
     FLAGS,
     CProgram,
@@ -40,7 +41,6 @@ from neuroanimator.codegen.kept import (
 )
 from neuroanimator.codegen.program import WIDTH
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
-from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.control.objective.objective import (
     CostFunction,
     CostTerm,
@@ -53,8 +53,8 @@ from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.probes import compiled_quickly
+from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.storage.remembered import UNKNOWN, Remembered
 from neuroanimator.terminal import warn_once
 
 CALLER = ("neuroanimator.control.objective", "objective.c")

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from neuroanimator.backend import backend
+from neuroanimator.codegen.backend import backend
 from neuroanimator.control.objective.c_objective import CObjective, c_objective
 from neuroanimator.control.objective.objective import (
     CostFunction,

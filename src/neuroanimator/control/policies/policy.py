@@ -33,13 +33,13 @@ from neuroanimator.emulator.tensors import (
     with_tensors,
 )
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.numbers import listed, whole
+from neuroanimator.files.atomic import digest, read_tensors, write_tensors
+from neuroanimator.files.numbers import listed, whole
+from neuroanimator.files.zoo import find_policy
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.structure import Structure
-from neuroanimator.storage.files import digest, read_tensors, write_tensors
-from neuroanimator.zoo import find_policy
 
 FORMAT = 2
 """The version of the file format, raised whenever an older reader would misunderstand a file."""

@@ -11,9 +11,10 @@ from neuroanimator.control.policies.policy_training import PolicyTraining, train
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.executor import Executor
-from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.storage.files import SIZE_LIMIT, read_bounded, write_whole
-from neuroanimator.storage.unfinished import temporary_folder
+from neuroanimator.files.atomic import SIZE_LIMIT, read_bounded, write_whole
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.unfinished import temporary_folder
+from neuroanimator.files.zoo import find_emulator
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.loading import named_model
 from neuroanimator.systems.trusted_files import (
@@ -23,7 +24,6 @@ from neuroanimator.systems.trusted_files import (
     trusted_so_far,
 )
 from neuroanimator.training.train import MAX_LINE, MAX_METRICS, run_folder
-from neuroanimator.zoo import find_emulator
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,10 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.atomic import append_line, canonical_json, digest, locked
+from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import read_pose
-from neuroanimator.storage.files import append_line, canonical_json, digest, locked
-from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 from neuroanimator.training.train import run_folder

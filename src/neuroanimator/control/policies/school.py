@@ -15,8 +15,8 @@ from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.zoo import POLICIES
 from neuroanimator.state.pose import Pose
-from neuroanimator.zoo import POLICIES
 
 MAX_SCHOOL = 64
 """The most bodies of a school: what a film has room for."""

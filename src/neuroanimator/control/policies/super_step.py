@@ -13,7 +13,7 @@ from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import CRows, c_rows, call_rows
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.emulator.tensors import to_numpy
-from neuroanimator.storage.files import canonical_json, digest
+from neuroanimator.files.atomic import canonical_json, digest
 
 EXCESS = 0.2
 """Share of a policy's range of speeds by which those that a program is tried on go beyond it."""

@@ -14,8 +14,8 @@ from neuroanimator.data.sampling import scattered
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.files.unfinished import temporary_folder
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train

@@ -46,11 +46,11 @@ from neuroanimator.control.synthesis.synthesise import (
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.parsing.names import SystemName
+from neuroanimator.files.names import SystemName
+from neuroanimator.files.tables import Finite, Positive, Table, first_fault, read_toml
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
-from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
 
 DEFAULT_KNOTS = 12
 """Default number of a spline's knots: enough for a few swings to and fro."""

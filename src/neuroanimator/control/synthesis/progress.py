@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TextIO
 
 from neuroanimator.errors import ResourceError
-from neuroanimator.storage.files import canonical_json
+from neuroanimator.files.atomic import canonical_json
 from neuroanimator.terminal import progress_bar
 
 

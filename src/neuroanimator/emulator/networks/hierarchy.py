@@ -23,8 +23,8 @@ from neuroanimator.emulator.networks.glu import LinearGlu
 from neuroanimator.emulator.networks.mirrored import Mirrored
 from neuroanimator.emulator.networks.network import Network, Units, prefixed, split_key
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.names import check_label
-from neuroanimator.parsing.numbers import entries, whole
+from neuroanimator.files.names import check_label
+from neuroanimator.files.numbers import entries, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.text import quoted

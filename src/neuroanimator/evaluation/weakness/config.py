@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from neuroanimator.tables import Settings
+from neuroanimator.files.tables import Settings
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 
 RUN_LENGTH = 15

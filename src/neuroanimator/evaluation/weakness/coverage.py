@@ -26,7 +26,7 @@ from neuroanimator.data.store import (
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.weakness.conditions import find_spots
 from neuroanimator.evaluation.weakness.readings import Reading, control_readings, state_readings
-from neuroanimator.storage.places import Place, place_of
+from neuroanimator.files.places import Place, place_of
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
 from neuroanimator.text import short_number

@@ -25,8 +25,8 @@ from neuroanimator.evaluation.weakness.improve import (
 )
 from neuroanimator.evaluation.weakness.learning import mix_windows, train_on
 from neuroanimator.evaluation.weakness.sampling import Runs, join_runs
+from neuroanimator.files.atomic import read_bounded
 from neuroanimator.state.layout import Layout
-from neuroanimator.storage.files import read_bounded
 from neuroanimator.systems.recorded.recording import READERS, Recording, cut_runs
 from neuroanimator.systems.trusted_files import MAX_FILE
 from neuroanimator.terminal import phase

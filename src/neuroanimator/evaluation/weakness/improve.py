@@ -46,7 +46,7 @@ from neuroanimator.evaluation.weakness.sampling import (
     sample_weak_runs,
     simulate_runs,
 )
-from neuroanimator.storage.places import place_of
+from neuroanimator.files.places import place_of
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report, run_folder

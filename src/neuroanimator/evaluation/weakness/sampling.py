@@ -12,7 +12,6 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, scattered
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
@@ -20,6 +19,7 @@ from neuroanimator.emulator.super_step import step
 from neuroanimator.evaluation.accuracy import step_errors
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.config import RUN_LENGTH, ImprovementConfig
+from neuroanimator.executor.cores import core_count
 from neuroanimator.state.arrays import as_rows
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System

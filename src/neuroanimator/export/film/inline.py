@@ -17,7 +17,7 @@ from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.page import render
 from neuroanimator.export.comparison import replay_clips
 from neuroanimator.export.film.video import write_video
-from neuroanimator.storage.unfinished import temporary_folder
+from neuroanimator.files.unfinished import temporary_folder
 
 SIZE = (640, 360)
 """Width and height of a film in a page [pixels]: a few hundred kilobytes, drawn in seconds."""

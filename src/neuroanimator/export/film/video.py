@@ -16,7 +16,7 @@ from neuroanimator.animation.clip import Clip, check_drawable
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.film.graphics import needed_graphics
 from neuroanimator.export.film.options import DEFAULT_SIZE, Film, Take, checked_film
-from neuroanimator.storage.unfinished import finish, unfinished
+from neuroanimator.files.unfinished import finish, unfinished
 from neuroanimator.terminal import progress_bar
 from neuroanimator.text import printable
 

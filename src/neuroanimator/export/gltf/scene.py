@@ -21,7 +21,7 @@ from neuroanimator.export.bodies import GHOST, Body, BoneNode, Paint, SkinNode, 
 from neuroanimator.export.gltf.buffers import Buffer, as_float32, glb_bytes
 from neuroanimator.export.gltf.materials import material
 from neuroanimator.export.gltf.meshes import inverse_bind_matrices, shape_primitive, skin_primitives
-from neuroanimator.storage.files import write_whole
+from neuroanimator.files.atomic import write_whole
 
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 """The quaternion xyzw of a root node: a quarter turn about x that takes Z up to Y up."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from neuroanimator.compiler.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
+from neuroanimator.codegen.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator

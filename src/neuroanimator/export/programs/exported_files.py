@@ -8,7 +8,7 @@ from pathlib import Path
 
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.export.programs.vectors import Vectors, vectors_text
-from neuroanimator.storage.files import write_whole
+from neuroanimator.files.atomic import write_whole
 
 VECTORS_SUFFIX = ".vectors.json"
 """Suffix of the file of test vectors, in the place of the program's."""

@@ -11,7 +11,7 @@ from neuroanimator.export.programs.c_file import write_c_header
 from neuroanimator.export.programs.exported_files import ExportedFiles
 from neuroanimator.export.programs.onnx_file import write_onnx
 from neuroanimator.export.programs.wasm_file import write_wasm
-from neuroanimator.zoo import find_emulator, find_policy, licence_of
+from neuroanimator.files.zoo import find_emulator, find_policy, licence_of
 
 WRITERS = {".h": write_c_header, ".wasm": write_wasm, ".onnx": write_onnx}
 """Writers of programs, by the suffix of the file."""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuroanimator.compiler.build import CompilerError
-from neuroanimator.compiler.wasm import wasm_module
+from neuroanimator.codegen.build import CompilerError
+from neuroanimator.codegen.wasm import wasm_module
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import latent_size

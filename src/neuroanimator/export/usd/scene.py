@@ -32,8 +32,8 @@ from neuroanimator.export.usd.prims import (
     turn,
     vector,
 )
-from neuroanimator.storage.files import write_whole
-from neuroanimator.storage.unfinished import temporary_folder
+from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.unfinished import temporary_folder
 
 DRY_ROUGHNESS = 0.6
 """Roughness of the surfaces of simple shapes."""

@@ -1,1 +1,1 @@
-import neuroanimator.jax_settings  # noqa: F401 (before anything is computed)
+import neuroanimator.codegen.jax_settings  # noqa: F401 (before anything is computed)

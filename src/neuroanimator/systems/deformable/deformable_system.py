@@ -9,8 +9,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.definitions.body import BodyDefinition, control_names
-from neuroanimator.jax_settings import keep_programs
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.reference_shape import to_world_axes
 from neuroanimator.state.rotation import facing, multiply, rotated_by

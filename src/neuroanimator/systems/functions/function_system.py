@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.function import PythonDefinition
-from neuroanimator.parsing.numbers import MAX_MAGNITUDE
+from neuroanimator.files.numbers import MAX_MAGNITUDE
 from neuroanimator.systems.functions.step_file import StepFunction, call_step, run_file
 from neuroanimator.systems.state_parts import (
     layout_of_control,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.names import PART_PATTERN
+from neuroanimator.files.names import PART_PATTERN
 from neuroanimator.state.units import known_unit
 from neuroanimator.text import quoted
 

@@ -14,9 +14,9 @@ from itertools import islice
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.csv_text import csv_rows
-from neuroanimator.parsing.numbers import number_in
-from neuroanimator.storage.files import one_line
+from neuroanimator.files.atomic import one_line
+from neuroanimator.files.csv_text import csv_rows
+from neuroanimator.files.numbers import number_in
 from neuroanimator.systems.recorded.columns import (
     MAX_COLUMNS,
     MAX_MAGNITUDE,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.npz_archive import parse_npz
+from neuroanimator.files.npz_archive import parse_npz
 from neuroanimator.systems.recorded.columns import (
     MAX_MAGNITUDE,
     Samples,

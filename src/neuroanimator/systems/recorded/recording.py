@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.parsing.numbers import MIN_STEP
+from neuroanimator.files.numbers import MIN_STEP
 from neuroanimator.systems.recorded.columns import Samples, where_in_file
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz

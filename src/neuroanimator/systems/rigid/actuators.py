@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import mujoco
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.names import model_name
+from neuroanimator.files.names import model_name
 from neuroanimator.state.layout import Bounds, Layout, Slice
 
 MUSCLE = (0.0, 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
-from neuroanimator.parsing.names import model_name
+from neuroanimator.files.names import model_name
 from neuroanimator.state.links import Joint
 
 DRAWN_GROUPS = 3

@@ -9,7 +9,7 @@ import numpy as np
 
 from neuroanimator.definitions.model import FrameTable
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.names import model_name
+from neuroanimator.files.names import model_name
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.state.segments import (
     Heading,

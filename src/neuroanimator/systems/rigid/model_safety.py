@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from neuroanimator.parsing.numbers import MIN_STEP
+from neuroanimator.files.numbers import MIN_STEP
 from neuroanimator.systems.rigid.model_xml import refuse
 
 BODY_LIMIT = 500

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.parsing.names import model_name
+from neuroanimator.files.names import model_name
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.state.start import Start

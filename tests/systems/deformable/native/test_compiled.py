@@ -8,8 +8,8 @@ import jax
 import numpy as np
 import pytest
 
-from neuroanimator.compiler import compiler
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.codegen import compiler
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.body import Body, Ground, Water
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem

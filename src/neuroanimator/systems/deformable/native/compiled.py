@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.compiler.compiler import compiled_library, find_compiler
+from neuroanimator.codegen.compiler import compiled_library, find_compiler
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.mass_spring import STEPPERS
 from neuroanimator.systems.deformable.native.source import c_source

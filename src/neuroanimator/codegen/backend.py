@@ -1,0 +1,52 @@
+"""The backend of emulators called with NumPy arrays: generated C, or JAX.
+
+Both do the same to the rounding of float32. JAX is the definition; inside `jax.jit`, `grad` and `vmap` it is always used.
+"""
+
+from __future__ import annotations
+
+import os
+
+from neuroanimator.codegen.compiler import HOW_TO_GET_ONE, find_compiler
+from neuroanimator.errors import ArgumentError
+from neuroanimator.text import printable, quoted
+
+BACKENDS = ("auto", "c", "jax")
+"""`auto` is C where there is a compiler and JAX elsewhere; `c` fails where there is no C."""
+
+SWITCH = "NEUROANIMATOR_BACKEND"
+"""The environment variable that says which."""
+
+_chosen: list[str] = []
+"""Name last given to `set_backend`."""
+
+
+def set_backend(name: str) -> None:
+    """Use the backend `name`, one of `BACKENDS`, from now on; it takes precedence over the environment."""
+    _check(name, "backend")
+    _chosen[:] = [name]
+
+
+def backend() -> str:
+    """Return the backend in use, one of `BACKENDS`. Raises ArgumentError where the environment asks for another."""
+    if _chosen:
+        return _chosen[0]
+    asked = os.environ.get(SWITCH, "").strip().lower() or "auto"
+    _check(asked, SWITCH)
+    return asked
+
+
+def backend_in_words() -> str:
+    """Return what runs emulators here, for people: the backend, and the compiler if it is C."""
+    asked = backend()
+    compiler = find_compiler()
+    if asked == "jax":
+        return f"JAX ({SWITCH} or set_backend says so)"
+    if compiler is None:
+        return f"JAX (no C compiler was found; for speed {HOW_TO_GET_ONE})"
+    return f"generated C, compiled by {printable(compiler)}"
+
+
+def _check(name: str, label: str) -> None:
+    if name not in BACKENDS:
+        raise ArgumentError(f"{label}: wanted one of {', '.join(BACKENDS)}, came {quoted(name)}.")

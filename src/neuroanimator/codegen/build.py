@@ -1,0 +1,107 @@
+"""A C program becomes a shared library: in a folder that goes afterwards, by a compiler that may fail or hang."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from neuroanimator.codegen.zig import zig_cc, zig_folders
+from neuroanimator.files.unfinished import temporary_folder
+
+PATIENCE = 120
+"""Time a compiler may take [s]: the largest program takes ten on one slow core."""
+
+VERSION_PATIENCE = 10
+"""Time a compiler may take to say which one it is [s]."""
+
+
+class CompilerError(Exception):
+    """The compiler refuses the program with every set of flags."""
+
+
+class NoCompilerError(CompilerError):
+    """The compiler is no program, or does not end: not to be tried again."""
+
+
+def build_library(
+    text: str, command: list[str], flag_sets: tuple[tuple[str, ...], ...], folder: Path
+) -> bytes:
+    """Return the shared library of the C program `text`, made in `folder` with the first flags the compiler knows."""
+    with temporary_folder(folder) as work_folder:
+        source = work_folder / "program.c"
+        unlinked = work_folder / "program.o"
+        library = work_folder / "program.so"
+        source.write_text(text, encoding="utf-8")
+        # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
+        link = [*command, "-shared", str(unlinked), "-o", str(library), _libraries(command)]
+        caches = zig_folders(work_folder, work_folder)
+        for flags in flag_sets:
+            options = ["-std=gnu11", *flags, "-fPIC"]
+            compile_ = [*command, *options, "-c", str(source), "-o", str(unlinked)]
+            is_made = all(
+                succeeds(line, work_folder, variables=caches) for line in (compile_, link)
+            )
+            if is_made and library.is_file():
+                return library.read_bytes()
+    raise CompilerError(f"{command[0]} failed")
+
+
+def _libraries(command: list[str]) -> str:
+    """Return what to link a library with.
+
+    Zig would first build a C library of its own, for half a minute; that of the process will do.
+    """
+    return "-nostdlib" if command == zig_cc() else "-lm"
+
+
+@cache
+def compiler_version(*command: str) -> str:
+    """Return what `command --version` says; NoCompilerError if it is no program or does not end."""
+    with _started([*command, "--version"], stdout=subprocess.PIPE) as process:
+        said, _ = process.communicate(timeout=VERSION_PATIENCE)
+    return said.decode(errors="replace")
+
+
+def succeeds(
+    command: list[str],
+    work_folder: Path,
+    patience: float = PATIENCE,
+    variables: dict[str, str] | None = None,
+) -> bool:
+    """Return whether `command` ends well in `work_folder`, with these environment variables besides.
+
+    Raises NoCompilerError if it cannot be started, or does not end within `patience` [s].
+    """
+    # What a compiler leaves behind when it is killed lies in the folder that goes.
+    surroundings = os.environ | {"TMPDIR": str(work_folder), "LC_ALL": "C"} | (variables or {})
+    with _started(command, stdout=subprocess.DEVNULL, cwd=work_folder, env=surroundings) as process:
+        return process.wait(patience) == 0
+
+
+@contextmanager
+def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """Run `command` while the block waits for it; if the block fails it is killed, with all it started."""
+    nothing = subprocess.DEVNULL
+    try:
+        process = subprocess.Popen[bytes](
+            command, stdin=nothing, stderr=nothing, start_new_session=True, **options
+        )
+    except OSError as error:
+        raise NoCompilerError(f"{command[0]}: {error.strerror}") from error
+    try:
+        yield process
+    except BaseException as error:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if process.stdout:
+            process.stdout.close()
+        if isinstance(error, subprocess.TimeoutExpired):
+            raise NoCompilerError(f"{command[0]} did not end within {error.timeout:g} s") from error
+        raise

@@ -1,0 +1,186 @@
+"""The machine's own C compiler, where there is one, and what it has compiled.
+
+A compiled program is code that runs. So it lies where nobody else can write, is written whole, and is loaded only
+if it is what was written: its sha256 is part of its name. Where any of this fails there is no library, and callers
+go on without C.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+from functools import cache
+from pathlib import Path
+
+from neuroanimator.codegen.build import (
+    CompilerError,
+    NoCompilerError,
+    build_library,
+    compiler_version,
+)
+from neuroanimator.codegen.zig import zig_cc
+from neuroanimator.files.private_folder import private_folders
+from neuroanimator.files.unfinished import replace_whole
+from neuroanimator.terminal import warn_once
+
+COMPILERS = ("cc", "gcc", "clang")
+"""Commands that are looked for, in this order."""
+
+HOW_TO_GET_ONE = "install gcc or clang, or: pip install 'neuroanimator[compiler]'"
+"""Advice for machines without a C compiler."""
+
+FLAGS = (
+    ("-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512"),
+    ("-O3", "-march=native", "-ffast-math"),
+    ("-O3", "-ffast-math"),
+)
+"""Sets of flags; the first that the compiler knows is used."""
+
+_given_up: set[str] = set()
+"""Compilers that this process does not try again: one that hangs would hang for every program."""
+
+PURPOSE = "compiled"
+"""Name of the private folder the libraries lie in."""
+
+KEY_DIGITS = 24
+"""Digits of the sha256 that a program and its compiler are known by: twins do not happen."""
+
+
+FlagSets = tuple[tuple[str, ...], ...]
+
+
+def compiled_library(text: str, flag_sets: FlagSets = FLAGS) -> ctypes.CDLL | None:
+    """Return the library of the C program `text`, by the first of `flag_sets` that the compiler knows.
+
+    None without a compiler, or if it fails, which is said once.
+    """
+    compiler = find_compiler()
+    if compiler is None:
+        return None
+    return _compiled(text, compiler, flag_sets)
+
+
+def compiler_facts() -> str | None:
+    """Return all that compiled code depends on besides its text: compiler, version and processor; None without one."""
+    compiler = find_compiler()
+    if compiler is None or compiler in _given_up:
+        return None
+    try:
+        version = compiler_version(*shlex.split(compiler))
+    except NoCompilerError as error:
+        _give_up(compiler, error)
+        return None
+    return "\n".join([compiler, version, _processor()])
+
+
+def find_compiler() -> str | None:
+    """Return the command of a C compiler, None where there is none (or one without the flags above: Windows).
+
+    `$CC` is used if it is set, arguments and all; next the machine's own, and then the one of the extra `[compiler]`.
+    """
+    if os.name != "posix":
+        return None
+    asked = os.environ.get("CC", "").strip()
+    if not asked:
+        return _machines_own() or _zig()
+    try:
+        program = shutil.which(shlex.split(asked)[0])
+    except ValueError:  # a quotation mark without its partner
+        program = None
+    if program is None:
+        warn_once(f"CC={asked}: no such program, so nothing is compiled. JAX is used instead of C.")
+        return None
+    return asked
+
+
+def _machines_own() -> str | None:
+    paths = [path for path in map(shutil.which, COMPILERS) if path]
+    return shlex.quote(paths[0]) if paths else None
+
+
+def _zig() -> str | None:
+    command = zig_cc()
+    return None if command is None else shlex.join(command)
+
+
+@cache
+def _compiled(text: str, compiler: str, flag_sets: FlagSets) -> ctypes.CDLL | None:
+    """Return the library of the program `text`; made once for a processor and a compiler, None if that fails."""
+    command = shlex.split(compiler)
+    if compiler in _given_up:
+        return None
+    try:
+        about = [text, compiler, compiler_version(*command), _processor(), str(flag_sets)]
+        key = hashlib.sha256("\n".join(about).encode()).hexdigest()[:KEY_DIGITS]
+        return _found_or_made(text, command, flag_sets, key)
+    except (CompilerError, OSError) as error:
+        _give_up(compiler, error)
+        return None
+
+
+def _give_up(compiler: str, error: CompilerError | OSError) -> None:
+    """Say once why nothing could be compiled; what is no compiler is not tried again."""
+    if isinstance(error, NoCompilerError):
+        _given_up.add(compiler)
+    reason = getattr(error, "strerror", None) or error
+    warn_once(f"Nothing could be compiled ({reason}). JAX is used instead of C.")
+
+
+def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str) -> ctypes.CDLL:
+    """Return the library `key`; OSError if none can be loaded from any folder, CompilerError if none can be made."""
+    fault: CompilerError | OSError = OSError(0, "there is no folder that nobody else can write to")
+    for folder in private_folders(PURPOSE):
+        if not _can_be_run_from(folder):
+            fault = OSError(0, f"programs may not be run from {folder}")
+            continue
+        try:
+            found = _found(folder, key)
+            return found or ctypes.CDLL(str(_make(text, command, flag_sets, folder, key)))
+        except NoCompilerError:
+            raise
+        except (CompilerError, OSError) as error:  # no room in this folder, perhaps
+            fault = error
+    raise fault
+
+
+def _can_be_run_from(folder: Path) -> bool:
+    return not os.statvfs(folder).f_flag & getattr(os, "ST_NOEXEC", 0)
+
+
+def _found(folder: Path, key: str) -> ctypes.CDLL | None:
+    """Return the library `key` from `folder`; one that is damaged, or cannot be loaded, is removed."""
+    for path in folder.glob(f"{key}-*.so"):
+        try:
+            if path == _path(folder, key, path.read_bytes()):
+                return ctypes.CDLL(str(path))
+        except OSError:  # made for another kind of machine, or unreadable
+            pass
+        path.unlink(missing_ok=True)
+    return None
+
+
+def _make(text: str, command: list[str], flag_sets: FlagSets, folder: Path, key: str) -> Path:
+    """Compile `text` to a library in `folder` and return its path: whole on the disk, and named for what is in it."""
+    content = build_library(text, command, flag_sets, folder)
+    path = _path(folder, key, content)
+    replace_whole(path, content)
+    return path
+
+
+def _path(folder: Path, key: str, content: bytes) -> Path:
+    return folder / f"{key}-{hashlib.sha256(content).hexdigest()}.so"
+
+
+def _processor() -> str:
+    """Return what -march=native depends on, as far as it can be told."""
+    about = Path("/proc/cpuinfo")
+    if not about.exists():
+        return platform.machine()
+    for line in about.read_text(errors="replace").splitlines():
+        if line.startswith(("flags", "Features")):
+            return platform.machine() + line
+    return platform.machine()

@@ -1,0 +1,80 @@
+"""A C program becomes a WebAssembly module that imports nothing, by the Zig compiler that PyPI has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from neuroanimator.codegen.build import CompilerError, succeeds
+from neuroanimator.codegen.zig import zig_cc, zig_folders
+from neuroanimator.errors import ResourceError
+from neuroanimator.files.private_folder import kept_folder, private_folders
+from neuroanimator.files.unfinished import temporary_folder
+
+STACK = 4 << 20
+"""Room for the arrays of functions [bytes]; what needs more ends with a trap, not with wrong numbers."""
+
+PATIENCE = 600
+"""Time the compiler may take [s]: the first time on a machine it may build its own library, too."""
+
+FLAGS = (
+    "-std=c99", "-O2", "-fno-math-errno",
+    "-Wl,--no-entry", "-Wl,--strip-all", f"-Wl,-z,stack-size={STACK}", "-Wl,--export=__heap_base",
+)  # fmt: skip
+"""Zig puts the stack first in memory, so that it cannot grow into other numbers."""
+
+BARE = ("-target", "wasm32-freestanding", "-mcpu=generic+bulk_memory+simd128", "-nostdlib")
+"""Without a C library, which Zig would build for half a minute. Vectors of four floats."""
+
+WITH_LIBRARY = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-msimd128")
+
+INSTRUCTIONS = {
+    "math.h": (
+        "fabs", "sqrt", "rint", "fabsf", "sqrtf", "floorf", "ceilf", "rintf", "copysignf", "isnan", "isinf", "isfinite",
+    ),
+    "string.h": ("memcpy", "memmove", "memset"),
+}  # fmt: skip
+"""Functions of C's headers that programs may call because WebAssembly has instructions for them."""
+
+
+def wasm_module(text: str, exports: list[str]) -> bytes:
+    """Return the module of the C program `text`, whose functions and variables `exports` can be called and read.
+
+    Raises ResourceError without Zig, and CompilerError where it fails.
+    """
+    zig = zig_cc()
+    if zig is None:
+        raise ResourceError(
+            "A WebAssembly module is made by the Zig compiler. Install it with: pip install 'neuroanimator[wasm]'"
+        )
+    for folder in private_folders("wasm"):
+        return _built(text, exports, zig, folder)
+    raise ResourceError("There is no folder to compile in that nobody else can write to.")
+
+
+def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes:
+    with temporary_folder(folder) as work_folder:
+        source = work_folder / "program.c"
+        module = work_folder / "program.wasm"
+        source.write_text(text, encoding="utf-8")
+        wanted = [f"-Wl,--export={name}" for name in exports]
+        bare = (*BARE, "-isystem", str(_bare_headers(work_folder)))
+        # What Zig builds of its own library is worth keeping; the home folder may be missing.
+        caches = zig_folders(kept_folder("zig") or work_folder, work_folder)
+        # What calls more than there are instructions for does not compile without a library.
+        for target in (bare, WITH_LIBRARY):
+            command = [*zig, *target, *FLAGS, *wanted, str(source), "-o", str(module)]
+            if succeeds(command, work_folder, PATIENCE, caches) and module.is_file():
+                return module.read_bytes()
+    raise CompilerError("the Zig compiler failed")
+
+
+def _bare_headers(work_folder: Path) -> Path:
+    """Write headers whose functions are the compiler's own, and return their folder."""
+    folder = work_folder / "include"
+    folder.mkdir()
+    for header, names in INSTRUCTIONS.items():
+        lines = [f"#define {name} __builtin_{name}\n" for name in names]
+        if header == "math.h":
+            lines += ["#define INFINITY __builtin_inff()\n", '#define NAN __builtin_nanf("")\n']
+        (folder / header).write_text("".join(lines), encoding="utf-8")
+    return folder

@@ -1,0 +1,106 @@
+"""Solve a task's trials as `synthesise` does by default, on the clock."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuroanimator.control.descent.gradient_check import gradient_trust
+from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.descent.parametrisation import Parametrisation
+from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
+from neuroanimator.control.tasks.task import Task, Trial
+from neuroanimator.data.sampling import sample_control_runs
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.files.zoo import emulator_name
+from neuroanimator.systems import load_system
+from neuroanimator.systems.system import System
+
+CORRECTIONS = 16
+"""Replays whose defects may be added to the emulator, at most."""
+
+RESTARTS = 2
+"""Maximum number of new beginnings from random controls where the physics has not done it."""
+
+TRIALS = 5
+"""Joins the number of a trial as the seed it is drawn from."""
+
+RANDOM_CONTROLS = 6
+"""Joins the number of a trial as the seed of the controls at which its gradient is looked at."""
+
+
+@dataclass(frozen=True)
+class Solver:
+    """A task with what solves it."""
+
+    task: Task
+    system: System
+    emulator: Emulator
+    steps: int
+    """Super steps of the motion."""
+    parametrisation: Parametrisation
+
+    @classmethod
+    def of(cls, task: Task, system: System, emulator: Emulator) -> Solver:
+        """Return the solver of `task` on `system`, emulated by `emulator`."""
+        steps = round(task.seconds / emulator.dt)
+        return cls(task, system, emulator, steps, task.parametrisation(system, steps, emulator.dt))
+
+    @classmethod
+    def shipped(cls, task: Task) -> Solver:
+        """Return the solver of `task` with the system and the emulator that ship."""
+        emulator = Emulator.load(emulator_name(task.system, task.substeps))
+        return cls.of(task, load_system(task.system), emulator)
+
+    def draw(self, number: int) -> Trial:
+        """Return the trial of that number: always the same one."""
+        rng = np.random.default_rng([number, TRIALS])
+        return self.task.draw(self.system, rng, self.steps, self.emulator.dt)
+
+    def solve(self, trial: Trial, *, is_warm_up: bool = False) -> tuple[Synthesis, float]:
+        """Return what was found for `trial` and how long it took [s], replays included; no training.
+
+        A warm-up compiles all that may be needed: it corrects once, needed or not.
+        """
+        began = time.perf_counter()
+        options = DescentOptions(
+            method=self.task.method,
+            starts=self.task.starts,
+            first=trial.first,
+            parametrisation=self.parametrisation,
+        )
+        synthesis = synthesise(
+            self.emulator,
+            self.system,
+            trial.objective,
+            trial.start,
+            steps=self.steps,
+            options=options,
+            corrections=1 if is_warm_up else CORRECTIONS,
+            restarts=0 if is_warm_up else RESTARTS,
+            refinements=0,
+            is_enough=_is_never_enough if is_warm_up else trial.is_success,
+        )
+        return synthesis, time.perf_counter() - began
+
+    def cosine(self, trial: Trial, number: int) -> float:
+        """Return the gradient's cosine with the physics' at the first guess; at random controls where there is none."""
+        controls = trial.first
+        if controls is None:
+            rng = np.random.default_rng([number, RANDOM_CONTROLS])
+            controls = sample_control_runs(rng, 1, self.steps, self.emulator.dt, self.system)[0]
+        trust = gradient_trust(
+            self.emulator,
+            self.system,
+            trial.objective,
+            self.parametrisation,
+            trial.start,
+            controls,
+        )
+        return trust.cosine
+
+
+def _is_never_enough(states: np.ndarray) -> bool:
+    return False

@@ -1,0 +1,122 @@
+"""Train one emulator of a fleet and measure it: a task for an executor."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.generate import generate
+from neuroanimator.data.store import Dataset, read_config
+from neuroanimator.data.stored import open_transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.accuracy import unseen_errors
+from neuroanimator.evaluation.fleets.fleet_file import Member
+from neuroanimator.evaluation.held_out import held_out_runs, recorded_runs
+from neuroanimator.files.places import Place, place_of
+from neuroanimator.files.unfinished import temporary_folder
+from neuroanimator.systems.trusted_files import NO_FILES, TrustedFiles, trust_as_told
+from neuroanimator.training.train import train
+
+TEST_RUNS = 24
+"""Number of unseen runs on which each emulator is tested."""
+
+
+@dataclass(frozen=True)
+class MemberTask:
+    """One training."""
+
+    member: Member
+    data: str
+    """Folder or URL of its dataset."""
+    workplace: str
+    """Folder for what is unfinished, so that a training that is killed goes on where it was; empty where the worker may not see
+    this disk."""
+    checkpoints: str = ""
+    """Folder or URL of its checkpoints beside the dataset, where there is no `workplace`: a worker that sees the
+    dataset goes on from them, one that does not begins anew."""
+    trusted: TrustedFiles = NO_FILES
+    """The files that the process which gives the task may use."""
+
+    @property
+    def label(self) -> str:
+        """Its name in error messages."""
+        return self.member.name
+
+
+class TrainedMember(NamedTuple):
+    """The outcome of a training."""
+
+    content: bytes
+    """The emulator's file."""
+    numbers: int
+    """Number of weights and other numbers in it."""
+    one_step_error: float
+    """On unseen runs, over the standard deviation of the change."""
+    error: float
+    """Of a rollout after the fleet's time, over how far a run gets; infinite if one diverged."""
+
+
+def run_member_task(task: MemberTask) -> TrainedMember:
+    """Return a trained emulator and its errors: a function of the member alone."""
+    trust_as_told(task.trusted)
+    with _workplace(task) as folder:
+        member = task.member
+        place = place_of(task.data)
+        checkpoints = None
+        if _holds(place, member.data):
+            checkpoints = _shared_checkpoints(task)
+        else:
+            place = folder / member.dataset
+            generate(member.data, place)
+        data = open_transitions(place, member.training.memory)
+        path = folder / member.file_name
+        emulator = train(data, member.training, path, checkpoints=checkpoints)
+        one_step, error = _errors(emulator, data, member.seconds)
+        tensors = emulator_tensors(emulator)
+        numbers = sum(np.asarray(tensor).size for tensor in tensors.values())
+        return TrainedMember(path.read_bytes(), numbers, one_step, error)
+
+
+@contextmanager
+def _workplace(task: MemberTask) -> Iterator[Path]:
+    if task.workplace:
+        yield Path(task.workplace)
+        return
+    with temporary_folder() as folder:
+        yield folder
+
+
+def _holds(place: Place, config: DatasetConfig) -> bool:
+    """Return whether this machine sees the dataset there; it makes one of its own if not, which is the same."""
+    try:
+        return read_config(place).hash == config.hash
+    except BadFileError:
+        return False
+
+
+def _shared_checkpoints(task: MemberTask) -> Place | None:
+    """Return where the next worker, on any machine, will look for checkpoints; None where there is no such place."""
+    if not task.checkpoints:
+        return None
+    place = place_of(task.checkpoints)
+    if isinstance(place, Path) and not os.access(place.parent, os.W_OK):
+        return None  # a folder that may be read alone
+    return place
+
+
+def _errors(emulator: Emulator, data: Dataset, seconds: float) -> tuple[float, float]:
+    """Return (one-step error, error after `seconds`) on unseen runs."""
+    if data.held_out is not None:
+        test = recorded_runs(emulator, data)
+    else:
+        test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
+    return unseen_errors(emulator, test, seconds)

@@ -1,0 +1,250 @@
+"""Files that are whole or absent, and safetensors files that are checked before they are used."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from neuroanimator.errors import BadFileError, ResourceError
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.places import Place, UrlPath
+from neuroanimator.files.unfinished import refuse_other_than_file, replace_whole
+
+METADATA_KEY = "na"
+"""The one metadata key; with two or more, safetensors' bytes differ from run to run."""
+
+SIZE_LIMIT = 64 * 2**20
+"""Largest file read [bytes]; shards and emulators stay far below."""
+
+HEADER_LIMIT = 2**20
+"""Largest safetensors header parsed [bytes]."""
+
+TENSOR_LIMIT = 256
+"""Most tensors in a file: a crowded header is a known way to make a reader slow."""
+
+LENGTH_BYTES = 8
+"""Bytes at the start of a safetensors file that say how long its header is."""
+
+MAX_AXES = 8
+"""Axes a tensor may have; ours have three."""
+
+MAX_SHOWN = 40
+"""Characters of a file's own text that a message quotes."""
+
+MAX_REASON = 200
+"""Characters of another error's message that one line quotes."""
+
+MAX_ID_DIGITS = 20
+"""Bytes read of a lock file, which holds a process id."""
+
+DTYPES = {"F32": np.dtype("<f4"), "F64": np.dtype("<f8"), "I32": np.dtype("<i4")}
+"""The number types a tensor may have, as safetensors calls them and as NumPy does."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Error codes of a full disk or quota."""
+
+
+def canonical_json(value: Any) -> str:
+    """Return the one JSON text of `value`: sorted keys, no spaces, no NaN."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def digest(tensors: dict[str, np.ndarray]) -> str:
+    """Return the sha256 over names, types, shapes and bytes of `tensors`, in any order."""
+    total = hashlib.sha256()
+    for name in sorted(tensors):
+        array = np.asarray(tensors[name], order="C")
+        total.update(f"{name}:{array.dtype}:{array.shape};".encode())
+        total.update(array.reshape(-1).view(np.uint8).data)
+    return total.hexdigest()
+
+
+def write_whole(path: Place, content: bytes) -> None:
+    """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one.
+
+    Raises ResourceError, which says how many bytes were needed where the disk is full.
+    """
+    if isinstance(path, UrlPath):
+        path.write(content)
+        return
+    try:
+        replace_whole(path, content)
+    except OSError as error:
+        need = ""
+        if error.errno in FULL:
+            need = f" ({len(content):,} bytes needed)"
+        raise ResourceError(f"Could not write {path}: {error.strerror}{need}.") from error
+
+
+def write_first(path: Place, content: bytes) -> bool:
+    """Write a file as `write_whole` does unless it is there already; return whether it was written.
+
+    On a disk the folder's lock keeps others away; in an object store there is none, and the store decides.
+    """
+    if isinstance(path, UrlPath):
+        return path.create(content)
+    write_whole(path, content)
+    return True
+
+
+def append_line(path: Path, line: str) -> None:
+    """Append `line` to a log; ResourceError names the file if that fails."""
+    try:
+        refuse_other_than_file(path)
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(line + "\n")
+    except OSError as error:
+        raise ResourceError(f"Could not write {path}: {error.strerror}.") from error
+
+
+@contextmanager
+def locked(folder: Place) -> Iterator[None]:
+    """Hold `folder` for this process alone; refuse with the other's process id if it is taken.
+
+    An object store knows no locks: there nothing is held, and other processes that write there must write the same bytes.
+    """
+    if isinstance(folder, UrlPath):
+        yield
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(
+            folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
+        )
+    except OSError as error:
+        raise ResourceError(f"Could not use the folder {folder}: {error.strerror}.") from error
+    try:
+        _take_lock(handle, folder)
+        # Who holds it is only a word to whoever comes second: on a full disk the lock holds without.
+        with suppress(OSError):
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, str(os.getpid()).encode(), 0)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _take_lock(handle: int, folder: Path) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        process = os.pread(handle, MAX_ID_DIGITS, 0).decode(errors="replace").strip()
+        holder = f"process {process}" if process.isdecimal() else "another process"
+        raise ResourceError(
+            f"{folder} is in use by {holder}. Wait for it, or choose another folder."
+        ) from error
+    except OSError as error:
+        raise ResourceError(f"Could not lock the folder {folder}: {error.strerror}.") from error
+
+
+def _seal(tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:
+    """Return the sha256 that covers the tensors and all other metadata."""
+    others = {key: value for key, value in metadata.items() if key != "sha256"}
+    sealed = canonical_json(others) + digest(tensors)
+    return hashlib.sha256(sealed.encode()).hexdigest()
+
+
+def write_tensors(path: Place, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> None:
+    """Write a safetensors file whose metadata also holds the sha256 of everything in it. Same input, same bytes."""
+    ordered = {name: np.asarray(tensors[name], order="C") for name in sorted(tensors)}
+    text = canonical_json({**metadata, "sha256": _seal(ordered, metadata)})
+    write_whole(path, safetensors.numpy.save(ordered, {METADATA_KEY: text}))
+
+
+def read_tensors(
+    path: Place, kind: str, largest: int = SIZE_LIMIT
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return (tensors, metadata) of a file written by `write_tensors` whose metadata says it is a `kind`.
+
+    The tensors cannot be written to. Raises BadFileError naming the file and the fault for any bytes that are no such
+    file, and if there are more than `largest` [bytes].
+    """
+    raw = read_bounded(path, largest)
+    try:
+        header = _read_header(raw)
+        metadata = _take_metadata(header)
+        if len(header) > TENSOR_LIMIT:
+            raise ValueError(f"{len(header)} tensors; wanted at most {TENSOR_LIMIT}")
+        tensors = _parse_tensors(raw)
+        _check_payload(tensors, metadata, kind)
+    except (ValueError, safetensors.SafetensorError) as error:
+        raise BadFileError(
+            f"{path} is not a usable {kind} file: {one_line(error)}. Make it again."
+        ) from error
+    return tensors, metadata
+
+
+def read_bounded(path: Place, largest: int) -> bytes:
+    """Return the bytes of a file; BadFileError if it cannot be read or is larger than `largest` [bytes]."""
+    if isinstance(path, UrlPath):
+        return path.read(largest)
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise BadFileError(f"{path} is not a file: a folder, a pipe or a device. Give a file.")
+        if status.st_size > largest:
+            raise BadFileError(f"{path}: {status.st_size:,} bytes; wanted at most {largest:,}.")
+        with open(path, "rb") as file:
+            return file.read(largest)
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise BadFileError(f"Could not read {path}: {reason}. Check the path.") from error
+
+
+def _read_header(raw: bytes) -> dict[str, Any]:
+    length = int.from_bytes(raw[:LENGTH_BYTES], "little")
+    if len(raw) < LENGTH_BYTES or length > HEADER_LIMIT:
+        raise ValueError("truncated, or not a safetensors file")
+    return parse_json_object(raw[LENGTH_BYTES : LENGTH_BYTES + length], HEADER_LIMIT)
+
+
+def _take_metadata(header: dict[str, Any]) -> dict[str, Any]:
+    metadata = header.pop("__metadata__", None)
+    if not isinstance(metadata, dict) or set(metadata) != {METADATA_KEY}:
+        raise ValueError(f"wanted one metadata key '{METADATA_KEY}'")
+    text = metadata[METADATA_KEY]
+    if not isinstance(text, str):
+        raise ValueError("its metadata is no text")
+    return parse_json_object(text, HEADER_LIMIT)
+
+
+def _parse_tensors(raw: bytes) -> dict[str, np.ndarray]:
+    """Return the tensors of a safetensors file, whose places in it the library checks."""
+    tensors = {}
+    for name, entry in safetensors.deserialize(raw):
+        dtype = DTYPES.get(entry["dtype"])
+        if dtype is None or len(entry["shape"]) > MAX_AXES:
+            raise ValueError(
+                f"tensor {name[:MAX_SHOWN]!r}: wanted at most {MAX_AXES} axes of {', '.join(DTYPES)}"
+            )
+        flat = np.frombuffer(entry["data"], dtype)
+        flat.flags.writeable = False
+        tensors[name] = flat.reshape(entry["shape"])
+    return tensors
+
+
+def _check_payload(tensors: dict[str, np.ndarray], metadata: dict[str, Any], kind: str) -> None:
+    if metadata.get("kind") != kind:
+        raise ValueError(f"it says it is a {str(metadata.get('kind'))[:MAX_SHOWN]!r}")
+    for name, array in tensors.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"tensor {name[:MAX_SHOWN]!r} holds NaN or infinite numbers")
+    if metadata.get("sha256") != _seal(tensors, metadata):
+        raise ValueError("its contents do not match its sha256 (damaged)")
+
+
+def one_line(error: Exception) -> str:
+    """Return what `error` says, in one line of bounded length."""
+    return " ".join(str(error).split())[:MAX_REASON] or type(error).__name__

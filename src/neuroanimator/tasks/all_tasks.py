@@ -1,8 +1,0 @@
-"""Every task by its name."""
-
-from __future__ import annotations
-
-from neuroanimator.tasks.rigid import RIGID_TASKS
-from neuroanimator.tasks.swimmers import SWIMMER_TASKS
-
-TASKS = {task.name: task for task in (*RIGID_TASKS, *SWIMMER_TASKS)}
