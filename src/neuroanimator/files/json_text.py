@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 from pydantic_core import from_json
@@ -25,10 +26,8 @@ def parse_json_object(
     raw = content.encode() if isinstance(content, str) else content
     if most_texts is not None and raw.count(b'"') > 2 * most_texts:
         raise ValueError(f"more than {most_texts:,} names and texts in JSON")
-    from_json(
-        raw, allow_inf_nan=False
-    )  # bounds the depth, and refuses what is no text or no number
-    value = json.loads(raw, object_pairs_hook=_object_of)
+    from_json(raw, allow_inf_nan=False)  # it bounds the depth, and knows texts and numbers
+    value = json.loads(raw, object_pairs_hook=_object_of, parse_float=_finite)
     if not isinstance(value, dict):
         raise ValueError(f"wanted a JSON object, came a {type(value).__name__}")
     return value
@@ -42,3 +41,10 @@ def _object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"the name {quoted(twice)} occurs twice")
     return values
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"the number {quoted(text)} is too large")
+    return number
