@@ -58,7 +58,7 @@ def replace(
     name: str, made: Callable[[np.ndarray], np.ndarray]
 ) -> Callable[[Tensors, dict[str, Any]], None]:
     def change(tensors: Tensors, _: dict[str, Any]) -> None:
-        tensors[name] = made(tensors[name])
+        tensors[name] = np.asarray(made(tensors[name]))
 
     return change
 
