@@ -1,0 +1,135 @@
+"""The physics of soft bodies, one element at a time, in JAX: extended position-based dynamics in small steps.
+
+A constraint C(x) = 0 of compliance α pulls its nodes by
+
+    Δx = w ∇C λ,    λ = -(C + γ ∇C·Δ) / ((1 + γ) Σ w |∇C|² + α/h²),    γ = α β / h
+
+where w are inverse masses, Δ how far the nodes have moved in this small step h, and β the damping (Macklin, Müller
+and Chentanez, XPBD, 2016; one pass a small step: Macklin et al., Small Steps in Physics Simulation, 2019). As h
+falls this converges to springs of stiffness 1/α. Numbers are (1,) and vectors (1, 3), as `c_formula` takes them.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+TINY = 1e-18
+"""Added to squares of lengths [m²] before their root is divided by."""
+
+Number = Float[Array, " 1"]
+Vector = Float[Array, "1 3"]
+
+
+def distance_push(
+    extent: Vector,
+    parting: Vector,
+    inverse_mass: Number,
+    length: Number,
+    softness: Number,
+    damping: Number,
+) -> Vector:
+    """Return λ∇C of a spring between two nodes, towards the second [kg·m].
+
+    `extent` leads from the first to the second [m], `parting` is what it has changed by in this small step [m];
+    `inverse_mass` is both nodes' together [1/kg], `softness` is α/h² [1/kg], `damping` is γ.
+    """
+    inverse = 1 / jnp.sqrt(_dot(extent, extent) + TINY)
+    excess = _dot(extent, extent) * inverse - length
+    rate = _dot(extent, parting) * inverse
+    push = -(excess + damping * rate) / ((1 + damping) * inverse_mass + softness)
+    return (push * inverse)[:, None] * extent
+
+
+def volume_slope(first: Vector, second: Vector) -> Vector:
+    """Return the gradient [m²] of a tetrahedron's volume at the corner that lies outside the plane of two edges."""
+    return _cross(first, second) / 6
+
+
+def volume_push(
+    edge: Vector,
+    slope: Vector,
+    weighted_squares: Number,
+    volume: Number,
+    softness: Number,
+) -> Number:
+    """Return λ of a tetrahedron's volume: `slope` is that of the corner at the end of `edge`, `weighted_squares` Σ w |∇C|²."""
+    return -(_dot(edge, slope) - volume) / (weighted_squares + softness)
+
+
+def fall(velocity: Vector, wind: Vector, gravity: Vector, drag: Number, time: Number) -> Vector:
+    """Return the velocity [m/s] after `time` [s] of weight, and of air that takes nodes along at the rate `drag` [1/s]."""
+    return (velocity + time[:, None] * (gravity + drag[:, None] * wind)) / (1 + time * drag)[
+        :, None
+    ]
+
+
+def air_push(right: Vector, up: Vector, wind: Vector, density: Number, limit: Number) -> Vector:
+    """Return the impulse over time [N] of air on a triangle between two of its edges: along its normal alone.
+
+    `wind` is the air's velocity over the triangle's [m/s], `density` half the air's times its drag coefficient
+    [kg/m³]. Pressure grows by the square of the speed; `limit` [m/s] is the speed at which it stops growing.
+    """
+    normal = _cross(right, up)  # twice as long as the area
+    inverse = 1 / jnp.sqrt(_dot(normal, normal) + TINY)
+    speed = _dot(normal, wind) * inverse
+    speed = jnp.clip(speed, -limit, limit)
+    size = jnp.maximum(speed, -speed)
+    return (density * speed * size / 2)[:, None] * normal
+
+
+def capsule_push(
+    position: Vector,
+    moved: Vector,
+    start: Vector,
+    along: Vector,
+    start_moved: Vector,
+    along_moved: Vector,
+    radius: Number,
+    friction: Number,
+) -> Vector:
+    """Return what brings a node out of a capsule, and holds it by friction [m]; nothing where it is outside.
+
+    The capsule's axis leads from `start` by `along` [m]; a sphere's is of no length. `moved` is how far the node has
+    moved in this small step, `start_moved` and `along_moved` by how much the axis has changed.
+    """
+    share = jnp.clip(_dot(position - start, along) / (_dot(along, along) + TINY), 0, 1)[:, None]
+    outward = position - start - share * along
+    slip = moved - start_moved - share * along_moved
+    inverse = 1 / jnp.sqrt(_dot(outward, outward) + TINY)
+    depth = jnp.maximum(radius - _dot(outward, outward) * inverse, 0)
+    return _contact(depth, inverse[:, None] * outward, slip, friction)
+
+
+def plane_push(
+    position: Vector,
+    moved: Vector,
+    point: Vector,
+    normal: Vector,
+    point_moved: Vector,
+    margin: Number,
+    friction: Number,
+) -> Vector:
+    """Return what brings a node out of the half-space under a plane, `margin` [m] above it; see `capsule_push`."""
+    depth = jnp.maximum(margin - _dot(position - point, normal), 0)
+    return _contact(depth, normal, moved - point_moved, friction)
+
+
+def _contact(depth: Number, normal: Vector, slip: Vector, friction: Number) -> Vector:
+    """Return the push out by `depth` [m] along `normal`, and friction against `slip` [m]: Coulomb's, of positions."""
+    tangent = slip - _dot(slip, normal)[:, None] * normal
+    inverse = 1 / jnp.sqrt(_dot(tangent, tangent) + TINY)
+    held = jnp.minimum(friction * depth * inverse, 1)
+    return depth[:, None] * normal - held[:, None] * tangent
+
+
+def _dot(first: Vector, second: Vector) -> Number:
+    product = first * second
+    return product[:, 0] + product[:, 1] + product[:, 2]
+
+
+def _cross(first: Vector, second: Vector) -> Vector:
+    x = first[:, 1] * second[:, 2] - first[:, 2] * second[:, 1]
+    y = first[:, 2] * second[:, 0] - first[:, 0] * second[:, 2]
+    z = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    return jnp.stack([x, y, z], axis=1)

@@ -1,0 +1,192 @@
+"""The physics of soft bodies in C: loops over nodes and constraints, whose formulas are generated from JAX."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.codegen.c_formula import c_formula
+from neuroanimator.compiler.compiler import compiled_library
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.systems.soft import constraints
+from neuroanimator.systems.soft.soft_body import GRAVITY, SoftBody
+
+PROGRAM = Path(__file__).with_name("soft.c")
+"""The loops, the same for every body."""
+
+LANES = 16
+"""Number of bodies simulated side by side: one AVX-512 register of them."""
+
+MAX_AIR_SPEED = 60.0
+"""Speed through air [m/s] beyond which its pressure grows no further: a stray node is not thrown about."""
+
+NUMBER = (1,)
+VECTOR = (1, 3)
+FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
+    constraints.distance_push: (VECTOR, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER),
+    constraints.volume_slope: (VECTOR, VECTOR),
+    constraints.volume_push: (VECTOR, VECTOR, NUMBER, NUMBER, NUMBER),
+    constraints.fall: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
+    constraints.air_push: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
+    constraints.capsule_push: (*[VECTOR] * 6, NUMBER, NUMBER),
+    constraints.plane_push: (*[VECTOR] * 5, NUMBER, NUMBER),
+}
+"""The formulas, with the shapes of their arguments."""
+
+COUNTS = (
+    "nodes",
+    "pairs",
+    "pair_colours",
+    "tetrahedra",
+    "tetrahedron_colours",
+    "faces",
+    "face_colours",
+    "pins",
+    "capsules",
+    "planes",
+)
+INDICES = ("pair", "pair_colour", "tetrahedron", "tetrahedron_colour", "face", "face_colour", "pin")
+REALS = (
+    "lightness",
+    "length",
+    "compliance",
+    "damping",
+    "volume",
+    "volume_compliance",
+    "radius",
+    "capsule_friction",
+    "plane_friction",
+    "normal",
+)
+
+
+class _Body(ctypes.Structure):
+    """The struct Body of soft.c."""
+
+    _fields_ = (
+        *[(name, ctypes.c_long) for name in COUNTS],
+        *[(name, ctypes.c_void_p) for name in (*INDICES, *REALS)],
+        *[(name, ctypes.c_double) for name in ("margin", "drag", "air", "air_limit")],
+        ("gravity", ctypes.c_double * 3),
+        ("wind", ctypes.c_double * 3),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SoftProgram:
+    """A soft body's physics in C, `lanes` bodies at a time, in float32 or float64."""
+
+    body: SoftBody
+    lanes: int = 1
+    dtype: type[np.floating] = np.float32
+
+    def play(
+        self,
+        positions: Float[np.ndarray, "N 3 ..."],
+        velocities: Float[np.ndarray, "N 3 ..."],
+        pins: Float[np.ndarray, "F K 3 ..."],
+        colliders: Float[np.ndarray, "F X ..."],
+        duration: float,
+        steps: int,
+    ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
+        """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
+
+        `pins` says where pinned nodes are [m], and `colliders` a row of every capsule's start and extent and every
+        plane's point [m], at the start and at each frame's end; in between they move straight. With several lanes these are the
+        last axis of all arrays.
+        """
+        body, keep = _struct(self.body, self.dtype)
+        frames = len(pins) - 1
+        tail = (self.lanes,) if self.lanes > 1 else ()
+        count = len(self.body.positions)
+        start = np.empty((2, 3, count, *tail), self.dtype)
+        start[0] = np.moveaxis(positions, 0, 1)
+        start[1] = np.moveaxis(velocities, 0, 1)
+        held = np.reshape(pins, (frames + 1, 3 * len(self.body.pins), *tail))
+        paths = np.concatenate([held, colliders], axis=1)
+        paths = np.ascontiguousarray(paths, self.dtype)
+        states = np.empty((frames, *start.shape), self.dtype)
+        arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (start, paths, states)]
+        library = _library(self.lanes, self.dtype)
+        numbers = (ctypes.c_long(frames), ctypes.c_long(steps), ctypes.c_double(duration / steps))
+        if library.play(ctypes.byref(body), *numbers, *arrays):
+            raise MemoryError
+        del keep
+        states = np.moveaxis(states, 2, 3)
+        return states[:, 0], states[:, 1]
+
+
+@cache
+def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
+    formulas = [
+        c_formula(function.__name__, function, *shapes) for function, shapes in FORMULAS.items()
+    ]
+    precision = "float" if dtype is np.float32 else "double"
+    lines = [
+        f"#define REAL {precision}",
+        f"#define LANES {lanes}",
+        f"#define FORMULAS {' '.join(formulas)}",
+        PROGRAM.read_text(encoding="utf-8"),
+    ]
+    library = compiled_library("\n".join(lines))
+    if library is None:
+        raise NeuroAnimatorError("Soft bodies need a C compiler: install gcc or clang.")
+    return library
+
+
+def _struct(body: SoftBody, dtype: type[np.floating]) -> tuple[_Body, list[np.ndarray]]:
+    """Return `body` as C sees it, and the arrays it points to, which have to outlive it."""
+    reals = {
+        "lightness": body.inverse_masses,
+        "length": body.lengths,
+        "compliance": 1 / body.stiffness,
+        "damping": body.damping,
+        "volume": body.volumes,
+        "volume_compliance": 1 / body.bulk_stiffness,
+        "radius": [capsule.radius for capsule in body.capsules],
+        "capsule_friction": [capsule.friction for capsule in body.capsules],
+        "plane_friction": [plane.friction for plane in body.planes],
+        "normal": [plane.normal for plane in body.planes],
+    }
+    indices = {
+        "pair": body.pairs,
+        "pair_colour": body.pair_colours,
+        "tetrahedron": body.tetrahedra,
+        "tetrahedron_colour": body.tetrahedron_colours,
+        "face": body.faces,
+        "face_colour": body.face_colours,
+        "pin": body.pins,
+    }
+    struct = _Body(
+        nodes=len(body.positions),
+        pairs=len(body.pairs),
+        pair_colours=len(body.pair_colours) - 1,
+        tetrahedra=len(body.tetrahedra),
+        tetrahedron_colours=len(body.tetrahedron_colours) - 1,
+        faces=len(body.faces),
+        face_colours=len(body.face_colours) - 1,
+        pins=len(body.pins),
+        capsules=len(body.capsules),
+        planes=len(body.planes),
+        margin=body.margin,
+        drag=body.air.drag,
+        air=body.air.density / 2,
+        air_limit=MAX_AIR_SPEED,
+        gravity=(ctypes.c_double * 3)(*GRAVITY),
+        wind=(ctypes.c_double * 3)(*body.air.wind),
+    )
+    keep = []
+    for name, values in reals.items():
+        keep.append(np.ascontiguousarray(values, dtype))
+        setattr(struct, name, keep[-1].ctypes.data)
+    for name, values in indices.items():
+        keep.append(np.ascontiguousarray(values, np.int32))
+        setattr(struct, name, keep[-1].ctypes.data)
+    return struct, keep

@@ -1,0 +1,136 @@
+"""A soft body and what surrounds it: nodes, springs, tetrahedra, faces, pins and colliders as arrays."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""Acceleration of free fall [m/s²]."""
+
+
+@dataclass(frozen=True)
+class Air:
+    """Air around a soft body."""
+
+    drag: float = 0.5
+    """Rate at which nodes take on the wind's velocity [1/s]."""
+    density: float = 0.0
+    """Density times drag coefficient of a face across the wind [kg/m³]; 0: faces feel no wind."""
+    wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Velocity of the air [m/s]."""
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A collider: all points nearer than a radius to a straight line; to a point, of a sphere."""
+
+    radius: float
+    """[m]"""
+    friction: float = 0.4
+    """Largest sideways force over the normal one."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A collider: the half-space under a plane."""
+
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Unit vector away from the half-space."""
+    friction: float = 0.4
+    """Largest sideways force over the normal one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SoftBody:
+    """A soft body in SI units: N nodes, P springs, T tetrahedra, F faces, K pins."""
+
+    positions: Float[np.ndarray, "N 3"]
+    """Positions of the nodes at rest [m]."""
+    masses: Float[np.ndarray, " N"]
+    """Masses of the nodes [kg]."""
+    faces: Int[np.ndarray, "F 3"]
+    """Corners of the surface's triangles, counterclockwise from outside."""
+    pairs: Int[np.ndarray, "P 2"]
+    """The two nodes each spring connects."""
+    stiffness: Float[np.ndarray, " P"]
+    """Stiffness of the springs [N/m]."""
+    damping: Float[np.ndarray, " P"]
+    """Damping of the springs along their length [N·s/m]."""
+    tetrahedra: Int[np.ndarray, "T 4"]
+    """Corners of the tetrahedra that keep their volume; none of a cloth."""
+    bulk_stiffness: Float[np.ndarray, " T"]
+    """Pressure over change of volume [Pa/m³] of each tetrahedron."""
+    pins: Int[np.ndarray, " K"]
+    """Nodes that are held, and moved, from outside."""
+    air: Air = Air()
+    capsules: tuple[Capsule, ...] = ()
+    planes: tuple[Plane, ...] = ()
+    margin: float = 0.0
+    """Distance at which nodes touch colliders: half a cloth's thickness [m]."""
+    pair_colours: Int[np.ndarray, " _"] = field(init=False)
+    """First spring of each colour, and the number of springs: those of one colour share no node."""
+    tetrahedron_colours: Int[np.ndarray, " _"] = field(init=False)
+    face_colours: Int[np.ndarray, " _"] = field(init=False)
+
+    def __post_init__(self) -> None:
+        order, starts = _by_colour(self.pairs)
+        self._reorder(order, "pairs", "stiffness", "damping")
+        object.__setattr__(self, "pair_colours", starts)
+        order, starts = _by_colour(self.tetrahedra)
+        self._reorder(order, "tetrahedra", "bulk_stiffness")
+        object.__setattr__(self, "tetrahedron_colours", starts)
+        order, starts = _by_colour(self.faces)
+        self._reorder(order, "faces")
+        object.__setattr__(self, "face_colours", starts)
+
+    def _reorder(self, order: Int[np.ndarray, " E"], *names: str) -> None:
+        for name in names:
+            object.__setattr__(self, name, getattr(self, name)[order])
+
+    @property
+    def lengths(self) -> Float[np.ndarray, " P"]:
+        """Lengths of the springs at rest [m]."""
+        first, second = self.pairs.T
+        return np.linalg.norm(self.positions[second] - self.positions[first], axis=1)
+
+    @property
+    def volumes(self) -> Float[np.ndarray, " T"]:
+        """Volumes of the tetrahedra at rest [m³]."""
+        return tetrahedron_volumes(self.positions, self.tetrahedra)
+
+    @property
+    def inverse_masses(self) -> Float[np.ndarray, " N"]:
+        """One over the nodes' masses [1/kg]; 0 of pins."""
+        inverse = 1 / self.masses
+        inverse[self.pins] = 0
+        return inverse
+
+
+def tetrahedron_volumes(
+    positions: Float[np.ndarray, "N 3"], tetrahedra: Int[np.ndarray, "T 4"]
+) -> Float[np.ndarray, " T"]:
+    """Return the signed volumes of `tetrahedra` [m³]."""
+    corners = positions[tetrahedra]
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.linalg.det(edges) / 6
+
+
+def _by_colour(elements: Int[np.ndarray, "E K"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return (the order of `elements` by colour, the first place of each colour and the end): greedily, in order."""
+    used: dict[int, set[int]] = defaultdict(set)
+    colours = np.zeros(len(elements), int)
+    for element, nodes in enumerate(elements.tolist()):
+        taken = set().union(*(used[node] for node in nodes))
+        colour = 0
+        while colour in taken:
+            colour += 1
+        colours[element] = colour
+        for node in nodes:
+            used[node].add(colour)
+    order = np.argsort(colours, kind="stable")
+    count = int(colours.max(initial=-1)) + 1
+    return order, np.searchsorted(colours[order], np.arange(count + 1))
