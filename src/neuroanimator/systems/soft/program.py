@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.codegen.c_formula import c_formula
-from neuroanimator.compiler.compiler import compiled_library
+from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.soft import constraints
 from neuroanimator.systems.soft.soft_body import GRAVITY, SoftBody

@@ -1,0 +1,140 @@
+"""Bodies of thousands of nodes; each part writes results/large_bodies_PART.csv.
+
+python benchmarks/large_bodies.py physics        a cloth in C, by its mesh and its small steps: time, and how far it is converged
+
+A cloth of 1 m hangs by its upper edge from a bar that is moved, and a ball of 0.15 m passes through it: 1 s from rest. Times
+are of one core in float32: of one cloth, and of one of sixteen side by side. Differences are of all nodes, root mean
+square, from the same mesh in the most small steps, and from the finest mesh in as many, at the nodes both have.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.evaluation.speed import one_core
+from neuroanimator.systems.soft.meshes import Cloth, cloth_body
+from neuroanimator.systems.soft.program import LANES, SoftProgram
+from neuroanimator.systems.soft.soft_body import Air, Capsule, SoftBody
+from neuroanimator.terminal import print_table, progress_bar
+
+Rows = list[dict[str, Any]]
+
+RESULTS = Path(__file__).parent / "results"
+
+CELLS = (9, 18, 36, 72)
+"""Numbers of squares along an edge of the cloth."""
+
+STEPS = (10, 20, 40, 80, 160)
+"""Numbers of small steps a frame; the last is what others are compared with."""
+
+FRAME = 1 / 30
+"""Time of a frame [s]."""
+
+FRAMES = 30
+"""Number of frames, from rest."""
+
+ROUNDS = 3
+"""Number of timings; the least counts."""
+
+BALL = 0.15
+"""Radius of the ball [m]."""
+
+
+def square(cells: int) -> SoftBody:
+    """Return a cloth of 1 m × 1 m in triangles, hung by its upper edge."""
+    line = np.linspace(0, 1, cells + 1)
+    x, z = np.meshgrid(line - 0.5, -line)
+    nodes = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    corners = (nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:])
+    a, b, c, d = (corner.ravel() for corner in corners)
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return cloth_body(
+        np.stack([x.ravel(), 0 * x.ravel(), z.ravel()], axis=1),
+        faces,
+        Cloth(density=0.2, stretch=20.0, bend=0.5),
+        nodes[0],
+        air=Air(drag=0.5, density=1.2),
+        capsules=(Capsule(BALL, friction=0.3),),
+        margin=0.005,
+    )
+
+
+def scene(body: SoftBody) -> tuple[np.ndarray, np.ndarray]:
+    """Return where pins are (T+1, K, 3) and where the ball is (T+1, 6), which has no length [m]."""
+    now = np.arange(FRAMES + 1) * FRAME
+    bar = np.stack([0.1 * np.sin(2 * np.pi * 0.4 * now), 0 * now, 0 * now], axis=1)
+    ball = np.stack([0.05 + 0 * now, 0.5 - 0.6 * now, -0.55 + 0 * now], axis=1)
+    pins = body.positions[body.pins] + bar[:, None]
+    return pins, np.concatenate([ball, np.zeros_like(ball)], axis=1)
+
+
+def run(body: SoftBody, steps: int, lanes: int) -> tuple[np.ndarray, float]:
+    """Return the last positions (N, 3, ...) and the processor time of a frame of one cloth [ms]."""
+    parts = (body.positions, np.zeros_like(body.positions), *scene(body))
+    if lanes > 1:
+        parts = tuple(np.repeat(part[..., None], lanes, axis=-1) for part in parts)
+    program = SoftProgram(body, lanes)
+    times = []
+    for _ in range(ROUNDS):
+        began = time.process_time()
+        path, _ = program.play(*parts, FRAME, steps)
+        times.append(time.process_time() - began)
+    return path[-1], min(times) / FRAMES / lanes * 1e3
+
+
+def physics_rows() -> Rows:
+    """Return a row per mesh and number of small steps."""
+    rows: Rows = []
+    finest = max(CELLS)
+    ends: dict[tuple[int, int], np.ndarray] = {}
+    with progress_bar("cloth", len(CELLS) * len(STEPS)) as bar:
+        for cells in reversed(CELLS):
+            body = square(cells)
+            run(body, 1, LANES)  # compiles
+            for steps in reversed(STEPS):
+                end, alone = run(body, steps, 1)
+                _, together = run(body, steps, LANES)
+                grid = end.reshape(cells + 1, cells + 1, 3)
+                ends[cells, steps] = grid
+                stride = finest // cells
+                fine = ends[finest, max(STEPS)][::stride, ::stride]
+                rows.append(
+                    {
+                        "nodes": len(body.positions),
+                        "small_steps": steps,
+                        "frame_ms": alone,
+                        "frame_of_sixteen_ms": together,
+                        "ns_a_node_and_step": alone * 1e6 / len(body.positions) / steps,
+                        "from_most_steps_percent": difference(grid, ends[cells, max(STEPS)]),
+                        "from_finest_mesh_percent": difference(grid, fine),
+                    }
+                )
+                bar.advance_to(len(rows))
+    return rows
+
+
+def difference(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the root mean square distance of nodes [% of the cloth's size]."""
+    return 100 * float(np.sqrt(((first - second) ** 2).sum(axis=-1).mean()))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("part", choices=("physics",))
+    part = parser.parse_args().part
+    with one_core():
+        rows = physics_rows()
+    print(describe_machine())
+    print_table(rows)
+    write_csv(RESULTS / f"large_bodies_{part}.csv", rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""A surface of thousands of nodes in few numbers: a mean, and shapes that are added to it by their amplitudes.
+
+An emulator carries both in 16 bits, so that its motions are drawn without physics; its states hold the amplitudes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, Num
+
+MAX_NODES = 100_000
+"""Maximum number of nodes of a surface: it may come from a stranger, and is drawn."""
+
+MAX_SHAPES = 256
+"""Maximum number of shapes."""
+
+LARGEST = 2**15 - 1
+"""Largest number of 16 bits with a sign."""
+
+MAX_DISTANCE = 1e6
+"""Largest coordinate drawn [m]."""
+
+TENSORS = ("mean", "modes", "scales", "faces")
+"""Names of the arrays of a file's shapes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """N nodes, of which a state says where they are by K amplitudes."""
+
+    mean: Float[np.ndarray, "N 3"]
+    """Where the nodes are, from the anchor, if every amplitude is zero [m]."""
+    modes: Float[np.ndarray, "K N 3"]
+    """Displacement of the nodes by each amplitude; across modes orthogonal, each of root mean square 1 a node."""
+    faces: Int[np.ndarray, "F 3"]
+    """Corners of the triangles, counterclockwise from outside."""
+    first: int
+    """State entry of the first amplitude [m, root mean square a node]."""
+    anchor: int = -1
+    """State entry where the position [m] that all nodes go with begins; -1 of nodes that go with nothing."""
+
+    @property
+    def amplitudes(self) -> slice:
+        """State entries of the amplitudes."""
+        return slice(self.first, self.first + len(self.modes))
+
+    def decode(
+        self, states: Float[np.ndarray, "*B S"], nodes: Any = slice(None)
+    ) -> Float[np.ndarray, "*B n 3"]:
+        """Return where nodes are [m], all of them or those numbered; each costs its own rows alone."""
+        modes = self.modes[:, nodes]
+        amplitudes = states[..., self.amplitudes]
+        placed = self.mean[nodes] + np.tensordot(amplitudes, modes, axes=1)
+        return placed + self._anchors(states)
+
+    def encode(
+        self, positions: Float[np.ndarray, "*B N 3"], anchors: Float[np.ndarray, "*B 3"]
+    ) -> Float[np.ndarray, "*B K"]:
+        """Return the amplitudes of nodes at `positions` [m] that go with `anchors` [m]: what is nearest."""
+        away = positions - anchors[..., None, :] - self.mean
+        return self.project(away)
+
+    def project(self, vectors: Float[np.ndarray, "*B N 3"]) -> Float[np.ndarray, "*B K"]:
+        """Return the amplitudes, or their rates, of displacements [m], or velocities [m/s], of all nodes."""
+        count = len(self.mean)
+        return np.tensordot(vectors, self.modes, axes=((-2, -1), (1, 2))) / count
+
+    def _anchors(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B 1 3"]:
+        if self.anchor < 0:
+            return np.zeros((*states.shape[:-1], 1, 3))
+        return states[..., None, self.anchor : self.anchor + 3]
+
+    def tensors(self) -> dict[str, Num[np.ndarray, "..."]]:
+        """Return the arrays as files hold them: modes as 16-bit numbers, each in units of its own scale."""
+        scales = np.abs(self.modes).max(axis=(1, 2)) / LARGEST
+        whole = np.round(self.modes / scales[:, None, None])
+        return {
+            "mean": self.mean.astype(np.float32),
+            "modes": whole.astype(np.int16),
+            "scales": scales.astype(np.float32),
+            "faces": self.faces.astype(np.int32),
+        }
+
+    @classmethod
+    def from_tensors(
+        cls, tensors: Mapping[str, np.ndarray], first: int, anchor: int, state_size: int
+    ) -> Shapes:
+        """Return the shapes `tensors` wrote; ValueError names what is wrong with them."""
+        if set(tensors) != set(TENSORS):
+            raise ValueError(f"shapes: wanted {', '.join(TENSORS)}")
+        mean, modes, scales, faces = (tensors[name] for name in TENSORS)
+        nodes = len(mean) if mean.ndim else 0
+        count = len(modes) if modes.ndim else 0
+        wanted = {
+            "mean": ((nodes, 3), np.float32),
+            "modes": ((count, nodes, 3), np.int16),
+            "scales": ((count,), np.float32),
+        }
+        for name, (shape, dtype) in wanted.items():
+            if tensors[name].shape != shape or tensors[name].dtype != dtype:
+                raise ValueError(f"shapes: '{name}' has another shape or kind of number")
+        if not 3 <= nodes <= MAX_NODES or not 1 <= count <= MAX_SHAPES:
+            raise ValueError(f"shapes: {count} shapes of {nodes} nodes")
+        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype != np.int32:
+            raise ValueError("shapes: wanted faces of three nodes")
+        if len(faces) and not (faces.min() >= 0 and faces.max() < nodes):
+            raise ValueError("shapes: a face has a node that is not there")
+        if not (np.abs(mean) <= MAX_DISTANCE).all() or not (scales > 0).all():
+            raise ValueError("shapes: wanted finite places, and scales above 0")
+        if not (scales * LARGEST <= MAX_DISTANCE).all():
+            raise ValueError("shapes: a scale is too large")
+        if not -1 <= anchor <= state_size - 3 or not 0 <= first <= state_size - count:
+            raise ValueError("shapes: they read beyond the state")
+        whole = modes * scales[:, None, None]
+        return cls(mean.astype(float), whole.astype(float), faces.astype(int), first, anchor)
