@@ -5,12 +5,14 @@ An emulator carries both in 16 bits, so that its motions are drawn without physi
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Num
+from jaxtyping import Float, Int
 
 MAX_NODES = 100_000
 """Maximum number of nodes of a surface: it may come from a stranger, and is drawn."""
@@ -43,6 +45,20 @@ class Shapes:
     anchor: int = -1
     """State entry where the position [m] that all nodes go with begins; -1 of nodes that go with nothing."""
 
+    @cached_property
+    def digest(self) -> str:
+        """Hash of all that makes up the shapes: two that are alike in a file are equal."""
+        content = hashlib.sha256(f"{self.first} {self.anchor}".encode())
+        for array in self.tensors().values():
+            content.update(array.tobytes())
+        return content.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Shapes) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
     @property
     def amplitudes(self) -> slice:
         """State entries of the amplitudes."""
@@ -55,7 +71,7 @@ class Shapes:
         modes = self.modes[:, nodes]
         amplitudes = states[..., self.amplitudes]
         placed = self.mean[nodes] + np.tensordot(amplitudes, modes, axes=1)
-        return placed + self._anchors(states)
+        return placed + self.anchors(states)[..., None, :]
 
     def encode(
         self, positions: Float[np.ndarray, "*B N 3"], anchors: Float[np.ndarray, "*B 3"]
@@ -69,12 +85,13 @@ class Shapes:
         count = len(self.mean)
         return np.tensordot(vectors, self.modes, axes=((-2, -1), (1, 2))) / count
 
-    def _anchors(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B 1 3"]:
+    def anchors(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B 3"]:
+        """Return the positions that all nodes go with [m]."""
         if self.anchor < 0:
-            return np.zeros((*states.shape[:-1], 1, 3))
-        return states[..., None, self.anchor : self.anchor + 3]
+            return np.zeros((*states.shape[:-1], 3))
+        return states[..., self.anchor : self.anchor + 3]
 
-    def tensors(self) -> dict[str, Num[np.ndarray, "..."]]:
+    def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays as files hold them: modes as 16-bit numbers, each in units of its own scale."""
         scales = np.abs(self.modes).max(axis=(1, 2)) / LARGEST
         whole = np.round(self.modes / scales[:, None, None])

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.binding import Binding, binding_from_json, bound_pose
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import check_label
@@ -113,6 +114,8 @@ class Skeleton:
     bones: tuple[Bone, ...]
     skin: Skin | None = None
     """The skin drawn around all bones, if there is one."""
+    shapes: Shapes | None = None
+    """The surface of a soft body, if there is one; not part of `to_json`, for a file holds it as arrays."""
 
     def is_moved(self, number: int) -> bool:
         """Return whether anything moves bone `number`, or one it hangs from; what nothing moves is scenery."""

@@ -1,4 +1,4 @@
-"""Bodies of a scene as nodes, shapes, paints and skins: the one walk over bones that GLB and USD are written from."""
+"""Bodies of a scene as nodes, shapes, paints, skins and surfaces: the one walk over bones that GLB and USD are written from."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from neuroanimator.animation.clip import Clip, together
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.part_names import colour_names
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.appearance.skin_mesh import (
     PARTS,
@@ -23,6 +24,7 @@ from neuroanimator.appearance.skin_mesh import (
     skin_mesh,
 )
 from neuroanimator.export.ghost import GHOST_RGBA
+from neuroanimator.export.morphs import CLOTH_RGBA, SurfaceNode, surface_nodes
 from neuroanimator.state.rotation import rotation_matrices
 
 
@@ -32,10 +34,18 @@ class Paint(NamedTuple):
     name: str
     colour: tuple[float, ...] | None
     """Red, green and blue (sRGB) and opacity; None of the wet part of a skin, whose points have colours."""
+    is_thin: bool = False
+    """Whether it has no inside: both of its sides are seen."""
 
 
 GHOST = Paint("ghost", GHOST_RGBA)
-"""The paint of all of a ghost."""
+"""The paint of a ghost's shapes and skin."""
+
+THIN_GHOST = Paint("ghost cloth", GHOST_RGBA, is_thin=True)
+"""The paint of a ghost's surface."""
+
+CLOTH = Paint("cloth", CLOTH_RGBA, is_thin=True)
+"""The paint of a soft body's surface."""
 
 
 class BoneNode(NamedTuple):
@@ -73,6 +83,7 @@ class Body:
     nodes: tuple[BoneNode, ...]
     """Its bones, each after its parent."""
     skin: SkinNode | None
+    surface: SurfaceNode | None
     is_ghost: bool
 
 
@@ -82,17 +93,39 @@ def bodies_of(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Body]:
     Raises ArgumentError for what cannot be drawn together.
     """
     every = together(clips, ghost)
+    surfaces = _surfaces(every if ghost is None else [*every, ghost])
     bodies = []
     for number, clip in enumerate(every, start=1):
         prefix = "" if len(every) == 1 else f"{clip.name} {number} "
-        bodies.append(_body(clip, prefix.rstrip() or clip.name, prefix, has_scenery=number == 1))
+        title = prefix.rstrip() or clip.name
+        bodies.append(_body(clip, surfaces[number - 1], title, prefix, has_scenery=number == 1))
     if ghost is not None:
-        bodies.append(_body(ghost, f"ghost {ghost.name}", "ghost ", is_ghost=True))
+        bodies.append(_body(ghost, surfaces[-1], f"ghost {ghost.name}", "ghost ", is_ghost=True))
     return bodies
 
 
+def _surfaces(clips: Sequence[Clip]) -> list[SurfaceNode | None]:
+    """Return the surface of each clip, if it has one; the bodies of a school share their targets."""
+    numbers: dict[Shapes, list[int]] = {}
+    for number, clip in enumerate(clips):
+        if clip.skeleton.shapes is not None:
+            numbers.setdefault(clip.skeleton.shapes, []).append(number)
+    surfaces: list[SurfaceNode | None] = [None] * len(clips)
+    for shapes, alike in numbers.items():
+        nodes = surface_nodes(shapes, [clips[number].states for number in alike])
+        for number, node in zip(alike, nodes, strict=True):
+            surfaces[number] = node
+    return surfaces
+
+
 def _body(
-    clip: Clip, title: str, prefix: str, *, has_scenery: bool = False, is_ghost: bool = False
+    clip: Clip,
+    surface: SurfaceNode | None,
+    title: str,
+    prefix: str,
+    *,
+    has_scenery: bool = False,
+    is_ghost: bool = False,
 ) -> Body:
     skeleton = clip.skeleton
     names = colour_names(skeleton)
@@ -107,7 +140,7 @@ def _body(
                 shapes.append((shape, paint))
         nodes.append(BoneNode(bone, positions[:, number], orientations[:, number], tuple(shapes)))
     skin = None if skeleton.skin is None else _skin(skeleton)
-    return Body(clip, title, prefix, tuple(nodes), skin, is_ghost)
+    return Body(clip, title, prefix, tuple(nodes), skin, surface, is_ghost)
 
 
 @lru_cache(maxsize=1)  # the bodies of a school have one skin

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.state.rotation import rotate, rotation_matrices
@@ -60,10 +61,14 @@ def fixed_boxes(clip: Clip) -> BoundingBoxes:
 
 
 def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
-    """Return the box around the shapes or the skin of the bones that move; around the bones alone if they have none."""
+    """Return the box around the surface, shapes or skin of what moves; around the bones alone if they have none."""
     skeleton = clip.skeleton
     moving = [i for i in range(len(skeleton.bones)) if skeleton.is_moved(i)]
     lows, highs = _boxes_of_shapes(clip, moving, len(clip.times))
+    if skeleton.shapes is not None:
+        surface = _boxes_of_surface(skeleton.shapes, clip)
+        lows = np.concatenate([lows, surface.low[None]])
+        highs = np.concatenate([highs, surface.high[None]])
     if len(lows):
         return BoundingBoxes(lows.min(axis=0), highs.max(axis=0))
     positions, _ = skeleton.world_poses(clip.states)
@@ -76,6 +81,17 @@ def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
         below = (rest.min(axis=0) - points.min(axis=0)).min()
         around = float(max(above, below, 0.0))
     return BoundingBoxes(positions.min(axis=1) - around, positions.max(axis=1) + around)
+
+
+def _boxes_of_surface(surface: Shapes, clip: Clip) -> BoundingBoxes:
+    """Return the box around the surface of a soft body."""
+    lows = []
+    highs = []
+    for state in clip.states:
+        nodes = surface.decode(state)
+        lows.append(nodes.min(axis=0))
+        highs.append(nodes.max(axis=0))
+    return BoundingBoxes(np.array(lows), np.array(highs))
 
 
 def _boxes_of_shapes(

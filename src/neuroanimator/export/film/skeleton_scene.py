@@ -1,4 +1,4 @@
-"""Bodies that have no MuJoCo model of their own: bones and skins over a floor or in water."""
+"""Bodies that have no MuJoCo model of their own: bones, skins and surfaces over a floor or in water."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
@@ -17,6 +18,7 @@ from neuroanimator.export.film.camera import Shots
 from neuroanimator.export.film.options import Take
 from neuroanimator.export.film.scene import frame_model, glow
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
+from neuroanimator.export.morphs import CLOTH_RGBA, surface_normals
 
 SEABED_DEPTH = 0.45
 """Depth of the seabed under the deepest point of the motion, over the body's size."""
@@ -83,11 +85,21 @@ class SkeletonScene:
             place = UNDER_WATER if is_below else OVER_WATER
         spec = mujoco.MjSpec.from_string(_place_mjcf(place, shots.size, floor, surface))
         self._skeletons = [clip.skeleton for clip in take.everything]
-        for number, clip in enumerate(take.clips):
-            _add_skeleton(spec, f"{number} ", clip.skeleton)
+        prefixes = [f"{number} " for number in range(len(take.clips))]
+        for prefix, clip in zip(prefixes, take.clips, strict=True):
+            _add_skeleton(spec, prefix, clip.skeleton)
         if take.ghost is not None:
+            prefixes.append("ghost ")
             _add_skeleton(spec, "ghost ", _as_ghost(take.ghost.skeleton), is_ghost=True)
         self.model = spec.compile()
+        self._surfaces: list[_Surface | None] = []
+        for prefix, skeleton in zip(prefixes, self._skeletons, strict=True):
+            surface_shapes = skeleton.shapes
+            if surface_shapes is None:
+                self._surfaces.append(None)
+            else:
+                skin = self.model.skin(f"{prefix}surface")
+                self._surfaces.append(_Surface(skin.id, surface_shapes, float(skin.inflate[0])))
         self.data = mujoco.MjData(self.model)
         self.doubt = 0.0
         frame_model(self.model, shots)
@@ -102,10 +114,16 @@ class SkeletonScene:
             orientations.append(orientation[0])
         self.data.mocap_pos[:] = np.concatenate(positions)
         self.data.mocap_quat[:] = np.concatenate(orientations)
+        for surface, state in zip(self._surfaces, states, strict=True):
+            if surface is not None:
+                surface.pose(state)
         mujoco.mj_forward(self.model, self.data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Let what is far away fade, and bodies in doubt glow."""
+        """Let what is far away fade, and bodies in doubt glow; put the nodes of surfaces where they are."""
+        for surface in self._surfaces:
+            if surface is not None:
+                surface.fill(scene)
         scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
         bodies = []
@@ -118,6 +136,30 @@ class SkeletonScene:
             elif geom.rgba[3] > GHOST_RGBA[3]:
                 bodies.append(geom)
         glow(bodies, self.doubt)
+
+
+class _Surface:
+    """The surface of a soft body: a skin of two sides, whose points no bone moves."""
+
+    def __init__(self, number: int, shapes: Shapes, inflation: float):
+        """`number` is that of the skin in the model, and `inflation` the distance from the nodes to either side [m]."""
+        self._number = number
+        self._shapes = shapes
+        self._inflation = inflation
+
+    def pose(self, state: Float[np.ndarray, " S"]) -> None:
+        """Decode the nodes of a state."""
+        points = self._shapes.decode(state)
+        normals = surface_normals(self._shapes, points)
+        self._normals = np.concatenate([normals, -normals])
+        self._points = np.concatenate([points, points]) + self._inflation * self._normals
+
+    def fill(self, scene: mujoco.MjvScene) -> None:
+        """Put the points into a picture, where MuJoCo has them as they are at rest."""
+        first = 3 * scene.skinvertadr[self._number]
+        coordinates = slice(first, first + self._points.size)
+        scene.skinvert[coordinates] = self._points.ravel()
+        scene.skinnormal[coordinates] = self._normals.ravel()
 
 
 def _as_ghost(skeleton: Skeleton) -> Skeleton:
@@ -153,6 +195,8 @@ def _add_skeleton(
             )
     if skeleton.skin is not None:
         _add_skin(spec, prefix, skeleton, is_ghost)
+    if skeleton.shapes is not None:
+        _add_surface(spec, prefix, skeleton.shapes, is_ghost)
 
 
 def _add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, is_ghost: bool) -> None:
@@ -193,6 +237,25 @@ def _add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, is_ghost: bo
         weights_of_bones.append(weights[weights > 0].tolist())
     skin.vertid = points_of_bones
     skin.vertweight = weights_of_bones
+
+
+def _add_surface(spec: mujoco.MjSpec, prefix: str, shapes: Shapes, is_ghost: bool) -> None:
+    """Add a surface as a skin of two sides: MuJoCo draws those alone that face the camera, and light falls on each."""
+    name = f"{prefix}surface"
+    material = spec.add_material(name=name, specular=0.1, shininess=0.2)
+    material.rgba = GHOST_RGBA if is_ghost else CLOTH_RGBA
+    skin = spec.add_skin(name=name, material=name)
+    if is_ghost:
+        skin.inflate = (GHOST_GROWTH - 1) * float(np.ptp(shapes.mean, axis=0).max())
+    nodes = len(shapes.mean)
+    back = shapes.faces[:, ::-1] + nodes
+    skin.vert = np.tile(shapes.mean, (2, 1)).ravel().tolist()
+    skin.face = np.concatenate([shapes.faces, back]).ravel().tolist()
+    skin.bodyname = [f"{prefix}bone0"]
+    skin.bindpos = [0.0, 0.0, 0.0]
+    skin.bindquat = [1.0, 0.0, 0.0, 0.0]
+    skin.vertid = [list(range(2 * nodes))]
+    skin.vertweight = [[1.0] * (2 * nodes)]
 
 
 def _place_mjcf(place: _Place, size: float, floor: float, surface: float | None) -> str:

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32, Num
 
-COMPONENTS = {"float32": 5126, "uint16": 5123, "uint8": 5121}
+COMPONENTS = {
+    "float32": 5126,
+    "uint32": 5125,
+    "uint16": 5123,
+    "int16": 5122,
+    "uint8": 5121,
+    "int8": 5120,
+}
 """The format's codes of the types of numbers, by their names in NumPy."""
 
 ARRAY_BUFFER = 34962
@@ -59,7 +66,7 @@ class Buffer:
         """Return the index of the accessor of `array`, appended if the same numbers are not there yet.
 
         `element` is what one row is to the format, such as `VEC3`; `target` is what the numbers are for, and
-        `has_bounds` adds their smallest and largest.
+        `has_bounds` adds their smallest and largest. Of numbers with a sign the largest of their kind means 1.
         """
         key = (array.tobytes(), array.dtype.name, element, target, has_bounds)
         if key not in self._known:
@@ -67,23 +74,51 @@ class Buffer:
         return self._known[key]
 
     def _append(self, array: np.ndarray, element: str, target: int | None, has_bounds: bool) -> int:
-        view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
+        rows = array.reshape(len(array), -1)
+        stride = rows.itemsize * rows.shape[1]
+        beyond = -stride % ALIGNMENT
+        content = array.tobytes()
+        view = {"buffer": 0, "byteOffset": len(self.content)}
+        if target == ARRAY_BUFFER and beyond:
+            view["byteStride"] = stride + beyond
+            padding = np.zeros((len(rows), beyond // rows.itemsize), rows.dtype)
+            content = np.concatenate([rows, padding], axis=1).tobytes()
+        view["byteLength"] = len(content)
         if target:
             view["target"] = target
         self.views.append(view)
-        self.content += array.tobytes() + b"\0" * (-array.nbytes % ALIGNMENT)
+        self.content += content + b"\0" * (-len(content) % ALIGNMENT)
         accessor = {
             "bufferView": len(self.views) - 1,
             "componentType": COMPONENTS[array.dtype.name],
             "count": len(array),
             "type": element,
         }
+        if array.dtype.kind == "i":
+            accessor["normalized"] = True
         if has_bounds:
-            rows = array.reshape(len(array), -1)
             accessor["min"] = rows.min(axis=0).tolist()
             accessor["max"] = rows.max(axis=0).tolist()
         self.accessors.append(accessor)
         return len(self.accessors) - 1
+
+    def add_zeros(self, count: int) -> int:
+        """Return the index of an accessor of `count` vectors of length 0, which take no room in the file."""
+        key = (count,)
+        if key not in self._known:
+            zero = [0, 0, 0]
+            self.accessors.append(
+                {
+                    "componentType": COMPONENTS["int8"],
+                    "normalized": True,
+                    "count": count,
+                    "type": "VEC3",
+                    "min": zero,
+                    "max": zero,
+                }
+            )
+            self._known[key] = len(self.accessors) - 1
+        return self._known[key]
 
 
 def as_float32(values: Float[np.ndarray, "*S"]) -> Float32[np.ndarray, "*S"]:

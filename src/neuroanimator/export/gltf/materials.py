@@ -31,4 +31,6 @@ def material(paint: Paint) -> dict[str, Any]:
     }
     if opacity < 1:
         described["alphaMode"] = "BLEND"
+    if paint.is_thin:
+        described["doubleSided"] = True
     return described

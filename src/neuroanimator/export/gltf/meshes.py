@@ -1,4 +1,4 @@
-"""Meshes of a GLB file: triangles of shapes, and of a skin whose points follow the bones' nodes."""
+"""Meshes of a GLB file: triangles of shapes, of a skin whose points follow the bones' nodes, and of surfaces."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.export.bodies import SkinNode
 from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, as_float32
+from neuroanimator.export.morphs import Morphs
+
+MAX_SHORT = 2**16 - 1
+"""The number of a point that no index of two bytes may have: some viewers begin a new strip there."""
 
 
 def shape_primitive(shape: Shape, buffer: Buffer) -> dict[str, Any]:
@@ -43,6 +47,29 @@ def skin_primitives(skin: SkinNode, buffer: Buffer) -> dict[str, dict[str, Any]]
     return primitives
 
 
+def surface_primitive(morphs: Morphs, buffer: Buffer) -> dict[str, Any]:
+    """Return the triangles of a surface and its morph targets, in units of its scale, without a material."""
+    points = as_float32(morphs.points / morphs.scale)
+    primitive: dict[str, Any] = {
+        "attributes": {
+            "POSITION": buffer.add(points, "VEC3", target=ARRAY_BUFFER, has_bounds=True),
+            "NORMAL": buffer.add(as_float32(morphs.normals), "VEC3", target=ARRAY_BUFFER),
+        },
+        "indices": _indices(morphs.triangles, buffer),
+    }
+    targets = []
+    # three.js wants every target to have the same attributes.
+    for target in morphs.moving:
+        deltas = buffer.add(target.whole, "VEC3", target=ARRAY_BUFFER, has_bounds=True)
+        targets.append({"POSITION": deltas, "NORMAL": buffer.add_zeros(len(points))})
+    for target in morphs.turning:
+        deltas = buffer.add(target.whole, "VEC3", target=ARRAY_BUFFER)
+        targets.append({"POSITION": buffer.add_zeros(len(points)), "NORMAL": deltas})
+    if targets:
+        primitive["targets"] = targets
+    return primitive
+
+
 def inverse_bind_matrices(skin: SkinNode, buffer: Buffer) -> int:
     """Return the accessor of the matrices that take points at rest into the frames of the joints."""
     matrices = np.tile(np.eye(4), (len(skin.rest), 1, 1))
@@ -54,5 +81,6 @@ def inverse_bind_matrices(skin: SkinNode, buffer: Buffer) -> int:
 
 
 def _indices(triangles: Int[np.ndarray, "M 3"], buffer: Buffer) -> int:
-    corners = triangles.astype(np.uint16).ravel()
+    kind = np.uint16 if triangles.max() < MAX_SHORT else np.uint32
+    corners = triangles.astype(kind).ravel()
     return buffer.add(corners, "SCALAR", target=ELEMENT_ARRAY_BUFFER)

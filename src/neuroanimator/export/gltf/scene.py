@@ -17,10 +17,25 @@ import numpy as np
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.part_names import identifier, unique
 from neuroanimator.appearance.skeleton import Bone, Shape
-from neuroanimator.export.bodies import GHOST, Body, BoneNode, Paint, SkinNode, bodies_of
+from neuroanimator.export.bodies import (
+    CLOTH,
+    GHOST,
+    THIN_GHOST,
+    Body,
+    BoneNode,
+    Paint,
+    SkinNode,
+    bodies_of,
+)
 from neuroanimator.export.gltf.buffers import Buffer, as_float32, glb_bytes
 from neuroanimator.export.gltf.materials import material
-from neuroanimator.export.gltf.meshes import inverse_bind_matrices, shape_primitive, skin_primitives
+from neuroanimator.export.gltf.meshes import (
+    inverse_bind_matrices,
+    shape_primitive,
+    skin_primitives,
+    surface_primitive,
+)
+from neuroanimator.export.morphs import SurfaceNode
 from neuroanimator.files.atomic import write_whole
 
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
@@ -31,6 +46,9 @@ XYZW = [1, 2, 3, 0]
 
 MIN_TRAVEL = 1e-9
 """A bone that moves less than this against its parent gets no track of its positions [m]."""
+
+QUANTISED = "KHR_mesh_quantization"
+"""The extension of the format by which morph targets are numbers of one or two bytes."""
 
 GHOST_PREFIX = "ghost "
 """Beginning of the names of a ghost's meshes."""
@@ -73,7 +91,7 @@ class _Scene:
             "accessors": self.buffer.accessors,
         }
         self._meshes: dict[tuple[Any, ...], int] = {}
-        self._materials: dict[tuple[float, ...] | str, int] = {}
+        self._materials: dict[tuple[tuple[float, ...] | str, bool], int] = {}
         self._names: set[str] = set()
 
     def add(self, body: Body) -> None:
@@ -96,6 +114,8 @@ class _Scene:
             nodes.append(node)
         _add_children(nodes, root, body.nodes)
         self._add_tracks(body, root)
+        if body.surface is not None:
+            self._add_surface(body, body.surface, root)
         if body.skin is not None:
             self._add_skin(body, body.skin, root)
 
@@ -154,9 +174,40 @@ class _Scene:
         node = self._append("nodes", {"name": title, "mesh": self._meshes[key], "skin": bones})
         self.document["scenes"][0]["nodes"].append(node)
 
+    def _add_surface(self, body: Body, surface: SurfaceNode, root: int) -> None:
+        """Add a node with a surface below the node `root`, and the track of its morph targets."""
+        morphs = surface.morphs
+        key = (morphs, body.is_ghost)
+        if key not in self._meshes:
+            paint = THIN_GHOST if body.is_ghost else CLOTH
+            primitive = surface_primitive(morphs, self.buffer) | {"material": self._material(paint)}
+            names = [f"shape {number + 1}" for number in range(len(morphs.moving))]
+            names += [f"normals {number + 1}" for number in range(len(morphs.turning))]
+            name = GHOST_PREFIX + "surface" if body.is_ghost else "surface"
+            extras = {"targetNames": names, "error": float(f"{morphs.error:.2g}")}
+            mesh = {"name": name, "primitives": [primitive], "extras": extras}
+            self._meshes[key] = self._append("meshes", mesh)
+        node: dict[str, Any] = {
+            "name": self._own(f"{body.prefix}surface"),
+            "mesh": self._meshes[key],
+            "translation": surface.positions[0].tolist(),
+            "scale": [morphs.scale] * 3,
+        }
+        times = self.buffer.add(as_float32(body.clip.times), "SCALAR", has_bounds=True)
+        number = self._append("nodes", node)
+        self.document["nodes"][root].setdefault("children", []).append(number)
+        translations = self.buffer.add(as_float32(surface.positions), "VEC3")
+        self._add_track(number, "translation", times, translations)
+        if surface.weights.size:
+            node["weights"] = as_float32(surface.weights[0]).tolist()
+            weights = self.buffer.add(as_float32(surface.weights.ravel()), "SCALAR")
+            self._add_track(number, "weights", times, weights)
+            self.document["extensionsUsed"] = [QUANTISED]
+            self.document["extensionsRequired"] = [QUANTISED]
+
     def _material(self, paint: Paint) -> int:
         """Return the material of `paint`; a new one gets a name of its own."""
-        key = paint.colour or paint.name
+        key = (paint.colour or paint.name, paint.is_thin)
         if key not in self._materials:
             taken = [known["name"] for known in self.document["materials"]]
             own = material(paint._replace(name=unique(paint.name, taken)))

@@ -2,6 +2,7 @@
 
     clip → Xform per bone with time samples → Mesh per shape        rigid bodies
     clip → SkelRoot with Skeleton, SkelAnimation and skinned Mesh   bodies with a skin
+    clip → SkelRoot with BlendShapes and their animated weights     surfaces of soft bodies, beside their bones
 
 `.usda` is text and needs nothing; `.usdc` and `.usdz` are made of it by Pixar's own library, the extra `[usd]`.
 """
@@ -21,7 +22,17 @@ from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.appearance.skin_mesh import INFLUENCES
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.bodies import GHOST, Body, BoneNode, Paint, SkinNode, bodies_of
+from neuroanimator.export.bodies import (
+    CLOTH,
+    GHOST,
+    THIN_GHOST,
+    Body,
+    BoneNode,
+    Paint,
+    SkinNode,
+    bodies_of,
+)
+from neuroanimator.export.morphs import SurfaceNode
 from neuroanimator.export.usd.prims import (
     Prim,
     animated,
@@ -41,8 +52,14 @@ DRY_ROUGHNESS = 0.6
 WET_ROUGHNESS = 0.45
 """Roughness of a skin: less than that of dry things, since it is wet."""
 
+SURFACE = "surface"
+"""Name of the prim of a soft body's surface."""
+
 BINARY = (".usdc", ".usdz")
 """Suffixes of the files that Pixar's library makes of the text."""
+
+IDENTITY = "((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))"
+"""The matrix that moves nothing."""
 
 TEXT = "#usda 1.0"
 """First line of a file of text."""
@@ -98,7 +115,7 @@ class _BodyWriter:
     def __init__(self, body: Body, path: str):
         self._body = body
         self._path = path
-        self._materials: dict[tuple[float, ...] | str, str] = {}
+        self._materials: dict[tuple[tuple[float, ...] | str, bool], str] = {}
         self._looks = Prim("Scope", "materials")
 
     def prim(self) -> Prim:
@@ -109,6 +126,8 @@ class _BodyWriter:
         root = Prim(kind, name, metadata=['kind = "component"', *_custom_data(body.clip)])
         if body.skin is None:
             root.children = self._transforms()
+            if body.surface is not None:
+                root.children.append(self._surface(body.surface))
         else:
             root.children = [*self._rig(body.skin), self._skin(body.skin)]
         root.children.append(self._looks)
@@ -117,8 +136,8 @@ class _BodyWriter:
     def _transforms(self) -> list[Prim]:
         """Return the prims of the topmost bones, those of others below them."""
         top: list[Prim] = []
-        # Beside the topmost bones is the scope of the materials.
-        taken: dict[int, set[str]] = {-1: {self._looks.name}}
+        # Beside the topmost bones are the scope of the materials and the surface.
+        taken: dict[int, set[str]] = {-1: {self._looks.name, SURFACE}}
         prims: list[Prim] = []
         for index, node in enumerate(self._body.nodes):
             bone = node.bone
@@ -181,8 +200,7 @@ class _BodyWriter:
             f'color3f[] primvars:displayColor = {array(skin.colours)} (interpolation = "vertex")',
             f"int[] primvars:skel:jointIndices = {array(skin.joints.ravel())} ({of_points})",
             f"float[] primvars:skel:jointWeights = {array(mesh.weights.ravel())} ({of_points})",
-            "matrix4d primvars:skel:geomBindTransform = "
-            "( (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1) )",
+            f"matrix4d primvars:skel:geomBindTransform = {IDENTITY}",
             f"rel skel:skeleton = <{self._path}/bones>",
         ]
         if self._body.is_ghost:
@@ -192,6 +210,56 @@ class _BodyWriter:
         for part, triangles in skin.parts.items():
             prim.children.append(self._subset(part, triangles))
         return prim
+
+    def _surface(self, surface: SurfaceNode) -> Prim:
+        """Return a surface that goes with its anchor, and its shapes; renderers find the normals of what is smooth."""
+        path = f"{self._path}/{SURFACE}"
+        morphs = surface.morphs
+        names = [f"shape{number}" for number in range(1, len(morphs.moving) + 1)]
+        root = Prim("SkelRoot", SURFACE)
+        root.properties = [
+            *animated("double3 xformOp:translate", map(vector, surface.positions)),
+            'uniform token[] xformOpOrder = ["xformOp:translate"]',
+        ]
+        rig = Prim("Skeleton", "bones", metadata=['prepend apiSchemas = ["SkelBindingAPI"]'])
+        rig.properties = [
+            'uniform token[] joints = ["root"]',
+            f"uniform matrix4d[] bindTransforms = [{IDENTITY}]",
+            f"uniform matrix4d[] restTransforms = [{IDENTITY}]",
+            f"rel skel:animationSource = <{path}/motion>",
+        ]
+        motion = Prim("SkelAnimation", "motion")
+        weights = surface.weights[:, : len(names)]
+        motion.properties = [
+            'uniform token[] joints = ["root"]',
+            "float3[] translations = [(0, 0, 0)]",
+            "quatf[] rotations = [(1, 0, 0, 0)]",
+            "half3[] scales = [(1, 1, 1)]",
+            f"uniform token[] blendShapes = {tokens(names)}",
+            *animated("float[] blendShapeWeights", map(array, weights)),
+        ]
+        mesh = _mesh_prim("mesh", morphs.points, None, morphs.triangles)
+        mesh.metadata = ['prepend apiSchemas = ["SkelBindingAPI", "MaterialBindingAPI"]']
+        targets = ", ".join(f"<{path}/mesh/{name}>" for name in names)
+        paint = THIN_GHOST if self._body.is_ghost else CLOTH
+        of_all = '(elementSize = 1; interpolation = "constant")'
+        mesh.properties += [
+            "uniform bool doubleSided = true",
+            f"int[] primvars:skel:jointIndices = [0] {of_all}",
+            f"float[] primvars:skel:jointWeights = [1] {of_all}",
+            f"matrix4d primvars:skel:geomBindTransform = {IDENTITY}",
+            f"rel skel:skeleton = <{path}/bones>",
+            f"uniform token[] skel:blendShapes = {tokens(names)}",
+            f"rel skel:blendShapeTargets = [{targets}]",
+            f"rel material:binding = <{self._material(paint)}>",
+        ]
+        for name, target in zip(names, morphs.moving, strict=True):
+            shape = Prim("BlendShape", name)
+            offsets = array(morphs.scale * target.deltas)
+            shape.properties = [f"uniform vector3f[] offsets = {offsets}"]
+            mesh.children.append(shape)
+        root.children = [rig, motion, mesh]
+        return root
 
     def _subset(self, part: str, faces: np.ndarray) -> Prim:
         """Return the triangles of a part of the skin, which have a material of their own to be painted."""
@@ -206,7 +274,7 @@ class _BodyWriter:
 
     def _material(self, paint: Paint) -> str:
         """Return the path of the material of `paint`, made if there is none."""
-        key = paint.colour or paint.name
+        key = (paint.colour or paint.name, paint.is_thin)
         if key in self._materials:
             return self._materials[key]
         taken = {child.name for child in self._looks.children}
@@ -271,17 +339,22 @@ def _track(node: BoneNode) -> list[str]:
     ]
 
 
-def _mesh_prim(name: str, points: np.ndarray, normals: np.ndarray, triangles: np.ndarray) -> Prim:
+def _mesh_prim(
+    name: str, points: np.ndarray, normals: np.ndarray | None, triangles: np.ndarray
+) -> Prim:
+    """Return a mesh; one without `normals` is smooth, whatever becomes of its points."""
     extent = np.stack([points.min(axis=0), points.max(axis=0)])
+    scheme = "loop" if normals is None else "none"
     prim = Prim("Mesh", name)
     prim.properties = [
-        'uniform token subdivisionScheme = "none"',
+        f'uniform token subdivisionScheme = "{scheme}"',
         f"float3[] extent = {array(extent)}",
         f"int[] faceVertexCounts = {array(np.full(len(triangles), 3))}",
         f"int[] faceVertexIndices = {array(triangles.ravel())}",
         f"point3f[] points = {array(points)}",
-        f'normal3f[] normals = {array(normals)} (interpolation = "vertex")',
     ]
+    if normals is not None:
+        prim.properties.append(f'normal3f[] normals = {array(normals)} (interpolation = "vertex")')
     return prim
 
 

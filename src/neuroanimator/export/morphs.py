@@ -1,0 +1,203 @@
+"""The surface of a soft body as a mesh with morph targets: the shapes of the emulator, fitted again to a motion.
+
+    amplitudes (F, K) of all frames → singular value decomposition → targets that move the points, most telling first
+    normals (F, N, 3) of some frames → the same → targets that turn the normals
+
+A motion of some seconds needs fewer shapes than all that an emulator knows. Normals are no linear function of the
+points, and are worth targets of their own: of a cape that flaps wildly, twenty are right to 19° at root mean square,
+and the slopes of the normals along the points' targets to 46°.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.appearance.loft import Surface, normals_of
+from neuroanimator.appearance.shapes import Shapes
+
+CLOTH_RGBA = (0.74, 0.25, 0.21, 1.0)
+"""Red, green, blue (sRGB) and opacity of a surface."""
+
+TOLERANCE = 5e-4
+"""Distance of the nodes, at root mean square in the worst frame, below which no target is added, over the body's size."""
+
+NORMAL_TOLERANCE = 0.05
+"""The same of their normals, which are of length 1."""
+
+MAX_BYTES = 64
+"""Maximum number of bytes a coordinate of all targets that move points: with normals and motion, 2 MB of 5,000 nodes."""
+
+MAX_NORMALS = 20
+"""Maximum number of targets that turn normals."""
+
+SAMPLES = 128
+"""Maximum number of frames that the normals' targets are fitted to."""
+
+CHUNK = 32
+"""Frames that are decoded at a time."""
+
+LIMITS = {1: (np.int8, 2**7 - 1), 2: (np.int16, 2**15 - 1)}
+"""Kind of number, and the one that stands for 1, by its bytes."""
+
+
+class Target(NamedTuple):
+    """Changes of all nodes, or of their normals, at a weight of 1: whole numbers, of which the largest stands for 1."""
+
+    whole: Int[np.ndarray, "N 3"]
+    """Numbers of one or two bytes."""
+
+    @property
+    def deltas(self) -> Float[np.ndarray, "N 3"]:
+        """The changes, 1 at most."""
+        _, limit = LIMITS[self.whole.itemsize]
+        return self.whole / limit
+
+
+@dataclass(frozen=True, eq=False)
+class Morphs:
+    """A mesh and its targets, whose weights are between 0 and 1: Blender cuts off others."""
+
+    points: Float[np.ndarray, "N 3"]
+    """Nodes where all weights are zero, from the anchor [m]."""
+    scale: float
+    """Distance that a number of 1 in a target moves a node at a weight of 1 [m]."""
+    normals: Float[np.ndarray, "N 3"]
+    """Normals at the nodes, of length 1."""
+    triangles: Int[np.ndarray, "M 3"]
+    """Numbers of nodes, counterclockwise from outside."""
+    moving: tuple[Target, ...]
+    """Targets that move the nodes."""
+    turning: tuple[Target, ...]
+    """Targets that turn the normals; their weights, of any size, come after the others'."""
+    error: float
+    """Distance of the nodes, at root mean square in the worst frame, from where the states have them [m]."""
+
+
+class SurfaceNode(NamedTuple):
+    """A surface in motion."""
+
+    morphs: Morphs
+    positions: Float[np.ndarray, "F 3"]
+    """Positions of the anchor [m]."""
+    weights: Float[np.ndarray, "F W"]
+    """Weights of the targets, in their order."""
+
+
+def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -> list[SurfaceNode]:
+    """Return the surface in each of the `motions`, whose targets are the same."""
+    states = np.concatenate(motions)
+    amplitudes = states[:, shapes.amplitudes]
+    mean_amplitudes = amplitudes.mean(axis=0)
+    mean = shapes.mean + np.tensordot(mean_amplitudes, shapes.modes, axes=1)
+    tolerance = TOLERANCE * float(np.ptp(mean, axis=0).max())
+    moving, distances, error = _moving_targets(shapes, amplitudes - mean_amplitudes, tolerance)
+    least = distances.min(axis=0)
+    points = mean
+    for low, target in zip(least, moving, strict=True):
+        points = points + low * target.deltas
+    scale = float(np.ptp(distances, axis=0).max(initial=0.0)) or 1.0
+    weights = (distances - least) / scale
+    # Blender keeps the angles between these normals and the mesh's own, which therefore must be the same.
+    normals = surface_normals(shapes, points)
+    turning, turns = _turning_targets(shapes, states, normals)
+    morphs = Morphs(points, scale, normals, shapes.faces, moving, turning, error)
+    all_weights = np.concatenate([weights, turns], axis=1)
+    ends = np.cumsum([len(motion) for motion in motions])[:-1]
+    nodes = []
+    for motion, of_motion in zip(motions, np.split(all_weights, ends), strict=True):
+        nodes.append(SurfaceNode(morphs, shapes.anchors(motion), of_motion))
+    return nodes
+
+
+def surface_normals(
+    shapes: Shapes, points: Float[np.ndarray, "*F N 3"]
+) -> Float[np.ndarray, "*F N 3"]:
+    """Return the unit normals of a surface with its nodes at `points`."""
+    frames = points.reshape(-1, *shapes.mean.shape)
+    normals = [normals_of(Surface(frame, shapes.faces)) for frame in frames]
+    return np.reshape(normals, points.shape)
+
+
+def _moving_targets(
+    shapes: Shapes, amplitudes: Float[np.ndarray, "F K"], tolerance: float
+) -> tuple[tuple[Target, ...], Float[np.ndarray, "F R"], float]:
+    """Return the targets that move the nodes, by which distances [m], and the distance they leave [m].
+
+    Each byte is spent where it takes most error away: on one more target, or on a finer one.
+    """
+    left, sizes, mixtures = np.linalg.svd(amplitudes, full_matrices=False)
+    paths = left * sizes
+    modes = np.tensordot(mixtures, shapes.modes, axes=1)
+    # Modes are orthogonal and of root mean square 1, so squares add up. Rounding to a step errs by its square / 12.
+    _, limit = LIMITS[1]
+    steps = np.abs(modes).max(axis=(1, 2)) / limit
+    rounding = 3 * steps[:, None] ** 2 / 12
+    squares = paths.T**2
+    rewards = np.concatenate([squares * (1 - rounding), squares * rounding])
+    order = np.argsort(-rewards.sum(axis=1), kind="stable")[:MAX_BYTES]
+    errors = _errors_left(squares.sum(axis=0), rewards[order])
+    enough = _least_enough(errors, tolerance)
+    numbers, byte_counts = np.unique(order[:enough] % len(sizes), return_counts=True)
+    targets = []
+    distances = [np.zeros((len(amplitudes), 0))]
+    for number, byte_count in zip(numbers, byte_counts, strict=True):
+        target, scale = _rounded(modes[number], int(byte_count))
+        targets.append(target)
+        distances.append(scale * paths[:, number : number + 1])
+    return tuple(targets), np.concatenate(distances, axis=1), float(errors[enough])
+
+
+def _turning_targets(
+    shapes: Shapes, states: Float[np.ndarray, "F S"], base: Float[np.ndarray, "N 3"]
+) -> tuple[tuple[Target, ...], Float[np.ndarray, "F Q"]]:
+    """Return the targets that turn the normals, which are `base` without them, and their weights in all `states`."""
+    count = len(shapes.mean)
+    chosen = np.linspace(0, len(states) - 1, min(len(states), SAMPLES)).round().astype(int)
+    samples = surface_normals(shapes, shapes.decode(states[chosen]))
+    changes = (samples - base).reshape(len(samples), -1)
+    # The first singular vectors alone, of few long rows: by the products of the rows.
+    powers, left = np.linalg.eigh(changes @ changes.T)
+    powers = np.maximum(powers[::-1][:MAX_NORMALS], 0)
+    left = left[:, ::-1][:, :MAX_NORMALS]
+    errors = _errors_left((changes**2).sum(axis=1) / count, (left**2 * powers).T / count)
+    enough = _least_enough(errors, NORMAL_TOLERANCE)
+    used = left[:, :enough].T @ changes / np.sqrt(powers[:enough, None])
+    weights = np.zeros((len(states), len(used)))
+    for first in range(0, len(states), CHUNK):
+        frames = slice(first, first + CHUNK)
+        normals = surface_normals(shapes, shapes.decode(states[frames]))
+        weights[frames] = (normals - base).reshape(len(normals), -1) @ used.T
+    targets = []
+    for number, mode in enumerate(used):
+        target, scale = _rounded(mode.reshape(count, 3), 1)
+        targets.append(target)
+        weights[:, number] *= scale
+    return tuple(targets), weights
+
+
+def _errors_left(
+    squares: Float[np.ndarray, " F"], rewards: Float[np.ndarray, "R F"]
+) -> Float[np.ndarray, " _"]:
+    """Return the error in the worst frame after none, one and so on of the `rewards` is taken from its square."""
+    taken = np.cumsum(rewards, axis=0)
+    left = np.concatenate([squares[None], squares - taken])
+    return np.sqrt(np.maximum(left, 0).max(axis=1))
+
+
+def _least_enough(errors: Float[np.ndarray, " _"], tolerance: float) -> int:
+    """Return the place of the first of the `errors` within the tolerance; that of the last if there is none."""
+    within = np.flatnonzero(errors <= tolerance)
+    return int(within[0]) if len(within) else len(errors) - 1
+
+
+def _rounded(mode: Float[np.ndarray, "N 3"], byte_count: int) -> tuple[Target, float]:
+    """Return a target in numbers of `byte_count` bytes, and the weight at which it is the `mode`."""
+    kind, limit = LIMITS[byte_count]
+    largest = float(np.abs(mode).max())
+    whole = np.round(mode / largest * limit).astype(kind)
+    return Target(whole), largest

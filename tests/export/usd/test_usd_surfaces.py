@@ -1,0 +1,44 @@
+"""The surface of a soft body in a USD file: blend shapes bring its nodes where the states have them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from soft_bodies import distances, soft_clip, wavy_shapes
+
+from neuroanimator import write_usd
+from neuroanimator.export.morphs import TOLERANCE
+
+pxr = pytest.importorskip("pxr")
+
+from pxr import Gf, Usd, UsdGeom, UsdSkel, UsdValidation  # noqa: E402
+
+
+def test_usd_has_blend_shapes_that_bring_nodes_where_the_states_have_them(tmp_path: Path):
+    clip = soft_clip(wavy_shapes(), frames=5)
+    write_usd(clip, tmp_path / "a.usda", ghost=clip)
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    every = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(every).Validate(stage)
+    assert [error.GetMessage() for error in errors] == []
+    roots = [UsdSkel.Root(prim) for prim in stage.Traverse() if prim.IsA(UsdSkel.Root)]
+    assert len(roots) == 2
+    for root in roots:
+        UsdSkel.BakeSkinning(root, Gf.Interval(0, 4))
+        (mesh,) = [prim for prim in Usd.PrimRange(root.GetPrim()) if prim.IsA(UsdGeom.Mesh)]
+        points = []
+        for frame in range(5):
+            own = np.array(UsdGeom.Mesh(mesh).GetPointsAttr().Get(frame), float)
+            placed = UsdGeom.XformCache(Usd.TimeCode(frame)).GetLocalToWorldTransform(mesh)
+            points.append(own + np.array(placed)[3, :3])
+        assert distances(np.array(points), clip).max() < TOLERANCE * 1.1
+
+
+def test_a_surface_that_keeps_its_shape_is_written_without_blend_shapes(tmp_path: Path):
+    clip = soft_clip(wavy_shapes(10), frames=2)
+    clip.states[1] = clip.states[0]
+    write_usd(clip, tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    assert not [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.BlendShape)]

@@ -1,0 +1,59 @@
+"""A made-up soft body, for tests of what draws it: a square of cloth that waves below a ball."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuroanimator import Clip
+from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
+from neuroanimator.state.links import Joint
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def wavy_shapes(side: int = 40, count: int = 12) -> Shapes:
+    """Return a square of `side` x `side` nodes, 1 m wide, and smooth shapes of it; a state begins with the anchor."""
+    line = np.linspace(0, 1, side)
+    across, down = (axis.ravel() for axis in np.meshgrid(line, line))
+    mean = np.stack([across - 0.5, 0 * across, -down], axis=1)
+    waves = []
+    for number in range(count):
+        along = (1 + number % 5) * across + (1 + number // 5) * down
+        wave = np.zeros((side * side, 3))
+        wave[:, (1, 0, 2)[number % 3]] = down * np.sin(np.pi * along + number)
+        waves.append(wave.ravel())
+    orthogonal, _ = np.linalg.qr(np.stack(waves, axis=1))
+    modes = orthogonal.T.reshape(count, -1, 3) * side
+    node = np.arange(side * side).reshape(side, side)
+    first = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:]], axis=-1).reshape(-1, 3)
+    second = np.stack([node[:-1, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 3)
+    return Shapes(mean, modes, np.concatenate([first, second]), first=3, anchor=0)
+
+
+def soft_clip(
+    shapes: Shapes, frames: int = 20, decay: float = 1.5, seed: int = 0, name: str = "flag"
+) -> Clip:
+    """Return a motion whose `shapes` swing the less the later they come."""
+    joints = tuple(Joint("slide", entry, axis, (0.0, 0.0, 0.0)) for entry, axis in enumerate(AXES))
+    ball = Shape("sphere", (0.05,), (0.0, 0.0, 0.0), UPRIGHT, (0.2, 0.4, 0.8, 1.0))
+    hand = Bone("hand", -1, (0.0, 0.0, 0.0), UPRIGHT, joints, (ball,))
+    skeleton = Skeleton((hand,), shapes=shapes)
+    rng = np.random.default_rng(seed)
+    times = np.arange(frames) / 30
+    count = len(shapes.modes)
+    swings = 0.15 / (1 + np.arange(count)) ** decay
+    rates = rng.uniform(2, 25, count)
+    states = np.zeros((frames, 3 + count))
+    states[:, 0] = 0.3 * np.sin(2 * times + seed)
+    states[:, 2] = 1.5
+    states[:, 3:] = swings * np.sin(rates * times[:, None] + rng.uniform(0, 6, count))
+    return Clip(name, skeleton, times, states)
+
+
+def distances(points: np.ndarray, clip: Clip) -> np.ndarray:
+    """Return the distance of the nodes from where the states have them, at root mean square, in each frame [m]."""
+    assert clip.skeleton.shapes is not None
+    away = points - clip.skeleton.shapes.decode(clip.states)
+    return np.sqrt((away**2).sum(axis=2).mean(axis=1))
