@@ -265,7 +265,15 @@ def read_glb(path: Path) -> tuple[dict, bytes]:
 def accessor(document: dict, binary: bytes, index: int) -> np.ndarray:
     """Return the numbers (count, K) accessor `index` points to."""
     entry = document["accessors"][index]
+    width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}[entry["type"]]
+    kinds = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+    kind = np.dtype(kinds[entry["componentType"]])
+    if "bufferView" not in entry:
+        return np.zeros((entry["count"], width), kind)
     view = document["bufferViews"][entry["bufferView"]]
-    kind = {5126: "<f4", 5123: "<u2"}[entry["componentType"]]
     data = np.frombuffer(binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]], kind)
-    return data.reshape(entry["count"], -1)
+    stride = view.get("byteStride", width * kind.itemsize) // kind.itemsize
+    numbers = data.reshape(-1, stride)[: entry["count"], :width]
+    if entry.get("normalized"):
+        return numbers / np.iinfo(kind).max
+    return numbers

@@ -20,7 +20,7 @@ def run(
         str,
         typer.Argument(
             help="MJCF or URDF file, a Gymnasium environment such as Swimmer-v5, a Python file with a function "
-            "step(state, control, dt), or recordings in CSV or NPZ."
+            "step(state, control, dt), recordings in CSV or NPZ, or the mesh of a cloth in OBJ."
         ),
     ],
     out: Annotated[

@@ -10,6 +10,7 @@ import abc
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -30,9 +31,11 @@ from neuroanimator.data.shard_checks import (
     refuse,
     whole_number,
 )
+from neuroanimator.definitions.carried import remember_folder
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import (
     HEADER_LIMIT,
+    SIZE_LIMIT,
     canonical_json,
     digest,
     one_line,
@@ -45,7 +48,7 @@ from neuroanimator.files.json_text import parse_json_object
 from neuroanimator.files.places import Place, place_of
 from neuroanimator.files.tables import first_fault
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.loading import named_model, names_model
+from neuroanimator.systems.loading import named_model, named_shapes, names_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.model_xml import MAX_TOTAL
 from neuroanimator.systems.system import System
@@ -101,14 +104,19 @@ def claim_folder(folder: Place, config: DatasetConfig) -> None:
 
 
 def _keep_model(folder: Place, config: DatasetConfig) -> None:
-    """Write the model of a user's own system into `folder`, if its physics is one."""
+    """Write the model of a user's own system, or the shapes of a soft body, into `folder`."""
+    shapes = named_shapes(config.definition)
+    if shapes is not None:
+        write_first(folder / shapes.name, read_bounded(shapes, SIZE_LIMIT))
     files = named_model(config.definition)
     if files is not None:
         write_first(folder / MODEL_NAME, canonical_json(files.to_json()).encode())
 
 
 def _use_model(folder: Place, config: DatasetConfig) -> None:
-    """Make the model that lies in a dataset known to this process, unless it is; its digests tell whether it is the right one."""
+    """Make the model, or the shapes, in a dataset known to this process; digests tell whether they are the right ones."""
+    if isinstance(folder, Path) and config.definition:
+        remember_folder(config.definition, folder)
     path = folder / MODEL_NAME
     if not names_model(config.definition) or not path.exists():
         return

@@ -16,6 +16,7 @@ from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
+from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.json_text import MAX_DEFINITION, parse_json_object
@@ -29,6 +30,7 @@ TABLES: dict[str, type[Any]] = {
     "mass-spring": BodyDefinition,
     "python": PythonDefinition,
     "recorded": RecordedDefinition,
+    "soft": SoftDefinition,
 }
 """Tables that definitions of each kind are checked against."""
 
@@ -61,8 +63,8 @@ class Written(NamedTuple):
     definition: Any
     """The checked table, one of `TABLES`, by `kind`."""
     files: Any
-    """JSON values: of a model the TOML file's name, the main file's, and the sha256 of each file; of a step function or
-    recordings their name and sha256. Older versions had the model's files here, in base64."""
+    """JSON values: of a model the TOML file's name, the main file's, and the sha256 of each file; of a step function,
+    recordings or shapes their name and sha256. Older versions had the model's files here, in base64."""
 
 
 def kind_of(values: Any) -> str:
@@ -141,7 +143,7 @@ def _check_files(kind: str, files: Any) -> None:
     """Raise ValueError, KeyError or TypeError unless `files` names files as a definition of this kind does."""
     if kind == "mujoco" and not is_whole_model(files):
         _check_model_files(files)
-    if kind not in ("python", "recorded"):
+    if kind not in ("python", "recorded", "soft"):
         return
     check_file_name(files["name"])
     _check_digest(files["sha256"])

@@ -9,6 +9,7 @@ import numpy as np
 
 from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.emulator.description import FORMAT, Made, blank, describe
+from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.tensors import emulator_leaves, emulator_tensors, with_tensors
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -29,7 +30,11 @@ def save(emulator: SuperStep, path: Path, provenance: dict[str, Any] | None = No
     """Write `emulator`; `provenance` says what it was trained on and how (any JSON)."""
     metadata = describe(emulator)
     metadata["provenance"] = provenance or {}
-    write_tensors(path, emulator_tensors(emulator), metadata)
+    tensors = emulator_tensors(emulator)
+    shapes = emulator.skeleton.shapes
+    if shapes is not None:
+        tensors |= prefixed("shapes", shapes.tensors())
+    write_tensors(path, tensors, metadata)
 
 
 def check_readable(emulator: SuperStep, folder: Path, provenance: dict[str, Any]) -> None:
@@ -55,7 +60,8 @@ def load(path: Path, kind: type[Made]) -> Made:
     tensors, metadata = read_tensors(path, "emulator")
     check_format(path, metadata.get("format"), FORMAT, MAKER)
     try:
-        emulator = with_tensors(blank(metadata, kind), emulator_leaves, tensors)
+        weights, shapes = _parted(tensors)
+        emulator = with_tensors(blank(metadata, kind, shapes), emulator_leaves, weights)
         check_arrays(emulator)
     except FAULTS as error:
         raise BadFileError(
@@ -67,6 +73,20 @@ def load(path: Path, kind: type[Made]) -> Made:
 
         remember_folder(emulator.definition, path.parent)
     return emulator
+
+
+def _parted(
+    tensors: dict[str, np.ndarray],
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return (the arrays of an emulator, those of a soft body's shapes by their own names)."""
+    weights = {}
+    shapes = {}
+    for name, tensor in tensors.items():
+        if name.startswith("shapes."):
+            shapes[name.removeprefix("shapes.")] = tensor
+        else:
+            weights[name] = tensor
+    return weights, shapes
 
 
 def check_arrays(emulator: SuperStep) -> None:

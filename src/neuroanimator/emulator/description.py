@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
@@ -30,12 +32,15 @@ from neuroanimator.state.gait import Gait
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.layout import MAX_NUMBERS, Bounds, Layout
 from neuroanimator.state.segments import (
+    Driven,
+    Lag,
     Points,
     PointVelocities,
     moves_freely,
     segments_from_json,
     segments_to_json,
 )
+from neuroanimator.state.shape_contacts import ShapeContacts
 from neuroanimator.state.structure import Probe
 from neuroanimator.text import quoted
 
@@ -83,6 +88,11 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
     }
     if emulator.frame.contacts is not None:
         described["contacts"] = emulator.frame.contacts.to_json()
+    shapes = emulator.skeleton.shapes
+    if shapes is not None:
+        described["shapes"] = {"first": shapes.first, "anchor": shapes.anchor}
+    if emulator.frame.shape_contacts is not None:
+        described["shape_contacts"] = emulator.frame.shape_contacts.to_json()
     if emulator.strides > 1:
         described["strides"] = emulator.strides
     meter = emulator.meter
@@ -152,18 +162,24 @@ def _describe_network(network: Network) -> dict[str, Any]:
     }
 
 
-def blank(metadata: dict[str, Any], kind: type[Made]) -> Made:
-    """Return an emulator of the described structure with zeros for weights.
+def blank(
+    metadata: dict[str, Any], kind: type[Made], shapes: Mapping[str, np.ndarray] | None = None
+) -> Made:
+    """Return an emulator of the described structure with zeros for weights; `shapes` are the arrays of a soft body's.
 
     Raises one of `artifact.FAULTS` for whatever no emulator has.
     """
     spec = _spec(metadata)
+    if "shapes" in metadata:
+        spec = replace(spec, skeleton=_with_shapes(metadata["shapes"], shapes or {}, spec))
     controls = spec.control.size
     encoding = _encoding(metadata["modes"], spec)
     latent_size = encoding.layout.size
     frame = _frame(metadata["frame"], latent_size, controls, spec.dt / spec.strides)
     if "contacts" in metadata:
         frame = replace(frame, contacts=_contacts(metadata["contacts"], frame, spec))
+    if "shape_contacts" in metadata:
+        frame = replace(frame, shape_contacts=_shape_contacts(metadata["shape_contacts"], spec))
     others = frame.local_size + frame.control_size(controls)
     changes = frame.change_size(latent_size)
     features = _features(metadata["features"], latent_size, others)
@@ -320,6 +336,8 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
         raise ValueError("frame: its segments do not fill the state")
     if any(isinstance(segment, Points | PointVelocities) for segment in segments):
         raise ValueError("frame: mass points are decoded by modes")
+    if any(isinstance(segment, Driven | Lag) and segment.size != controls for segment in segments):
+        raise ValueError("frame: wanted as many numbers that follow controls as there are controls")
     if any(segment.rate >= state_size - 1 for segment in segments):
         raise ValueError("frame: a rate lies outside the state")
     probes = listed(described["probes"], "frame: probes", _probe)
@@ -341,6 +359,24 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
         has_gravity=flag(described["has_gravity"], "frame: weighs"),
         is_immersed=flag(described["is_immersed"], "frame: is_immersed"),
         external_forces=external_forces,
+    )
+
+
+def _with_shapes(described: Any, tensors: Mapping[str, np.ndarray], spec: EmulatorSpec) -> Skeleton:
+    """Return the skeleton with the shapes of its surface."""
+    first = whole(described["first"], "shapes: first", 0, MAX_NUMBERS)
+    anchor = whole(described["anchor"], "shapes: anchor", -1, MAX_NUMBERS)
+    shapes = Shapes.from_tensors(tensors, first, anchor, spec.state.size)
+    return replace(spec.skeleton, shapes=shapes)
+
+
+def _shape_contacts(described: Any, spec: EmulatorSpec) -> ShapeContacts:
+    """Return the contacts of the skeleton's surface."""
+    shapes = spec.skeleton.shapes
+    if shapes is None:
+        raise ValueError("shape contacts: of no shapes")
+    return ShapeContacts.from_json(
+        described, shapes.mean, shapes.modes, spec.state.size, spec.control.size
     )
 
 

@@ -179,7 +179,8 @@ def make_test(
             f"{system.name}: every test run diverged in the physics itself. Use a smaller step."
         )
     changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
-    test = HeldOut(system, dt, states, controls, changes.std(axis=(0, 1)))
+    scale = system.structure.common_scale(changes.std(axis=(0, 1)))
+    test = HeldOut(system, dt, states, controls, scale)
     if not test.moves.any():
         raise ArgumentError(
             f"{system.name}: nothing changes by {MIN_CHANGE:g} of its unit in a super step."

@@ -49,7 +49,12 @@ MAX_REASON = 200
 MAX_ID_DIGITS = 20
 """Bytes read of a lock file, which holds a process id."""
 
-DTYPES = {"F32": np.dtype("<f4"), "F64": np.dtype("<f8"), "I32": np.dtype("<i4")}
+DTYPES = {
+    "F32": np.dtype("<f4"),
+    "F64": np.dtype("<f8"),
+    "I16": np.dtype("<i2"),
+    "I32": np.dtype("<i4"),
+}
 """The number types a tensor may have, as safetensors calls them and as NumPy does."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT)

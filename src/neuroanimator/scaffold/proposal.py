@@ -13,6 +13,7 @@ from tomlkit.items import Table
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
+from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.text import printable
 
 GROUP_HINT = """\
@@ -31,11 +32,20 @@ PARTs: """
 """Comment at the end of a TOML file that may name goals; the names of the parts follow it."""
 
 
+SOURCES = {
+    Definition: "model",
+    PythonDefinition: "file",
+    RecordedDefinition: "file",
+    SoftDefinition: "mesh",
+}
+"""Key of a definition that names the file it was made from."""
+
+
 @dataclass(frozen=True)
 class Proposal:
     """A definition, and what is worth telling the user about it."""
 
-    definition: Definition | PythonDefinition | RecordedDefinition
+    definition: Definition | PythonDefinition | RecordedDefinition | SoftDefinition
     comments: Mapping[str, str]
     """Per table of the TOML file its title, and per key of a table ("table.key") why its value was proposed."""
     parts: tuple[str, ...]
@@ -55,7 +65,7 @@ def as_toml(proposal: Proposal) -> str:
         values.pop(name, None)
     if not values.get("passive"):
         values.pop("passive", None)
-    source = values["model"].split("/")[-1] if is_model else values["file"]
+    source = values[SOURCES[type(definition)]].split("/")[-1]
     document = tomlkit.document()
     _add_comment(
         document,
@@ -63,7 +73,7 @@ def as_toml(proposal: Proposal) -> str:
     )
     _fill(document, values, proposal.comments)
     hints = [GROUP_HINT] if is_model else []
-    if definition.control:
+    if proposal.parts:
         hints.append(GOAL_HINT + ", ".join(proposal.parts))
     for hint in hints:
         document.add(tomlkit.nl())

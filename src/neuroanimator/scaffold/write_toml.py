@@ -10,6 +10,7 @@ from typing import Literal
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.names import SYSTEM_PATTERN
+from neuroanimator.scaffold.cloth import propose_cloth
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.function import propose_function
 from neuroanimator.scaffold.model import propose
@@ -19,7 +20,12 @@ from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.trusted_files import trust_file
 from neuroanimator.text import quoted
 
-PROPOSERS = {".py": propose_function, ".csv": propose_recording, ".npz": propose_recording}
+PROPOSERS = {
+    ".py": propose_function,
+    ".csv": propose_recording,
+    ".npz": propose_recording,
+    ".obj": propose_cloth,
+}
 """Functions that propose a definition for files with these endings, which are no models."""
 
 

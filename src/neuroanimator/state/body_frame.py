@@ -30,6 +30,7 @@ from neuroanimator.state.segments import (
     orientations_of,
     place_segments,
 )
+from neuroanimator.state.shape_contacts import ShapeContacts
 from neuroanimator.state.structure import Probe, Structure
 
 GRAVITY_FEATURES = 3
@@ -58,6 +59,8 @@ class Frame(eqx.Module):
     """(3, C) force [N] in the world per control; empty where controls are no such forces."""
     contacts: Contacts | None = eqx.field(static=True, default=None)
     """Points that may touch the ground and joints that may reach a stop; None where networks are shown nothing of them."""
+    shape_contacts: ShapeContacts | None = eqx.field(static=True, default=None)
+    """Nodes of a soft body that may touch what moves; None of other bodies."""
 
     @classmethod
     def of(cls, structure: Structure, dt: float) -> Frame:
@@ -71,6 +74,7 @@ class Frame(eqx.Module):
             cloud=structure.cloud,
             external_forces=structure.external_forces,
             contacts=structure.contacts,
+            shape_contacts=structure.shape_contacts,
         )
 
     def change_size(self, state_size: int) -> int:
@@ -192,12 +196,20 @@ class Frame(eqx.Module):
 
     def control_size(self, controls: int) -> int:
         """Return how many numbers `felt_control` makes of so many controls."""
+        if self.shape_contacts is not None:
+            return controls + self.shape_contacts.size
         return 3 if self.external_forces else controls
 
     def felt_control(
         self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"]
     ) -> Float[AnyArray, "... F"]:
-        """Return the controls (..., C) as the body feels them: forces of the world along its own axes."""
+        """Return the controls (..., C) as the body feels them: forces of the world along its own axes.
+
+        Of a soft body with them the contacts that what they move may come to.
+        """
+        if self.shape_contacts is not None:
+            contacts = self.shape_contacts.shown(state, control, self.dt)
+            return control.__array_namespace__().concat([control, *contacts], axis=-1)
         if not self.external_forces:
             return control
         xp = control.__array_namespace__()

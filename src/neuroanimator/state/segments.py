@@ -363,6 +363,28 @@ class Lag(Segment):
         return around.control + left * (entries - around.control)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Driven(Segment):
+    """Positions whose velocities are the controls: known exactly, so nothing of their change is predicted."""
+
+    kind: ClassVar[str] = "driven"
+
+    @property
+    def change_size(self) -> int:
+        return 0
+
+    def apply(
+        self,
+        entries: Float[AnyArray, "... S"],
+        change: Float[AnyArray, "... 0"],
+        coasting: Coasting,
+        around: Surroundings,
+    ) -> Float[AnyArray, "... S"]:
+        if around.control is None:
+            return entries
+        return entries + around.dt * around.control
+
+
 SEGMENTS: dict[str, type[Segment]] = {
     segment.kind: segment
     for segment in (
@@ -376,6 +398,7 @@ SEGMENTS: dict[str, type[Segment]] = {
         Points,
         PointVelocities,
         Lag,
+        Driven,
     )
 }
 """Every kind of segment by the name that files give it."""
@@ -450,7 +473,7 @@ def _segment_from_json(row: Any) -> Segment:
     segment_class = SEGMENTS.get(kind) if isinstance(kind, str) else None
     if segment_class is Lag:
         return Lag(size=size, rate=rate, time_constant=float(time_constant))
-    if segment_class in (Plain, Points, PointVelocities):
+    if segment_class in (Plain, Points, PointVelocities, Driven):
         return segment_class(size=size, rate=rate)
     if segment_class is not None:
         segment = segment_class(rate=rate)  # pyright: ignore[reportCallIssue]

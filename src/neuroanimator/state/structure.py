@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from neuroanimator.files.numbers import entries
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Segment, moves_freely, orientations_of
+from neuroanimator.state.shape_contacts import ShapeContacts
 
 Probe = tuple[float, float, float, float]
 """Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
@@ -76,6 +80,7 @@ class Structure:
     `has_gravity`: whether the root feels gravity, so that up and down matter.
     `is_immersed`: whether probes look for the surface of water instead of for the ground.
     `contacts`: what of a jointed body may touch the ground or reach a stop.
+    `shape_contacts`: what of a soft body may touch what moves.
     """
 
     angles: tuple[tuple[int, ...], ...]
@@ -93,6 +98,7 @@ class Structure:
     external_forces: tuple[tuple[float, ...], ...] = ()
     is_immersed: bool = False
     contacts: Contacts | None = None
+    shape_contacts: ShapeContacts | None = None
 
     def __str__(self) -> str:
         """Return what it has, by number; `repr` says all of it, and names what is compiled for it."""
@@ -108,6 +114,16 @@ class Structure:
         if moves_freely(self.segments):
             told.insert(0, "a free root")
         return f"Structure({', '.join(told)})"
+
+    def common_scale(self, scale: Float[np.ndarray, " V"]) -> Float[np.ndarray, " V"]:
+        """Return the scales of the numbers of a change, the same one for all amplitudes of a soft body, and for all rates.
+
+        Their errors add up to those of its nodes, whichever shape they are of.
+        """
+        if self.shape_contacts is None:
+            return scale
+        parts = np.split(scale, 2)
+        return np.concatenate([np.full_like(part, np.sqrt(np.mean(part**2))) for part in parts])
 
     @property
     def orientations(self) -> tuple[tuple[int, int], ...]:

@@ -23,6 +23,7 @@ from neuroanimator.definitions.carried import (
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
+from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import check_table, read_toml
@@ -34,8 +35,16 @@ from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
+from neuroanimator.systems.soft.shape_file import made_for, read_shapes
+from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import System
-from neuroanimator.systems.trusted_files import digest_of, know_model, known_models, trust_file
+from neuroanimator.systems.trusted_files import (
+    digest_of,
+    know_model,
+    known_models,
+    trust_file,
+    trusted_path,
+)
 from neuroanimator.text import quoted
 
 
@@ -171,11 +180,49 @@ def _make_body(definition: BodyDefinition, files: Any, text: str) -> System:
     return DeformableSystem(definition, text)
 
 
+def _pack_shapes(toml: Path, definition: SoftDefinition) -> dict[str, Any]:
+    path = made_for(toml, definition)
+    return {"name": path.name, "sha256": trust_file(path)}
+
+
+def _make_soft(definition: SoftDefinition, files: dict[str, Any], text: str) -> System:
+    path = _find_shapes(definition.name, files, text)
+    return SoftSystem(definition, read_shapes(path, definition), text)
+
+
+def named_shapes(text: str) -> Path | None:
+    """Return the path of the shapes that the definition in `text` names; None if it names none, or if they are not at hand."""
+    if not text:
+        return None
+    written = read_definition_text(text)
+    if written.kind != "soft":
+        return None
+    try:
+        return _find_shapes(written.definition.name, written.files, text)
+    except MissingPhysicsError:
+        return None
+
+
+def _find_shapes(name: str, files: dict[str, Any], text: str) -> Path:
+    """Return the path of the shapes with this sha256: of a TOML file named here, or beside a file that has this text."""
+    wanted = files["sha256"]
+    known = trusted_path(wanted)
+    beside = [folder / files["name"] for folder in remembered_folders(text)]
+    for path in [known, *beside]:
+        if path is not None and path.is_file() and digest_of(path) == wanted:
+            return path
+    raise MissingPhysicsError(
+        f"{name}: its shapes were not found: wanted {files['name']}, which --system with its TOML file makes again. Without "
+        "them an emulator animates, can be exported, and finds controls that nothing proves."
+    )
+
+
 LOADERS = {
     "mujoco": Loader(_read_model, _pack_model, _make_model),
     "mass-spring": Loader(_pack_nothing, _pack_nothing, _make_body),
     "python": Loader(_trust_source, _pack_function, PythonSystem),
     "recorded": Loader(_trust_source, _pack_recording, RecordedSystem),
+    "soft": Loader(_pack_shapes, _pack_shapes, _make_soft),
 }
 """Loaders of each kind of system; the kinds are those of `definitions.carried.TABLES`."""
 

@@ -75,6 +75,11 @@ def trust_file(path: Path) -> str:
     return digest
 
 
+def trusted_path(digest: str) -> Path | None:
+    """Return where a file with this sha256 was when it was allowed; None if none was."""
+    return _TRUSTED.get(digest)
+
+
 def digest_of(path: Path) -> str:
     """Return the sha256 of a file's bytes, its name from now on. Allows nothing."""
     return hashlib.sha256(read_bounded(path, MAX_FILE)).hexdigest()

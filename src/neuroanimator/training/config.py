@@ -34,6 +34,9 @@ ON_GROUND = LARGE_BATCHES | {"widths": (256, 192), "updates": 16_000}
 WITH_STOPS = LARGE_BATCHES | {"widths": (128, 96), "updates": 32_000}
 """Bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
 
+SOFT = LARGE_BATCHES | {"widths": (256, 256), "updates": 16_000}
+"""Soft bodies, which are told of contacts by hundreds of numbers."""
+
 MIN_MEMORY = 16 * 10**6
 """With less, not even one shard of the smallest system would fit [bytes]."""
 
@@ -45,6 +48,15 @@ SIZE_UNITS = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 SIZE = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,6})?) ?(kB|MB|GB|TB)", re.ASCII)
 
 DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
+
+
+def _suited(structure: Structure) -> dict[str, Any]:
+    """Return the settings that suit states of this `structure`, where they are not everybody's."""
+    if structure.shape_contacts is not None:
+        return SOFT
+    if structure.contacts is None:
+        return {}
+    return ON_GROUND if structure.contacts.points else WITH_STOPS
 
 
 class TrainingConfig(Settings):
@@ -111,8 +123,8 @@ class TrainingConfig(Settings):
         """Return how states of this `structure` are learnt if nothing but `settings` is said."""
         is_usual = settings.get("network", "gated") in ("gated", "glu")
         is_usual &= settings.get("optimizer", "muon") == "muon"
-        if structure.contacts is not None and is_usual:
-            suited = ON_GROUND if structure.contacts.points else WITH_STOPS
+        suited = _suited(structure)
+        if suited and is_usual:
             if "batch" in settings:
                 suited = {key: value for key, value in suited.items() if key not in LARGE_BATCHES}
             settings = suited | settings

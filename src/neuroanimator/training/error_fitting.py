@@ -169,7 +169,7 @@ def _usual_change(
     """Return the standard deviation of each number's change in a super step; 0 for what never moves."""
     changes = Frame.of(structure, 0.0).difference(states[:, :-1], states[:, 1:])
     deviation = changes.std(axis=(0, 1))
-    return np.where(deviation >= MIN_CHANGE, deviation, 0)
+    return structure.common_scale(np.where(deviation >= MIN_CHANGE, deviation, 0))
 
 
 class _Measured(NamedTuple):

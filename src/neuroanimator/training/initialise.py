@@ -296,7 +296,7 @@ def _normaliser(
         if not moves.any():
             raise ArgumentError(NOTHING_MOVES)
         change_scale = np.where(moves, change_scale, 0.0)
-        unit = np.where(moves, unit, 0.0)
+        unit = data.system.structure.common_scale(np.where(moves, unit, 0.0))
     else:  # the latent numbers of a deformable body all move, and have units of their own
         unit = _body_units(data, latent)
     plain_mean = np.where(odd_raw, 0.0, raw.mean)

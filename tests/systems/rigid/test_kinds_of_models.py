@@ -212,7 +212,9 @@ REFUSED = {
     "models inside models are not supported. Write one model: python -c": model_with(
         others='<asset><model name="x" file="x.xml"/></asset>'
     ),
-    "soft bodies are not supported": model_with(others='<deformable><flex name="f"/></deformable>'),
+    "soft bodies of MuJoCo are not supported": model_with(
+        others='<deformable><flex name="f"/></deformable>'
+    ),
     "plugins run foreign code": model_with(
         others='<extension><plugin plugin="mujoco.pid"/></extension>'
     ),

@@ -41,6 +41,7 @@ __all__ = [
     "keep_velocity",
     "reach_heading",
     "reach_height",
+    "reach_node",
     "reach_point",
     "reach_position",
     "reach_positions",
@@ -284,6 +285,63 @@ def reach_point(
         within=_positive("within", within),
         chain=system.skeleton.chain_to(body),
         offset=tuple(map(float, place)),
+        axes=which,
+    )
+
+
+class NearNode(NearTerm):
+    """Be somewhere with a node of a soft body: a flag's corner."""
+
+    place: Float[AnyArray, " 3"]
+    """From the anchor, if all amplitudes are zero [m]."""
+    modes: Float[AnyArray, "R 3"]
+    """Displacement of the node by each amplitude: no other node is put together."""
+    first: int = eqx.field(static=True)
+    """State entry of the first amplitude."""
+    anchor: int = eqx.field(static=True)
+    """State entry where the position begins that all nodes go with; -1 if there is none."""
+    axes: tuple[int, ...] = eqx.field(static=True)
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
+        amplitudes = state[..., self.first : self.first + self.modes.shape[0]]
+        node = self.place + amplitudes @ self.modes
+        if self.anchor >= 0:
+            node = node + state[..., self.anchor : self.anchor + 3]
+        return node[..., np.array(self.axes)]
+
+
+def reach_node(
+    system: System,
+    node: int,
+    position: ArrayLike,
+    *,
+    within: float,
+    at: float | None = None,
+    since: float | None = None,
+    axes: str = "xyz",
+    weight: float = 1.0,
+) -> NearNode:
+    """Return the cost of a soft body's node not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
+
+    Nodes are numbered from 0 in the order of the mesh. Raises ArgumentError if the body is none, or has no such node.
+    """
+    which = _axes(axes)
+    shapes = system.skeleton.shapes
+    if shapes is None:
+        raise ArgumentError(
+            f"node: {system.name} is no soft body, which alone has nodes. reach_point is for a point of a body."
+        )
+    if not 0 <= node < len(shapes.mean):
+        raise ArgumentError(f"node: wanted 0 to {len(shapes.mean) - 1}, came {node}.")
+    return NearNode(
+        weight=as_parameter(weight),
+        when=Moments.of(at, since),
+        wanted=_numbers("position", position, len(which)),
+        within=_positive("within", within),
+        place=as_parameter(shapes.mean[node]),
+        modes=as_parameter(shapes.modes[:, node]),
+        first=shapes.first,
+        anchor=shapes.anchor,
         axes=which,
     )
 

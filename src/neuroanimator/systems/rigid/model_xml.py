@@ -62,8 +62,13 @@ FLATTEN = (
 )
 """Advice on a model that attaches others."""
 
+SOFT = "soft bodies of MuJoCo are not supported. Remove it, or bring a cloth as a mesh: neuroanimator new cloth.obj"
+
 REFUSED = {
-    **dict.fromkeys(("composite", "flexcomp", "flex"), "soft bodies are not supported. Remove it"),
+    **dict.fromkeys(
+        ("composite", "flexcomp", "flex"),
+        "soft bodies of MuJoCo are not supported. Remove it, or bring a cloth as a mesh: neuroanimator new cloth.obj",
+    ),
     **dict.fromkeys(("attach", "model"), FLATTEN),
     "plugin": "plugins run foreign code. Remove it",
 }

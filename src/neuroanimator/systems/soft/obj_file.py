@@ -1,0 +1,60 @@
+"""Triangles of a Wavefront OBJ file: its vertices and faces, and nothing else of it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.appearance.shapes import MAX_NODES
+from neuroanimator.errors import BadFileError
+
+MAX_FILE = 64 * 2**20
+"""Maximum size of a file [bytes]."""
+
+MAX_CORNERS = 16
+"""Maximum number of corners of a face."""
+
+
+def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "F 3"]]:
+    """Return (positions of the vertices [m], corners of the triangles) in the file's order and axes.
+
+    A face of more corners becomes a fan of triangles. Raises BadFileError naming the file and the line.
+    """
+    positions: list[list[float]] = []
+    faces: list[tuple[int, int, int]] = []
+    for number, line in enumerate(content.decode("utf-8", errors="replace").splitlines(), start=1):
+        kind, *values = line.split() or [""]
+        try:
+            if kind == "v":
+                position = [float(value) for value in values[:3]]
+                if len(position) < 3 or not np.isfinite(position).all():
+                    raise ValueError
+                positions.append(position)
+            elif kind == "f":
+                corners = [_corner(value, len(positions)) for value in values[: MAX_CORNERS + 1]]
+                if not 3 <= len(corners) <= MAX_CORNERS:
+                    raise ValueError
+                faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+        except ValueError as error:
+            wanted = "three numbers" if kind == "v" else f"3 to {MAX_CORNERS} vertices of the file"
+            raise BadFileError(
+                f"{name}: line {number}: wanted {wanted}. Export it again."
+            ) from error
+        if len(positions) > MAX_NODES:
+            raise BadFileError(
+                f"{name}: more than {MAX_NODES:,} vertices, which a step takes seconds of. Decimate the mesh."
+            )
+    if not faces:
+        raise BadFileError(f"{name}: no faces. Export a surface as OBJ.")
+    return np.array(positions), np.array(faces)
+
+
+def _corner(text: str, count: int) -> int:
+    """Return the number of a vertex, from 0: as the file counts from 1, or from the last one backwards."""
+    index = int(text.split("/")[0])
+    number = index - 1 if index > 0 else count + index
+    if not 0 <= number < count:
+        raise ValueError
+    return number

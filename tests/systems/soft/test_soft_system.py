@@ -1,0 +1,261 @@
+"""Cloths as systems: what their states say of them, and how they are driven."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import neuroanimator as na
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import resolve
+from neuroanimator.systems.soft.find_shapes import Sketch
+from neuroanimator.systems.soft.obj_file import read_obj
+
+SIDE = 12
+"""Number of nodes along an edge of the cloth."""
+
+
+def square_obj() -> str:
+    """Return a cloth of 1 m that hangs along -Z, as an OBJ file."""
+    line = np.linspace(0, 1, SIDE)
+    rows = [f"v {x - 0.5:.4f} 0 {1.5 - z:.4f}" for z in line for x in line]
+    for row in range(SIDE - 1):
+        for column in range(SIDE - 1):
+            first = row * SIDE + column + 1
+            rows.append(f"f {first} {first + SIDE} {first + SIDE + 1} {first + 1}")
+    return "\n".join(rows) + "\n"
+
+
+@pytest.fixture(scope="module")
+def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cloth")
+    (folder / "cloth.obj").write_text(square_obj())
+    path, _ = write_definition(str(folder / "cloth.obj"))
+    text = path.read_text().replace("shapes = 96", "shapes = 48")
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def cloth(toml: Path):
+    return na.load_system(str(toml))
+
+
+def test_modes_are_orthogonal_and_of_one_size(cloth):
+    modes = cloth.shapes.modes.reshape(len(cloth.shapes.modes), -1)
+    products = modes @ modes.T / len(cloth.shapes.mean)
+    np.testing.assert_allclose(products, np.eye(len(modes)), atol=1e-3)
+
+
+def test_a_state_put_together_and_taken_apart_is_the_same(cloth):
+    states = cloth.starts[:5]
+    nodes = cloth.shapes.decode(states)
+    anchors = states[:, 3 * cloth.scene.anchor : 3 * cloth.scene.anchor + 3]
+    amplitudes = cloth.shapes.encode(nodes, anchors)
+    np.testing.assert_allclose(amplitudes, states[:, cloth.shapes.amplitudes], atol=1e-3)
+
+
+def test_pins_are_where_their_mover_is(cloth):
+    controls = np.zeros((1, 12, cloth.control.size))
+    controls[0, :, 3] = 0.3
+    states = cloth.simulate(cloth.rest[None], controls, 1 / 30).states[0]
+    moved = states[-1, 3:6] - cloth.rest[3:6]
+    np.testing.assert_allclose(moved, [0.3 * 12 / 30, 0, 0], atol=1e-9)
+    pins = list(cloth.scene.movers[1].pins)
+    where = cloth.shapes.decode(states[-1:], pins)[0] - cloth.shapes.decode(states[:1], pins)[0]
+    np.testing.assert_allclose(where, np.broadcast_to(moved, where.shape), atol=5e-3)
+
+
+def test_rest_stays_rest(cloth):
+    controls = np.zeros((1, 30, cloth.control.size))
+    states = cloth.simulate(cloth.rest[None], controls, 1 / 30).states[0]
+    assert np.abs(states[:, cloth.shapes.amplitudes]).max() < 2e-3
+
+
+def test_moving_everything_moves_the_motion(cloth):
+    """Where the cloth hangs matters to nothing but where it is."""
+    rng = np.random.default_rng(0)
+    start = cloth.starts[40:41]
+    shifted = start.copy()
+    shift = np.array([0.5, -0.25, 0.125])
+    shifted[:, :6] += np.tile(shift, 2)
+    controls = rng.uniform(-0.3, 0.3, (1, 10, cloth.control.size))
+    here = cloth.simulate(start, controls, 1 / 30).states
+    there = cloth.simulate(shifted, controls, 1 / 30).states
+    np.testing.assert_allclose(there[..., 6:], here[..., 6:], atol=5e-3)
+    contacts = cloth.structure.shape_contacts
+    shown = [contacts.shown(states[0], controls[0, 0], 1 / 30) for states in (start, shifted)]
+    np.testing.assert_allclose(np.concatenate(shown[0]), np.concatenate(shown[1]), atol=1e-6)
+
+
+def test_the_ball_strikes_the_cloth_and_is_shown_beforehand(cloth):
+    states = np.repeat(cloth.rest[None], 2, axis=0)
+    states[0, :3] = [0.0, 0.175, 1.0]  # a finger's width before the cloth
+    states[1, :3] = [0.0, 0.9, 1.0]
+    controls = np.zeros((2, 5, cloth.control.size))
+    controls[:, :, 1] = -0.5
+    ends = cloth.simulate(states, controls, 1 / 30).states[:, -1]
+    middle = [SIDE * SIDE // 2 + SIDE // 2]
+    struck, left = cloth.shapes.decode(ends, middle)[:, 0, 1]
+    assert struck < left - 0.02
+    contacts = cloth.structure.shape_contacts
+    near = [np.concatenate(contacts.shown(state, controls[0, 0], 1 / 30)[1:]) for state in states]
+    assert np.abs(near[0]).max() > 0.5
+    assert not near[1].any()
+
+
+def test_results_do_not_depend_on_threads_or_on_the_rows_beside(cloth):
+    controls = np.random.default_rng(1).uniform(-0.3, 0.3, (20, 4, cloth.control.size))
+    starts = cloth.starts[:20]
+    one = cloth.simulate(starts, controls, 1 / 30).states
+    two = cloth.simulate(starts, controls, 1 / 30, threads=2).states
+    few = cloth.simulate(starts[3:5], controls[3:5], 1 / 30).states
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(one[3:5], few)
+
+
+def test_shapes_are_found_once_and_again_after_a_change(toml: Path):
+    name, text, substeps = resolve(str(toml))
+    assert (name, substeps) == ("cloth", 40)
+    assert resolve(str(toml))[1] == text
+    shapes = toml.with_name("cloth.shapes.safetensors")
+    before = shapes.read_bytes()
+    toml.write_text(toml.read_text().replace("bend = 0.5", "bend = 0.6"))
+    try:
+        resolve(str(toml))
+        assert shapes.read_bytes() != before
+    finally:
+        toml.write_text(toml.read_text().replace("bend = 0.6", "bend = 0.5"))
+    assert resolve(str(toml))[1] == text
+    assert shapes.read_bytes() == before
+
+
+def test_a_sketch_of_blocks_is_the_decomposition_of_all():
+    rng = np.random.default_rng(2)
+    rows = rng.normal(size=(200, 8)) * 2.0 ** -np.arange(8) @ rng.normal(size=(8, 300))
+    sketch = Sketch(16)
+    for first in range(0, 200, 40):
+        sketch.add(rows[first : first + 40].astype(np.float32))
+    found = sketch.leading(8)
+    _, _, vectors = np.linalg.svd(rows, full_matrices=False)
+    overlap = np.abs(found @ vectors[:8].T)
+    np.testing.assert_allclose(overlap, np.eye(8), atol=5e-3)
+
+
+@pytest.fixture(scope="module")
+def trained(toml: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[na.Emulator, Path]:
+    folder = tmp_path_factory.mktemp("trained")
+    name, text, substeps = resolve(str(toml))
+    config = na.DatasetConfig(
+        system=name, definition=text, substeps=substeps, count=300, samples_per_run=36
+    )
+    na.generate(config, folder / "data")
+    data = na.read_transitions(folder / "data")
+    settings = na.TrainingConfig(updates=250, batch=64, widths=(32, 32), unroll=1)
+    emulator = na.train(data, settings, folder / "run")
+    path = folder / "cloth.emulator.safetensors"
+    emulator.save(path)
+    return emulator, path
+
+
+def test_an_emulator_of_a_cloth_knows_its_movers_exactly_and_carries_its_shapes(cloth, trained):
+    emulator, file = trained
+    again = na.Emulator.load(file)
+    assert again.skeleton.shapes == cloth.shapes
+    controls = np.zeros((6, cloth.control.size), np.float32)
+    controls[:, 3] = 0.2
+    path = again.rollout(cloth.rest, controls)
+    np.testing.assert_array_equal(path, emulator.rollout(cloth.rest, controls))
+    np.testing.assert_allclose(path[-1, 3] - path[0, 3], 0.2 * 6 * again.dt, rtol=1e-4)
+    np.testing.assert_allclose(path[-1, 6:12], controls[-1], rtol=1e-5)
+
+
+FORGED = {
+    "no faces": lambda tensors, _: tensors.pop("shapes.faces"),
+    "a face of nodes that are not there": lambda tensors, _: tensors["shapes.faces"].fill(10**6),
+    "a mean that is nowhere": lambda tensors, _: tensors["shapes.mean"].fill(np.inf),
+    "scales of nothing": lambda tensors, _: tensors["shapes.scales"].fill(0),
+    "fewer shapes": lambda tensors, _: tensors.update(
+        {"shapes.modes": tensors["shapes.modes"][:-1]}
+    ),
+    "modes that are no whole numbers": lambda tensors, _: tensors.update(
+        {"shapes.modes": tensors["shapes.modes"].astype(np.float32)}
+    ),
+    "amplitudes beyond the state": lambda _, metadata: metadata["shapes"].update(first=10**4),
+    "an anchor beyond the state": lambda _, metadata: metadata["shapes"].update(anchor=10**4),
+    "shapes that are no table": lambda _, metadata: metadata.update(shapes=[]),
+    "contacts of no shapes": lambda _, metadata: metadata.pop("shapes"),
+    "nodes that are not there": lambda _, metadata: metadata["shape_contacts"]["nodes"].append(
+        10**6
+    ),
+    "more movers": lambda _, metadata: metadata["shape_contacts"].update(movers=3),
+    "a collider of no mover": lambda _, metadata: metadata["shape_contacts"]["colliders"][
+        0
+    ].__setitem__(0, 7),
+    "a reach of nothing": lambda _, metadata: metadata["shape_contacts"].update(reach=0),
+    "a driven part of another size": lambda _, metadata: metadata["frame"]["segments"][
+        0
+    ].__setitem__(1, 5),
+}
+"""By name, a change of an emulator's tensors and metadata."""
+
+
+@pytest.mark.attack
+@pytest.mark.parametrize("name", FORGED)
+def test_a_forged_emulator_of_a_cloth_is_refused(trained, tmp_path: Path, name: str):
+    found, metadata = read_tensors(trained[1], "emulator")
+    tensors = {key: array.copy() for key, array in found.items()}
+    FORGED[name](tensors, metadata)
+    write_tensors(tmp_path / "forged.safetensors", tensors, metadata)
+    with pytest.raises(NeuroAnimatorError) as caught:
+        na.Emulator.load(tmp_path / "forged.safetensors")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("v 0 0\nf 1 2 3\n", "line 1: wanted three numbers"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4: wanted 3 to 16 vertices"),
+        ("v 0 0 0\nv 1 0 0\nf 1 2\n", "line 3: wanted 3 to 16 vertices"),
+        ("v 0 0 0\n", "no faces"),
+        ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "line 1: wanted three numbers"),
+    ],
+)
+def test_a_mesh_that_is_none_is_refused_by_line(tmp_path: Path, text: str, message: str):
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(NeuroAnimatorError, match=message):
+        write_definition(str(tmp_path / "a.obj"))
+
+
+def test_an_obj_counts_from_one_and_backwards_and_splits_polygons():
+    _, faces = read_obj(
+        "a.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1/1 2/2 3/3 4/4\nf -4 -3 -2\n"
+    )
+    assert faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
+
+
+def test_a_cost_of_a_node_is_of_where_the_node_is(cloth):
+    node = SIDE * SIDE - 1
+    term = na.reach_node(cloth, node, [0.1, 0.2, 0.3], within=0.5)
+    seen = term.observe(cloth.starts[:4])
+    np.testing.assert_allclose(seen, cloth.shapes.decode(cloth.starts[:4], [node])[:, 0], atol=1e-5)
+    with pytest.raises(NeuroAnimatorError, match="wanted 0 to 143, came 144"):
+        na.reach_node(cloth, SIDE * SIDE, [0, 0, 0], within=1)
+
+
+def test_controls_that_bring_a_corner_to_a_point_do_so_on_the_physics(cloth, trained):
+    """Even a hasty emulator knows that a corner goes with what holds it."""
+    emulator, _ = trained
+    node = SIDE * SIDE - 1
+    corner = cloth.shapes.decode(cloth.rest[None], [node])[0, 0]
+    wanted = corner + np.array([0.1, 0.0, 0.0])
+    objective = na.Objective.of(na.reach_node(cloth, node, wanted, within=0.02), na.effort(0.01))
+    found = na.synthesise(emulator, cloth, objective, cloth.rest, seconds=1.0, refinements=0)
+    ends = cloth.simulate(cloth.rest[None], found.controls[None], emulator.dt).states[0, -1:]
+    there = cloth.shapes.decode(ends, [node])[0, 0]
+    assert np.linalg.norm(there - wanted) < 0.6 * np.linalg.norm(corner - wanted)
