@@ -323,7 +323,8 @@ def emulator_rows(toml: Path, file: Path) -> Rows:
     for row in rows:
         if row["what"] in seconds:
             row["times_slower"] = seconds[row["what"]] / own
-    return rows
+    columns = list(rows[0])
+    return [{column: row.get(column, "") for column in columns} for row in rows]
 
 
 def main() -> None:
