@@ -10,9 +10,10 @@ Physics: a cloth of 1 m hangs by its upper edge from a bar that is moved, and a 
 from rest. Times are of one core in float32: of one cloth, and of one of sixteen side by side. Differences are of all
 nodes, root mean square, from the same mesh in the most small steps, and from the finest mesh in as many, at the nodes both have.
 
-Emulator: runs of 1 s along paths of holder and ball that training never saw, each after 1 s of physics from a random
-start. The truth is the teacher's physics with all nodes. Beside the emulator stand the physics started from the state
-as the emulator knows it (nodes put together of the shapes), and cheaper physics: fewer small steps, coarser meshes,
+Emulator: runs of 1 s along paths of holder and ball that training never saw: smooth ones, as a hand moves things (waves
+of at most 0.5 Hz), 2 s after rest, and such random ones as emulators are trained on, 2 s after a random start. The truth
+is the teacher's physics with all nodes. Beside the emulator stand the physics started from the state as the emulator
+knows it (nodes put together of the shapes), and along smooth paths cheaper physics: fewer small steps, coarser meshes,
 whose nodes are interpolated. Errors are of all nodes [% of the cloth's size, root mean square]: mean and 95th
 percentile of runs; of normals the mean angle. Times are of one core, one cloth, in float32, interleaved.
 """
@@ -35,6 +36,7 @@ from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.systems.soft.find_shapes import random_paths
 from neuroanimator.systems.soft.meshes import Cloth, cloth_body
 from neuroanimator.systems.soft.obj_file import read_obj
 from neuroanimator.systems.soft.program import LANES, SoftProgram
@@ -70,6 +72,9 @@ SIDE = 70
 
 SHOWN = (1, 8, 15, 30)
 """Numbers of super steps after which errors are shown."""
+
+LEAD = 60
+"""Number of super steps of physics before a test's run."""
 
 TEST_SEED = 2**31
 """Seed of the test's runs, above any of a dataset's."""
@@ -185,38 +190,49 @@ class Test(NamedTuple):
     system: SoftSystem
     paths: np.ndarray
     """(F, M, 3, LANES) positions of movers [m], the start included."""
+    given: np.ndarray
+    """(M, 3, LANES) their velocities before the start [m/s]."""
     start: Motion
     truth: np.ndarray
     """(F-1, N, 3, LANES) positions of nodes [m]."""
     dt: float
 
 
-def unseen(system: SoftSystem, dt: float) -> Test:
-    """Return the test's runs: after a second from random starts, a second."""
+def unseen(system: SoftSystem, definition: SoftDefinition, dt: float, kind: str) -> Test:
+    """Return the test's runs: `FRAMES` super steps after a lead."""
     rng = np.random.default_rng(TEST_SEED)
-    starts = system.sample_starts(rng, LANES)
-    controls = sample_control_runs(rng, LANES, 2 * FRAMES, dt, system)
-    changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
-    movers = starts[:, None, : system.control.size] + np.cumsum(changes, axis=1)
-    paths = np.moveaxis(movers, 0, -1).reshape(2 * FRAMES + 1, -1, 3, LANES)
+    if kind == "smooth":
+        starts = np.repeat(system.rest[None], LANES, axis=0)
+        paths = random_paths(definition, system.scene, rng, LEAD + FRAMES, dt)
+    else:
+        starts = system.sample_starts(rng, LANES)
+        controls = sample_control_runs(rng, LANES, LEAD + FRAMES, dt, system)
+        changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
+        movers = starts[:, None, : system.control.size] + np.cumsum(changes, axis=1)
+        paths = np.moveaxis(movers, 0, -1).reshape(LEAD + FRAMES + 1, -1, 3, LANES)
     steps = system.truth.steps(dt)
-    before, velocities = system.scene.play(system.motion(starts), paths[: FRAMES + 1], dt, steps)
+    before, velocities = system.scene.play(system.motion(starts), paths[: LEAD + 1], dt, steps)
     start = Motion(before[-1].copy(), velocities[-1].copy())
-    later = paths[FRAMES:]
-    truth, _ = system.scene.play(start, later, dt, steps)
-    return Test(system, later, start, truth, dt)
+    truth, _ = system.scene.play(start, paths[LEAD:], dt, steps)
+    given = (paths[LEAD] - paths[LEAD - 1]) / dt
+    return Test(system, paths[LEAD:], given, start, truth, dt)
 
 
-def known_state(test: Test, controls: np.ndarray) -> np.ndarray:
-    """Return the states (LANES, S) at the test's start, as the emulator knows them; `controls` were given before."""
+def known_state(test: Test) -> np.ndarray:
+    """Return the states (LANES, S) at the test's start, as the emulator knows them."""
     system = test.system
     anchor = system.scene.anchor
     movers = np.moveaxis(test.paths[0], -1, 0)
-    moving = controls.reshape(LANES, -1, 3)
+    moving = np.moveaxis(test.given, -1, 0)
     nodes = np.moveaxis(test.start.positions, -1, 0)
     rates = np.moveaxis(test.start.velocities, -1, 0) - moving[:, anchor, None]
     amplitudes = system.shapes.encode(nodes, movers[:, anchor])
-    parts = (movers.reshape(LANES, -1), controls, amplitudes, system.shapes.project(rates))
+    parts = (
+        movers.reshape(LANES, -1),
+        moving.reshape(LANES, -1),
+        amplitudes,
+        system.shapes.project(rates),
+    )
     return np.concatenate(parts, axis=1)
 
 
@@ -275,10 +291,18 @@ def emulator_rows(toml: Path, file: Path) -> Rows:
     emulator = na.Emulator.load(file)
     definition = check_table(read_toml(toml), toml.name, SoftDefinition)
     dt = emulator.dt
-    test = unseen(system, dt)
+    rows: Rows = []
+    for kind in ("smooth", "random"):
+        rows += rows_of(emulator, definition, unseen(system, definition, dt, kind), kind)
+    return rows
+
+
+def rows_of(emulator: na.Emulator, definition: SoftDefinition, test: Test, kind: str) -> Rows:
+    """Return the rows of paths of this `kind`; those of other physics along smooth ones alone."""
+    system = test.system
+    dt = test.dt
     controls = np.moveaxis(np.diff(test.paths, axis=0) / dt, -1, 0).reshape(LANES, FRAMES, -1)
-    # What came before the start: of smooth paths nearly the first control.
-    states = known_state(test, controls[:, 0])
+    states = known_state(test)
     path = np.asarray(emulator.rollout(states.astype(np.float32), controls.astype(np.float32)))
     rows: Rows = []
     players: dict[str, Callable[[], Any]] = {}
@@ -302,7 +326,7 @@ def emulator_rows(toml: Path, file: Path) -> Rows:
     still = np.broadcast_to(test.start.positions, test.truth.shape)
     rows.append({"what": "nothing moves"} | errors_of(test, still))
     side = round(len(system.shapes.mean) ** 0.5)
-    for coarse, small_steps in OPPONENTS:
+    for coarse, small_steps in OPPONENTS if kind == "smooth" else ():
         scene = system.scene if coarse == side else coarser(definition, side, coarse)
         down = between(coarse, side)
         start = Motion(*(resampled(np.asarray(part, float), down) for part in test.start))
@@ -323,8 +347,11 @@ def emulator_rows(toml: Path, file: Path) -> Rows:
     for row in rows:
         if row["what"] in seconds:
             row["times_slower"] = seconds[row["what"]] / own
-    columns = list(rows[0])
-    return [{column: row.get(column, "") for column in columns} for row in rows]
+    columns = [column for column in rows[0] if column != "what"]
+    return [
+        {"paths": kind, "what": row["what"]} | {column: row.get(column, "") for column in columns}
+        for row in rows
+    ]
 
 
 def main() -> None:

@@ -93,6 +93,7 @@ def test_the_table_is_of_every_network_and_of_nothing_else():
         *NETWORKS,
         "all",
         "deformable bodies",
+        "soft bodies",
         "trust",
         "error bounds",
         "validation",

@@ -61,7 +61,7 @@ def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Foun
     with progress_bar("finding shapes", settling + frames) as bar:
         rest = _settled(scene, dt, steps, settling)
         bar.advance_to(settling)
-        paths = _random_paths(definition, scene, rng, frames, dt)
+        paths = random_paths(definition, scene, rng, frames, dt)
         sketch = Sketch(definition.shapes + SPARE)
         kept = []
         snapshots = []
@@ -115,7 +115,7 @@ def _settled(scene: Scene, dt: float, steps: int, frames: int) -> Motion:
     return motion
 
 
-def _random_paths(
+def random_paths(
     definition: SoftDefinition, scene: Scene, rng: np.random.Generator, frames: int, dt: float
 ) -> Float[np.ndarray, "F M 3 L"]:
     """Return positions [m] of movers that begin at rest and follow random waves no faster than they may."""
