@@ -17,9 +17,10 @@ from neuroanimator.files.names import SystemName
 from neuroanimator.files.places import Place
 from neuroanimator.files.tables import Settings, Table
 from neuroanimator.systems import carried_system
+from neuroanimator.systems.system import System
 
-RUN_STEPS = 40
-"""A simulated run lasts this many super steps."""
+RUN_STEPS = System.run_steps
+"""Number of super steps in a simulated run, unless its system says otherwise."""
 
 SAMPLES_PER_RUN = 12
 """Default number of super steps of a run that become training examples: on average every third."""
@@ -33,8 +34,8 @@ USUAL_SAMPLES_PER_RUN = 36
 MAX_GAP = 5
 """Maximum distance, in super steps, of neighbouring examples where there are `SAMPLES_PER_RUN` (eq. 8); with more, less."""
 
-MAX_UNROLL = 4
-"""Number of super steps that follow every example within its run, so that training can unroll over them."""
+MAX_UNROLL = System.window_steps
+"""Number of super steps that follow every example within its run, unless its system says otherwise."""
 
 RUNS_PER_SHARD = 256
 """A file of the dataset holds this many runs: large enough to be few, small enough to be made again quickly."""
