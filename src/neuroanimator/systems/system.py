@@ -63,6 +63,10 @@ class Runs(NamedTuple):
     """(B,): True where the physics diverged; such a row holds no usable numbers."""
 
 
+LONG_WINDOW = 16
+"""Number of super steps that the loss of training spans for bodies whose errors show late: soft ones."""
+
+
 class System(abc.ABC):
     """A true, slow physics model: (s, u) → s a moment later.
 
