@@ -19,7 +19,7 @@ from neuroanimator.systems.soft.own_frame import with_steady_signs
 from neuroanimator.systems.soft.program import LANES
 from neuroanimator.systems.soft.scene import WORLD, Motion, Scene
 from neuroanimator.systems.soft.shape_file import ShapeFile
-from neuroanimator.systems.system import Scheme, System
+from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
 
 SMALL_STEPS = "xpbd"
 """The only integrator there is: extended position-based dynamics in small steps."""
@@ -56,6 +56,8 @@ class SoftSystem(System):
     """
 
     is_self_contained = False
+    run_steps = 160
+    window_steps = LONG_WINDOW
 
     def __init__(self, definition: SoftDefinition, file: ShapeFile, definition_text: str = ""):
         """`definition_text` is what the system can be made from again."""
@@ -223,6 +225,9 @@ class SoftSystem(System):
         return np.asarray(~fits.all(axis=(1, 2)) | ~np.isfinite(states).all(axis=(1, 2)))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        """Return starts at rest of a body that is held: nodes put together of shapes spring apart at first, and teach that."""
+        if not self.is_free:
+            return np.repeat(self.rest[None], count, axis=0)
         chosen = rng.integers(0, len(self.starts), count)
         chosen[rng.random(count) < REST_SHARE] = 0
         return self.starts[chosen]
