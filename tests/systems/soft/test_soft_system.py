@@ -14,6 +14,7 @@ from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.soft.find_shapes import Sketch
 from neuroanimator.systems.soft.obj_file import read_obj
+from neuroanimator.training.validation import window_errors
 
 SIDE = 12
 """Number of nodes along an edge of the cloth."""
@@ -174,6 +175,24 @@ def test_an_emulator_of_a_cloth_knows_its_movers_exactly_and_carries_its_shapes(
     np.testing.assert_allclose(path[-1, 6:12], controls[-1], rtol=1e-5)
 
 
+def test_a_hasty_emulator_of_a_cloth_is_called_what_it_is(cloth, trained):
+    """One super step alone says little of it: errors grow."""
+    emulator, file = trained
+    again = na.Emulator.load(file)
+    assert again.validation is not None
+    assert str(again.verdict) == str(emulator.verdict)
+    window = again.validation.window
+    assert window is not None
+    assert 0 < float(window.emulator) < 0.2
+    assert 0 < float(window.no_change) < 0.2
+    assert window.in_words in str(again.verdict)
+    rest = np.repeat(cloth.rest[None, None], 9, axis=1)
+    held = np.zeros((1, 8, cloth.control.size))
+    keeping = window_errors(emulator, rest, held)
+    assert keeping is not None
+    assert float(keeping.no_change) < 1e-6
+
+
 def test_a_mover_is_where_its_path_is_and_the_others_stay(trained):
     emulator, _ = trained
     times = np.arange(0, 1.01, 0.01)
@@ -243,6 +262,9 @@ FORGED = {
     "a collider of no mover": lambda _, metadata: metadata["shape_contacts"]["colliders"][
         0
     ].__setitem__(0, 7),
+    "a window that is no truth": lambda _, metadata: metadata.update(validation_window=3),
+    "a window without numbers": lambda tensors, _: tensors.pop("validation.window.seconds"),
+    "an error below nothing": lambda tensors, _: tensors["validation.window.emulator"].fill(-1),
     "a reach of nothing": lambda _, metadata: metadata["shape_contacts"].update(reach=0),
     "a driven part of another size": lambda _, metadata: metadata["frame"]["segments"][
         0
