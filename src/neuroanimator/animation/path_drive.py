@@ -86,7 +86,7 @@ def path_drive(
         follower = Follower(
             name, emulator.state.index(name), emulator.control.index(name), positions
         )
-        remarks += _remarks(emulator, follower, path, headings)
+        remarks += _remarks(emulator, follower, path, headings, speed)
         followers.append(follower)
     controls = np.repeat(emulator.bounds.idle[None], len(times) - 1, axis=0)
     for follower in followers:
@@ -142,6 +142,7 @@ def _remarks(
     follower: Follower,
     path: RecordedPath,
     headings: Float[np.ndarray, " F"] | None,
+    speed: float,
 ) -> list[str]:
     """Return what is to be told of a path; BadFileError if it cannot be followed."""
     remarks = []
@@ -157,9 +158,10 @@ def _remarks(
             "training. Look for jumps, and for other units than metres."
         )
     if factor > SLACK:
+        slower = np.floor(100 * speed / factor) / 100
         remarks.append(
             f"{path.name}: {name} moves at up to {fastest:.3g} m/s along {'xyz'[axis]}, {factor:.3g} times as fast as in "
-            f"training, and is followed beyond what the emulator knows. Give --path-speed {1 / factor:.2g}, or raise "
+            f"training, and is followed beyond what the emulator knows. Give --path-speed {slower:g}, or raise "
             f"'speed' of {name} in the TOML file and train again."
         )
     if headings is not None and np.ptp(headings) > TURNS:

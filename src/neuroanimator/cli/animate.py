@@ -57,6 +57,11 @@ PATH_HELP = (
 )
 """The help of `--path`."""
 
+PUSH_OUT_HELP = (
+    "Draw a soft body's surface outside of what strikes it, or where the emulator has it."
+)
+"""The help of `--push-out`."""
+
 PATH_SPEED_HELP = "With --path: how fast it is played; 0.5 is half as fast."
 """The help of `--path-speed`."""
 
@@ -100,6 +105,7 @@ def run(
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
     trust: Annotated[bool, typer.Option("--trust", help=TRUST_HELP)] = False,
     hybrid: Annotated[bool, typer.Option("--hybrid", help=HYBRID_HELP)] = False,
+    push_out: Annotated[bool, typer.Option("--push-out/--no-push-out", help=PUSH_OUT_HELP)] = True,
     threshold: Annotated[float | None, typer.Option(help=THRESHOLD_HELP)] = None,
     system: Annotated[Path | None, typer.Option(help=SYSTEM_HELP)] = None,
 ) -> None:
@@ -154,7 +160,7 @@ def run(
         trust=scores if trust else None,
     )
     with phase("drawing"):
-        export_clip(clip, model, out, film)
+        export_clip(clip, model, out, film, is_pushed_out=push_out)
     return print_rows(_rows(clip, out, summary_of(model, scores), gain))
 
 

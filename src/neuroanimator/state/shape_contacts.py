@@ -29,6 +29,9 @@ MAX_MOVERS = 64
 MAX_DISTANCE = 1e6
 """Largest coordinate, radius or reach [m]."""
 
+ROUNDS = 4
+"""Times that nodes are pushed out of each collider: out of one, a node may come into another."""
+
 TINY = 1e-9
 """Added to squares of lengths [m²] before their root is divided by."""
 
@@ -131,20 +134,27 @@ class ShapeContacts:
         collider: Collider,
     ) -> list[Float[AnyArray, "... P"]]:
         xp = mover.__array_namespace__()
-        away = []
-        for axis in range(3):
-            start = mover[..., axis : axis + 1] + collider.start[axis]
-            away.append(nodes[axis] - start)
-        square = sum(length * length for length in collider.along)
-        if square > 0:
-            share = sum(along * gap for along, gap in zip(collider.along, away, strict=True))
-            share = xp.clip(share / square, 0.0, 1.0)
-            away = [gap - along * share for along, gap in zip(collider.along, away, strict=True)]
-        x, y, z = away
-        distance = xp.sqrt(x * x + y * y + z * z + TINY)
+        away = _from_axis(nodes, mover, collider)
+        distance = _length(away)
         near = xp.maximum(1 - (distance - collider.radius) / self.reach, xp.zeros_like(distance))
         weight = near / distance
         return [near, *(weight * gap for gap in away)]
+
+    def pushed_out(
+        self, points: Float[AnyArray, "... N 3"], states: Float[AnyArray, "... S"]
+    ) -> Float[AnyArray, "... N 3"]:
+        """Return any nodes at `points` [m] of the world, those inside of colliders brought to where their surface is."""
+        xp = points.__array_namespace__()
+        nodes = [points[..., axis] for axis in range(3)]
+        for _ in range(ROUNDS):
+            for collider in self.colliders:
+                first = 3 * collider.mover
+                away = _from_axis(nodes, states[..., first : first + 3], collider)
+                distance = _length(away)
+                depth = xp.maximum(collider.radius - distance, xp.zeros_like(distance))
+                push = depth / distance
+                nodes = [node + push * gap for node, gap in zip(nodes, away, strict=True)]
+        return xp.stack(nodes, axis=-1)
 
     def to_json(self) -> dict[str, Any]:
         """Return all but the arrays, which follow from the shapes and the nodes' numbers."""
@@ -190,3 +200,25 @@ class ShapeContacts:
             mean=mean[list(nodes)],
             modes=modes[:, list(nodes)],
         )
+
+
+def _from_axis(
+    nodes: list[Float[AnyArray, "... P"]], mover: Float[AnyArray, "... 3"], collider: Collider
+) -> list[Float[AnyArray, "... P"]]:
+    """Return x, y and z of nodes from the nearest point of the collider's axis [m]; they and its mover in one frame."""
+    xp = mover.__array_namespace__()
+    away = []
+    for axis in range(3):
+        start = mover[..., axis : axis + 1] + collider.start[axis]
+        away.append(nodes[axis] - start)
+    square = sum(length * length for length in collider.along)
+    if square > 0:
+        share = sum(along * gap for along, gap in zip(collider.along, away, strict=True))
+        share = xp.clip(share / square, 0.0, 1.0)
+        away = [gap - along * share for along, gap in zip(collider.along, away, strict=True)]
+    return away
+
+
+def _length(vector: list[Float[AnyArray, "... P"]]) -> Float[AnyArray, "... P"]:
+    x, y, z = vector
+    return x.__array_namespace__().sqrt(x * x + y * y + z * z + TINY)
