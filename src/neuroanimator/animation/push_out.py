@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.shapes import Shapes
@@ -22,6 +22,9 @@ TOLERANCE = 5e-4
 
 FIRST_COUNT = 8
 """New shapes tried at first; twice as many as long as they are not enough."""
+
+FACE_ROUNDS = 8
+"""Times that corners are pushed where the middle of a face is inside."""
 
 CHUNK = 32
 """Frames decoded at a time."""
@@ -74,16 +77,38 @@ def _pushes(
     for first in range(0, len(states), CHUNK):
         some = states[first : first + CHUNK]
         points = shapes.decode(some)
-        moved = contacts.pushed_out(points, some) - points
-        inside = np.abs(moved).max(axis=(1, 2)) > TOLERANCE
+        moved = np.abs(contacts.pushed_out(points, some) - points)
+        inside = moved.max(axis=(1, 2)) > TOLERANCE
+        outside = _with_faces(points[inside], some[inside], shapes.faces, contacts)
         frames += (first + np.flatnonzero(inside)).tolist()
-        pushes += list(moved[inside].astype(np.float32))
+        pushes += list((outside - points[inside]).astype(np.float32))
         if len(pushes) * points[0].size > MAX_NUMBERS:
             raise ArgumentError(
                 f"push-out: more than {MAX_NUMBERS:,} coordinates in contact. Make the clip shorter, or leave it out."
             )
     count = len(shapes.mean)
     return np.array(frames, int), np.reshape(pushes, (len(frames), count, 3)).astype(float)
+
+
+def _with_faces(
+    points: Float[np.ndarray, "P N 3"],
+    states: Float[np.ndarray, "P S"],
+    faces: Int[np.ndarray, "F 3"],
+    contacts: ShapeContacts,
+) -> Float[np.ndarray, "P N 3"]:
+    """Return nodes outside of colliders, and so far that the middles of faces between them are, too."""
+    for _ in range(FACE_ROUNDS):
+        points = contacts.pushed_out(points, states)
+        middles = points[:, faces].mean(axis=2)
+        pushes = contacts.pushed_out(middles, states) - middles
+        is_pushed = np.abs(pushes).max(axis=2) > 0
+        total = np.zeros_like(points)
+        count = np.zeros(points.shape[:2])
+        for corner in faces.T:
+            np.add.at(total, (slice(None), corner), pushes)
+            np.add.at(count, (slice(None), corner), is_pushed)
+        points = points + total / np.maximum(count, 1)[..., None]
+    return contacts.pushed_out(points, states)
 
 
 def _shapes_of(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import neuroanimator as na
+from neuroanimator.control.policies import train_policy
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.scaffold.write_toml import write_definition
@@ -238,6 +239,13 @@ def test_a_path_faster_than_training_is_told_of_and_one_that_jumps_is_refused(tr
         na.path_drive(emulator, {"bal": fast})
     with pytest.raises(NeuroAnimatorError, match=r"wanted at least 3\.33333 s"):
         na.path_drive(emulator, {"ball": fast}, speed=100)
+
+
+def test_a_policy_of_a_cloth_is_refused_before_it_is_learnt(cloth, trained, tmp_path: Path):
+    emulator, _ = trained
+    with pytest.raises(NeuroAnimatorError, match="cloth is a soft body"):
+        train_policy(emulator, cloth, tmp_path / "cloth.policy.safetensors")
+    assert not list(tmp_path.iterdir())
 
 
 FORGED = {
