@@ -104,9 +104,10 @@ def _with_faces(
         is_pushed = np.abs(pushes).max(axis=2) > 0
         total = np.zeros_like(points)
         count = np.zeros(points.shape[:2])
-        for corner in faces.T:
-            np.add.at(total, (slice(None), corner), pushes)
-            np.add.at(count, (slice(None), corner), is_pushed)
+        for number in np.flatnonzero(is_pushed.any(axis=1)):
+            for corner in faces.T:
+                np.add.at(total[number], corner, pushes[number])
+                np.add.at(count[number], corner, is_pushed[number])
         points = points + total / np.maximum(count, 1)[..., None]
     return contacts.pushed_out(points, states)
 
