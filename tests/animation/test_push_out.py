@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from soft_bodies import soft_clip, wavy_shapes
@@ -9,19 +11,30 @@ from soft_bodies import soft_clip, wavy_shapes
 from neuroanimator import Clip
 from neuroanimator.animation.push_out import keep_out
 from neuroanimator.export.morphs import surface_nodes
-from neuroanimator.state.shape_contacts import Collider, ShapeContacts
+from neuroanimator.state.shape_contacts import BoxCollider, RoundCollider, ShapeContacts
 
 DEPTH = 1e-3
 """How far a node may be inside of a collider [m]."""
 
-BALL = Collider(0, (0.1, 0.05, -0.5), (0.0, 0.0, 0.0), 0.2)
-ARM = Collider(0, (-0.4, -0.1, -0.6), (0.5, 0.1, 0.0), 0.12)
+BALL = RoundCollider(0, (0.1, 0.05, -0.5), (0.0, 0.0, 0.0), 0.2)
+ARM = RoundCollider(0, (-0.4, -0.1, -0.6), (0.5, 0.1, 0.0), 0.12)
 
 
-def contacts_of(clip: Clip, *colliders: Collider) -> ShapeContacts:
+def contacts_of(clip: Clip, *colliders: RoundCollider) -> ShapeContacts:
     shapes = clip.skeleton.shapes
     assert shapes is not None
-    return ShapeContacts(1, 0, colliders, 0.1, (0,), shapes.mean[:1], shapes.modes[:, :1])
+    return ShapeContacts(
+        turning=(False,),
+        anchor=0,
+        capsules=colliders,
+        boxes=(),
+        ground=None,
+        wind=(0.0, 0.0, 0.0),
+        reach=0.1,
+        nodes=(0,),
+        mean=shapes.mean[:1],
+        modes=shapes.modes[:, :1],
+    )
 
 
 def nodes_of(clip: Clip) -> np.ndarray:
@@ -29,7 +42,12 @@ def nodes_of(clip: Clip) -> np.ndarray:
     return clip.skeleton.shapes.decode(clip.states)
 
 
-def depths(clip: Clip, collider: Collider) -> np.ndarray:
+def own_nodes_of(clip: Clip) -> np.ndarray:
+    assert clip.skeleton.shapes is not None
+    return clip.skeleton.shapes.unplaced(clip.states)
+
+
+def depths(clip: Clip, collider: RoundCollider) -> np.ndarray:
     """Return how far each node is inside of a collider in each frame [m]."""
     start = clip.states[:, None, :3] + np.array(collider.start)
     along = np.array(collider.along)
@@ -39,7 +57,7 @@ def depths(clip: Clip, collider: Collider) -> np.ndarray:
 
 
 @pytest.mark.parametrize("colliders", [(BALL,), (ARM,), (BALL, ARM)])
-def test_nothing_drawn_is_inside_of_what_strikes_it(colliders: tuple[Collider, ...]):
+def test_nothing_drawn_is_inside_of_what_strikes_it(colliders: tuple[RoundCollider, ...]):
     clip = soft_clip(wavy_shapes(24), frames=40)
     drawn = keep_out(clip, contacts_of(clip, *colliders))
     for collider in colliders:
@@ -58,7 +76,7 @@ def test_nodes_far_from_all_stay_where_they_are_and_faces_are_outside_too():
     assert (moved - depth)[depth > 0].min() >= -DEPTH
     np.testing.assert_array_equal(drawn.states[:, : clip.states.shape[1]], clip.states)
     assert clip.skeleton.shapes is not None
-    middles = nodes_of(drawn)[:, clip.skeleton.shapes.faces].mean(axis=2)
+    middles = own_nodes_of(drawn)[:, clip.skeleton.shapes.faces].mean(axis=2)
     inside = np.linalg.norm(contacts.pushed_out(middles, drawn.states) - middles, axis=-1)
     assert inside.max() <= DEPTH
 
@@ -67,10 +85,23 @@ def test_pushing_twice_is_pushing_once_and_what_touches_nothing_is_left_alone():
     clip = soft_clip(wavy_shapes(24), frames=20)
     contacts = contacts_of(clip, BALL)
     drawn = keep_out(clip, contacts)
-    again = contacts.pushed_out(nodes_of(drawn), drawn.states)
-    assert np.abs(again - nodes_of(drawn)).max() <= DEPTH
+    nodes = own_nodes_of(drawn)
+    assert np.abs(contacts.pushed_out(nodes, drawn.states) - nodes).max() <= DEPTH
     far = contacts_of(clip, BALL._replace(start=(5.0, 0.0, 0.0)))
     assert keep_out(clip, far) is clip
+
+
+def test_boxes_and_the_ground_keep_a_surface_out_too():
+    clip = soft_clip(wavy_shapes(24), frames=20)
+    half = (0.2, 0.06, 0.2)
+    box = BoxCollider(0, (0.1, 0.0, -0.5), half, 0.0)
+    height = 0.65
+    contacts = replace(contacts_of(clip), boxes=(box,), ground=height)
+    nodes = nodes_of(keep_out(clip, contacts))
+    assert nodes_of(clip)[..., 2].min() < height - 0.05
+    assert nodes[..., 2].min() >= height - DEPTH
+    local = np.abs(nodes - clip.states[:, None, :3] - np.array(box.centre))
+    assert (np.array(half) - local).min(axis=-1).max() <= DEPTH
 
 
 def test_new_shapes_are_as_the_others_are():

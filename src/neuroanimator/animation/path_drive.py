@@ -212,7 +212,7 @@ def _remarks_on_speed(
         )
     if factor <= SLACK:
         return []
-    slower = np.floor(100 * speed / factor) / 100
+    slower = np.floor(100 * SLACK * speed / factor) / 100
     return [
         f"{path.name}: {mover.name} moves {told}, {factor:.3g} times as fast as in training, and is followed beyond what the "
         f"emulator knows. Give --path-speed {slower:g}, or raise '{bound}' of {mover.name} in the TOML file and train again."
@@ -244,7 +244,7 @@ def _run_in(
     duration = steps * emulator.dt
     start = emulator.rest
     shapes = emulator.skeleton.shapes
-    anchor = -1 if shapes is None else shapes.anchor
+    anchor = -1 if shapes is None else shapes.placement.position
     for follower in followers:
         if follower.mover.entries[0] == anchor:
             begin = follower.poses[0] - duration / 2 * follower.rates(emulator.dt)[0]

@@ -39,7 +39,7 @@ def push_out(clip: Clip, emulator: Emulator) -> Clip:
     Its states have more numbers than the emulator's: it is for drawing. Raises ArgumentError for a clip that is too long.
     """
     contacts = emulator.frame.shape_contacts
-    if contacts is None or not contacts.colliders:
+    if contacts is None:
         return clip
     return keep_out(clip, contacts)
 
@@ -71,12 +71,15 @@ def keep_out(clip: Clip, contacts: ShapeContacts) -> Clip:
 def _pushes(
     states: Float[np.ndarray, "F S"], shapes: Shapes, contacts: ShapeContacts
 ) -> tuple[np.ndarray, Float[np.ndarray, "P N 3"]]:
-    """Return the frames in which nodes are inside of colliders, and what brings all nodes out in each [m]."""
+    """Return the frames in which nodes are inside of colliders, and what brings all nodes out in each [m].
+
+    In the body's own frame.
+    """
     frames: list[int] = []
     pushes: list[np.ndarray] = []
     for first in range(0, len(states), CHUNK):
         some = states[first : first + CHUNK]
-        points = shapes.decode(some)
+        points = shapes.unplaced(some)
         moved = np.abs(contacts.pushed_out(points, some) - points)
         inside = moved.max(axis=(1, 2)) > TOLERANCE
         outside = _with_faces(points[inside], some[inside], shapes.faces, contacts)
