@@ -37,6 +37,9 @@ MAX_MOVERS = 64
 MAX_DISTANCE = 1e6
 """Largest coordinate, radius or reach [m]."""
 
+ROUNDS = 8
+"""Times that nodes are pushed out of what they are deepest in: out of one collider, a node may come into another."""
+
 TINY = 1e-9
 """Added to squares of lengths [m²] before their root is divided by."""
 
@@ -361,6 +364,26 @@ class ShapeContacts:
         nodes = self._nodes_later(state, 0.0)
         found = self._surfaces(nodes, self._now(state), self.capsules, self.boxes)
         return [distance for distance, _ in found]
+
+    def pushed_out(
+        self, points: Float[AnyArray, "... N 3"], states: Float[AnyArray, "... S"]
+    ) -> Float[AnyArray, "... N 3"]:
+        """Return `points` of the body's own frame [m], those inside of what it may touch brought to its surface."""
+        xp = points.__array_namespace__()
+        moment = self._now(states)
+        nodes = [points[..., axis] for axis in range(3)]
+        for _ in range(ROUNDS):
+            depth = xp.zeros_like(nodes[0])
+            outward = [xp.zeros_like(nodes[0])] * 3
+            for distance, direction in self._surfaces(nodes, moment):
+                is_deeper = -distance > depth
+                depth = xp.where(is_deeper, -distance, depth)
+                outward = [
+                    xp.where(is_deeper, new, old)
+                    for new, old in zip(direction, outward, strict=True)
+                ]
+            nodes = [node + depth * along for node, along in zip(nodes, outward, strict=True)]
+        return xp.stack(nodes, axis=-1)
 
     def _from_capsule(
         self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, capsule: RoundCollider

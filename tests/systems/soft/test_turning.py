@@ -235,3 +235,20 @@ def test_the_bones_of_movers_turn_about_where_they_are(cape):
     positions, orientations = cape.skeleton.world_poses(state[None])
     np.testing.assert_allclose(positions[0, 0], [0, 0.4, 0.7], atol=1e-9)
     np.testing.assert_allclose(orientations[0, 0], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-9)
+
+
+def test_a_path_in_a_turned_world_gives_the_turned_motion(cape, emulator):
+    times = np.linspace(0, 1, 31)
+    places = np.stack([0.3 * np.sin(times), 0.2 * times, 1 + 0 * times], axis=1)
+    headings = 0.8 * times**2
+    turned = np.array(places)
+    angles = np.full((31, 1), ANGLE)
+    turned[:, :2] = rotate_in_plane(angles, places[:, :2])
+    here = na.path_drive(emulator, {"torso": na.RecordedPath("walk", times, places, headings)})
+    there = na.path_drive(
+        emulator, {"torso": na.RecordedPath("walk", times, turned, headings + ANGLE)}
+    )
+    motion = here.motion(emulator)
+    np.testing.assert_allclose(motion[:, cape.state.index("torso_heading")][:, 0], headings, atol=1e-4)  # fmt: skip
+    expected = elsewhere(cape, motion, np.zeros(3), ANGLE)
+    np.testing.assert_allclose(there.motion(emulator), expected, atol=5e-3)
