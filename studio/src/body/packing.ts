@@ -83,8 +83,8 @@ export function writeWeights(surface: Surface, state: ArrayLike<number>, out: Fl
   }
 }
 
-/** As many groups as find room in a texture, `wanted` at most: the last shapes are the finest wrinkles. */
-function groupsWithRoom(nodes: number, wanted: number): number {
+/** Return how many groups find room in a texture, `wanted` at most: the last shapes are the finest wrinkles. */
+export function groupsWithRoom(nodes: number, wanted: number): number {
   let groups = wanted;
   while (groups > 1 && Math.ceil(nodes / Math.floor(MAX_SIDE / (ROWS * groups))) > MAX_SIDE) {
     groups -= 1;

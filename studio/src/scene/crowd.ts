@@ -36,6 +36,8 @@ export function makeCrowdView(facts: Bundle, crowd: Crowd, size: number, patches
     surface: (nodes) => clothMaterial(new Color(1, 1, 1), size, [nodes, ...patches]),
     fittings: fittingsMaterial(patches),
   });
+  // Over so wide a place shadows are coarse: on the ground they will do.
+  cloth.surfaces.receiveShadow = false;
   const shapes = facts.skeleton.flatMap((bone, number) => bone.shapes.map((shape) => makeStrikers(shape, number, crowd.count, patches)));
   const object = new Group();
   object.name = "crowd";

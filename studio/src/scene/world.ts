@@ -57,8 +57,8 @@ const CLOTH_SUN = { azimuth: 0.75, elevation: 0.75 };
 const UNDER_CLOTH = 0.25;
 
 /** A crowd is seen from this far, over how far its outermost stand, and from higher up [rad]. */
-const CROWD_DISTANCE = 1.5;
-const CROWD_ELEVATION = 0.32;
+const CROWD_DISTANCE = 1.8;
+const CROWD_ELEVATION = 0.42;
 
 /** A state is never drawn if one of its numbers is larger [m, rad, …]: it is lost. */
 const MAX_NUMBER = 1e5;
@@ -83,6 +83,8 @@ export class World {
   readonly size: number;
   readonly camera: CameraRig;
   readonly pose: Pose;
+  /** Whether the camera stays where it is: who drags what it goes after would otherwise never catch up. */
+  isCameraHeld = false;
   /** The bones that move. */
   readonly bones: number[];
   readonly #body: BodyView;
@@ -287,7 +289,7 @@ export class World {
     this.camera.ground = this.#scenery.ground;
     this.camera.lookFrom = this.#heightForLeap();
     this.#aim();
-    this.camera.update(this.#lookAt, turned, seconds);
+    this.camera.update(this.isCameraHeld ? this.camera.controls.target.clone() : this.#lookAt, turned, seconds);
   }
 
   get canvas(): HTMLCanvasElement {

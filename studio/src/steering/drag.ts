@@ -48,6 +48,7 @@ export class MoverDrag implements Grabbable {
       return false;
     }
     this.#held = this.#bones.indexOf(grip.bone);
+    world.isCameraHeld = true;
     this.#target = world.bonePoint(grip.bone);
     this.#grip = grip.point.map((value, axis) => value - this.#target[axis]!);
     return true;
@@ -70,6 +71,7 @@ export class MoverDrag implements Grabbable {
 
   release(): void {
     this.#held = null;
+    this.session.world.isCameraHeld = false;
     this.#line.object.visible = false;
     this.pilot.release();
   }
