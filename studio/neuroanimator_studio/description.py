@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 import neuroanimator
 from neuroanimator import Emulator, Policy, is_reached, read_pose
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
@@ -17,6 +18,7 @@ from neuroanimator.control.policies.policy import COMMAND
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.emulator.verdict import Verdict
+from neuroanimator.export.morphs import CLOTH_RGBA
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
@@ -24,6 +26,7 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import System
 
 DIGITS = 9
@@ -91,6 +94,8 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
         "orientations": [list(pair) for pair in structure.orientations],
         "skeleton": spec.skeleton.bones_to_json(),
         "skin": describe_skin(spec.skeleton),
+        "surface": describe_surface(spec.skeleton.shapes),
+        "movers": describe_movers(spec),
         "root": describe_root(structure),
         "size": body_size(spec),
         "scene": describe_scene(spec, system),
@@ -137,6 +142,40 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
     }
 
 
+def describe_surface(shapes: Shapes | None) -> dict[str, Any] | None:
+    """Return the nodes and shapes of a soft body, each array in base64 of little-endian numbers; None of another body.
+
+    Float32 of `mean` (N, 3) [m] and of `scales` (K,); int16 of `modes` (K, N, 3), in units of their own scale; uint32 of
+    `faces` (F, 3). Amplitudes [m] begin at the state entry `first`; all nodes go with the position at `anchor`, with none
+    if that is -1. The `colour` is sRGB.
+    """
+    if shapes is None:
+        return None
+    tensors = shapes.tensors()
+    return {
+        "mean": packed(tensors["mean"], "<f4"),
+        "modes": packed(tensors["modes"], "<i2"),
+        "scales": packed(tensors["scales"], "<f4"),
+        "faces": packed(tensors["faces"], "<u4"),
+        "first": shapes.first,
+        "anchor": shapes.anchor,
+        "colour": list(CLOTH_RGBA[:3]),
+    }
+
+
+def describe_movers(spec: EmulatorSpec) -> list[list[Any]]:
+    """Return [name, entry, control entry] of each mover of a soft body: its position [m], and its velocity [m/s]."""
+    if spec.skeleton.shapes is None:
+        return []
+    positions = [part.name for part in spec.state.slices if part.unit == "m" and part.size == 3]
+    rows = []
+    for part in spec.control.slices:
+        if part.name in positions and part.unit == "m/s":
+            entry = spec.state.index(part.name).start
+            rows.append([part.name, entry, spec.control.index(part.name).start])
+    return rows
+
+
 def short_numbers(numbers: np.ndarray) -> Any:
     """Return `numbers` as lists, with the digits that float32 has."""
     if numbers.ndim > 1:
@@ -155,8 +194,13 @@ def unpacked(text: str, kind: str) -> np.ndarray:
 
 
 def body_size(spec: EmulatorSpec) -> float:
-    """Return the longest side [m] of the box around what moves, at rest; 1 where nothing is drawn."""
+    """Return the longest side [m] of the box around what moves, at rest; 1 where nothing is drawn.
+
+    Of a soft body it is that of its surface alone: what strikes it may be far away.
+    """
     skeleton = spec.skeleton
+    if skeleton.shapes is not None:
+        return float(np.ptp(skeleton.shapes.mean, axis=0).max())
     if skeleton.skin is not None:
         return float(np.ptp(skin_mesh(skeleton).points, axis=0).max())
     positions, _ = skeleton.world_poses(np.array(spec.rest)[None])
@@ -190,6 +234,8 @@ def is_in_water(structure: Structure) -> bool:
 
 def _floor(system: System) -> float | None:
     """Return the height of the ground [m]; None where there is none."""
+    if isinstance(system, SoftSystem):
+        return system.ground_height
     if not isinstance(system, MujocoSystem):
         return 0.0 if system.has_ground else None
     import mujoco

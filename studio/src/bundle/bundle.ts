@@ -52,6 +52,27 @@ export interface SkinArrays {
   readonly weights: string;
 }
 
+/** The surface of a soft body: nodes, and shapes that are added to them by their amplitudes; each array in base64. */
+export interface SurfaceArrays {
+  /** Float32 (N, 3): where the nodes are, from the anchor, if every amplitude is zero [m]. */
+  readonly mean: string;
+  /** Int16 (K, N, 3): displacement of the nodes by each amplitude, in units of its scale. */
+  readonly modes: string;
+  /** Float32 (K). */
+  readonly scales: string;
+  /** Uint32 (F, 3): corners of the triangles, counterclockwise from outside. */
+  readonly faces: string;
+  /** State entry of the first amplitude [m]. */
+  readonly first: number;
+  /** State entry where the position [m] begins that all nodes go with; -1 if there is none. */
+  readonly anchor: number;
+  /** sRGB. */
+  readonly colour: Vector3;
+}
+
+/** What a user moves: a position begins at `entry` of a state, its velocity at `control` of a control. */
+export type MoverFacts = readonly [name: string, entry: number, control: number];
+
 export type SceneKind = "water" | "lot" | "moon" | "plain";
 
 export interface SceneFacts {
@@ -130,6 +151,10 @@ export interface Bundle {
   readonly orientations: Pairs;
   readonly skeleton: readonly Bone[];
   readonly skin: SkinArrays | null;
+  /** Of a soft body; null or undefined of anything else. */
+  readonly surface?: SurfaceArrays | null;
+  /** What moves a soft body, and strikes it. */
+  readonly movers?: readonly MoverFacts[];
   readonly root: Root | null;
   readonly scene: SceneFacts;
   readonly policy: PolicyFacts | null;

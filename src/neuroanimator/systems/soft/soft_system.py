@@ -91,6 +91,7 @@ class SoftSystem(System):
         self.skeleton = Skeleton(tuple(self._bones()), shapes=self.shapes)
         self.body_length = self.scene.size
         self.has_ground = definition.ground is not None
+        self.ground_height = None if definition.ground is None else definition.ground.height
         self.goals = self.goals_of(definition.goals)
 
     @property
