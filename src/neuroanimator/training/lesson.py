@@ -85,8 +85,10 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     """Return whether the physics stays where it is at rest without control, measured over one super step.
 
     Recordings and users' functions are not asked: what is trained must not depend on whether they are there or allowed to run.
+    A soft body's physics is always there.
     """
-    if not system.is_self_contained:
+    is_soft = system.structure.shape_contacts is not None
+    if not system.is_self_contained and not is_soft:
         return False
     rest = system.rest[None]
     idle = np.tile(system.bounds.idle, (1, 1, 1))

@@ -82,7 +82,7 @@ def _checked(tensors: dict[str, np.ndarray], definition: SoftDefinition) -> Shap
     anchor = holding[0] if holding else -1
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
-    size = first + 2 * len(own["modes"])
+    size = first + 2 * len(own["scales"])
     shapes = Shapes.from_tensors(own, first, placement_of(turning, anchor), size)
     positions = tensors["positions"]
     elements = tensors["elements"]
