@@ -50,10 +50,11 @@ def cape() -> Float[np.ndarray, "N 3"]:
 
 
 def flag() -> Float[np.ndarray, "N 3"]:
-    """Return the nodes of a flag of 1.2 m × 0.8 m at the top of a pole of 2 m [m]."""
+    """Return the nodes of a flag of 1.2 m × 0.8 m at the top of a pole of 2 m [m]: wavy, for a plane one hangs as a plate."""
     rows, columns = FLAG
     z, x = np.meshgrid(2.0 - np.linspace(0, 0.8, rows), np.linspace(0, 1.2, columns), indexing="ij")
-    return np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
+    y = 0.03 * np.sin(1.5 * np.pi * x / 1.2) * (x / 1.2)
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
 def jelly() -> Float[np.ndarray, "N 3"]:

@@ -375,7 +375,9 @@ class ShapeContacts:
         for _ in range(ROUNDS):
             depth = xp.zeros_like(nodes[0])
             outward = [xp.zeros_like(nodes[0])] * 3
-            for distance, direction in self._surfaces(nodes, moment):
+            for distance, direction in self._surfaces(
+                nodes, moment, self.capsules, self.boxes
+            ):
                 is_deeper = -distance > depth
                 depth = xp.where(is_deeper, -distance, depth)
                 outward = [

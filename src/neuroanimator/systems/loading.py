@@ -27,6 +27,7 @@ from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.files.zoo import shipped_path
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
@@ -35,7 +36,8 @@ from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
-from neuroanimator.systems.soft.shape_file import made_for, read_shapes
+from neuroanimator.systems.soft.mesh_file import read_mesh
+from neuroanimator.systems.soft.shape_file import ShapeFile, made_for, read_shapes
 from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import (
@@ -52,10 +54,23 @@ def packaged(name: str) -> System:
     """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
     with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
         values = read_toml(folder / f"{name}.toml")
-    definition = check_table(values, f"{name}.toml", TABLES[kind_of(values)])
+        definition = check_table(values, f"{name}.toml", TABLES[kind_of(values)])
+        if isinstance(definition, SoftDefinition):
+            return _packaged_soft(definition, folder)
     if isinstance(definition, BodyDefinition):
         return DeformableSystem(definition)
     return ModelSystem(definition, load_model(definition.model))
+
+
+def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
+    """Return the soft body whose mesh lies in `folder`; its shapes, and where it rests, are those of its emulator."""
+    from neuroanimator.emulator.emulator import load_emulator
+
+    mesh = read_mesh(definition.mesh, (folder / definition.mesh).read_bytes())
+    emulator = load_emulator(shipped_path(definition.name, definition.substeps))
+    shapes = emulator.skeleton.shapes
+    assert shapes is not None
+    return SoftSystem(definition, ShapeFile(mesh, shapes, emulator.rest[None]))
 
 
 class Loader(NamedTuple):
