@@ -9,6 +9,7 @@ import pytest
 from jelly_mesh import cube, msh_2, msh_4
 
 import neuroanimator as na
+from neuroanimator.control.policies import train_policy
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.rotation import facing, multiply, rotate, rotation_between
@@ -278,6 +279,40 @@ def test_the_prediction_of_a_turned_world_is_the_turned_prediction(jelly, emulat
     turned = turned_controls(controls, ANGLE).astype(np.float32)
     there = np.asarray(emulator.rollout(moved, turned))
     np.testing.assert_allclose(there, elsewhere(jelly, here, SHIFT / 20, ANGLE), atol=5e-3)
+
+
+def test_the_paddle_follows_a_path_and_what_is_drawn_is_outside_of_it_and_above_the_ground(
+    jelly, emulator
+):
+    times = np.linspace(0, 1, 31)
+    rest = jelly.rest[:3]
+    aim = jelly.shapes.decode(jelly.rest).mean(axis=0)
+    places = rest + times[:, None] * (aim - rest)
+    path = na.RecordedPath("swing", times, places, 0 * times)
+    drive = na.path_drive(emulator, {"paddle": path}, speed=0.5)
+    motion = drive.motion(emulator)
+    paddle = motion[:, jelly.state.index("paddle")]
+    np.testing.assert_allclose(paddle[-1], places[-1], atol=1e-4)
+    clip = na.make_clip(emulator, motion)
+    drawn = na.push_out(clip, emulator)
+    contacts = emulator.frame.shape_contacts
+    shapes = drawn.skeleton.shapes
+    assert contacts is not None
+    assert shapes is not None
+    nodes = shapes.unplaced(drawn.states)
+    before = clip.skeleton.shapes.unplaced(clip.states)
+    pushed = [
+        np.linalg.norm(contacts.pushed_out(part, clip.states) - part, axis=-1).max()
+        for part in (before, nodes)
+    ]
+    assert pushed[0] > 0.01
+    assert pushed[1] <= 1e-3
+    assert shapes.decode(drawn.states)[..., 2].min() >= contacts.ground - 1e-3
+
+
+def test_a_policy_of_a_jelly_is_refused(jelly, emulator, tmp_path: Path):
+    with pytest.raises(NeuroAnimatorError, match="jelly is a soft body"):
+        train_policy(emulator, jelly, tmp_path / "jelly.policy.safetensors")
 
 
 def test_the_emulator_in_c_is_that_in_jax(jelly, emulator):
