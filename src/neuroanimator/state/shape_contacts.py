@@ -375,9 +375,7 @@ class ShapeContacts:
         for _ in range(ROUNDS):
             depth = xp.zeros_like(nodes[0])
             outward = [xp.zeros_like(nodes[0])] * 3
-            for distance, direction in self._surfaces(
-                nodes, moment, self.capsules, self.boxes
-            ):
+            for distance, direction in self._surfaces(nodes, moment, self.capsules, self.boxes):
                 is_deeper = -distance > depth
                 depth = xp.where(is_deeper, -distance, depth)
                 outward = [

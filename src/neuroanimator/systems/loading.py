@@ -70,7 +70,7 @@ def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
     emulator = load_emulator(shipped_path(definition.name, definition.substeps))
     shapes = emulator.skeleton.shapes
     assert shapes is not None
-    return SoftSystem(definition, ShapeFile(mesh, shapes, emulator.rest[None]))
+    return SoftSystem(definition, ShapeFile(mesh, shapes, emulator.rest))
 
 
 class Loader(NamedTuple):

@@ -27,22 +27,19 @@ from neuroanimator.systems.soft.scene import Scene
 ENDING = ".shapes.safetensors"
 """Ending of the file's name, after that of the TOML file."""
 
-METHOD = 2
+METHOD = 3
 """Number of the way shapes are found, raised whenever others would be."""
 
-MAX_STARTS = 10_000
-"""Maximum number of states in a file."""
-
 MAX_NUMBER = 1e6
-"""Largest number of a state in a file."""
+"""Largest number of a mesh or a state in a file."""
 
 
 class ShapeFile(NamedTuple):
-    """A mesh, its shapes, and states that motions may begin from, the first that of rest."""
+    """A mesh, its shapes, and the state of rest."""
 
     mesh: Mesh
     shapes: Shapes
-    starts: Float[np.ndarray, "P S"]
+    rest: Float[np.ndarray, " S"]
 
 
 def made_for(toml: Path, definition: SoftDefinition) -> Path:
@@ -60,7 +57,7 @@ def made_for(toml: Path, definition: SoftDefinition) -> Path:
     tensors = found.shapes.tensors()
     tensors["positions"] = found_mesh.positions.astype(np.float32)
     tensors["elements"] = found_mesh.elements.astype(np.int32)
-    tensors["starts"] = found.starts.astype(np.float32)
+    tensors["rest"] = found.rest.astype(np.float32)
     write_tensors(path, tensors, {"kind": "shapes", "origin": origin})
     return path
 
@@ -88,16 +85,16 @@ def _checked(tensors: dict[str, np.ndarray], definition: SoftDefinition) -> Shap
     elements = tensors["elements"]
     if elements.ndim != 2 or elements.shape[1] != 3 + definition.is_solid:
         raise ValueError("elements of another kind")
-    starts = tensors["starts"]
+    rest = tensors["rest"]
     if positions.shape != shapes.mean.shape:
         raise ValueError("another number of nodes in the mesh than in the shapes")
-    if starts.ndim != 2 or starts.shape[1] != size or not 1 <= len(starts) <= MAX_STARTS:
-        raise ValueError("states of another size")
-    for array in (positions, elements, starts):
+    if rest.shape != (size,):
+        raise ValueError("a state of another size")
+    for array in (positions, elements, rest):
         if not (np.abs(array) <= MAX_NUMBER).all():
             raise ValueError("a number that is too large")
     mesh = Mesh(positions.astype(float), elements.astype(int))
-    return ShapeFile(mesh, shapes, starts.astype(float))
+    return ShapeFile(mesh, shapes, rest.astype(float))
 
 
 def _origin(definition: SoftDefinition, mesh: bytes) -> str:

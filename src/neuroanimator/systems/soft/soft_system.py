@@ -19,6 +19,7 @@ from neuroanimator.systems.soft.own_frame import with_steady_signs
 from neuroanimator.systems.soft.program import LANES
 from neuroanimator.systems.soft.scene import WORLD, Motion, Scene
 from neuroanimator.systems.soft.shape_file import ShapeFile
+from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
 
 SMALL_STEPS = "xpbd"
@@ -30,11 +31,11 @@ BLOCK = 8
 FREE_BLOCK = 2
 """The same of bodies that nothing holds: they fly away from an origin, and float32 is exact near it alone."""
 
+THROW_STEPS = 64
+"""Number of super steps in a run of a free body: most lie out of the movers' reach after that."""
+
 MAX_AMPLITUDE = 20.0
 """Amplitude over the size of the body at which a motion has diverged."""
-
-REST_SHARE = 0.2
-"""Share of random starts at rest."""
 
 COLOUR = (0.75, 0.75, 0.78, 1.0)
 """Colour of colliders."""
@@ -67,9 +68,10 @@ class SoftSystem(System):
         self.name = definition.name
         self.definition_text = definition_text
         self.shapes = file.shapes
-        self.starts = file.starts
         self.scene = Scene(definition, file.mesh)
-        self.rest = file.starts[0]
+        self.rest = file.rest
+        if self.is_free:
+            self.run_steps = THROW_STEPS
         physics = definition.physics
         self.scheme = Scheme(SMALL_STEPS, physics.step)
         self.truth = Scheme(SMALL_STEPS, physics.truth_step)
@@ -230,12 +232,21 @@ class SoftSystem(System):
         return np.asarray(~fits.all(axis=(1, 2)) | ~np.isfinite(states).all(axis=(1, 2)))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        """Return starts at rest of a body that is held: nodes put together of shapes spring apart at first, and teach that."""
+        """Return states without deformation: at rest, or of a free body thrown.
+
+        Nodes that are put together of shapes spring apart at first, and would teach that.
+        """
+        starts = np.repeat(self.rest[None], count, axis=0)
         if not self.is_free:
-            return np.repeat(self.rest[None], count, axis=0)
-        chosen = rng.integers(0, len(self.starts), count)
-        chosen[rng.random(count) < REST_SHARE] = 0
-        return self.starts[chosen]
+            return starts
+        size = self.scene.movers.size
+        entries = slice(2 * size, self.shapes.first)
+        centre = self.rest[entries][:3]
+        roots = random_roots(self.scene, rng, self.shapes.mean, centre, starts[:, :size])
+        for start, root in zip(starts, roots, strict=True):
+            if root is not None:
+                start[entries] = root
+        return starts
 
     def sample_paths(
         self,
