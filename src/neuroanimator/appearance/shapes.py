@@ -87,8 +87,14 @@ class Shapes:
 
     def project(self, vectors: Float[np.ndarray, "*B N 3"]) -> Float[np.ndarray, "*B K"]:
         """Return the amplitudes, or their rates, of displacements [m], or velocities [m/s], of all nodes."""
-        count = len(self.mean)
-        return np.tensordot(vectors, self.modes, axes=((-2, -1), (1, 2))) / count
+        along = np.tensordot(vectors, self.modes, axes=((-2, -1), (1, 2))) / len(self.mean)
+        return along @ self._inverse_overlaps
+
+    @cached_property
+    def _inverse_overlaps(self) -> Float[np.ndarray, "K K"]:
+        """Inverse of the modes' products with each other: nearly the identity, for modes are rounded."""
+        rows = self.modes.reshape(len(self.modes), -1)
+        return np.linalg.inv(rows @ rows.T / len(self.mean))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays as files hold them: modes as numbers of 16 and 8 bits, each in units of its own scale."""

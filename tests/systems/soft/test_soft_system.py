@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from soft_bodies import moving_states
 
 import neuroanimator as na
 from neuroanimator.control.policies import train_policy
@@ -63,7 +64,7 @@ def test_modes_are_orthogonal_and_of_one_size(cloth):
 
 
 def test_a_state_put_together_and_taken_apart_is_the_same(cloth):
-    states = cloth.starts[:5]
+    states = moving_states(cloth)[:5]
     np.testing.assert_allclose(taken_apart(cloth, states), states, atol=1e-3)
 
 
@@ -87,7 +88,7 @@ def test_rest_stays_rest(cloth):
 def test_moving_everything_moves_the_motion(cloth):
     """Where the cloth hangs matters to nothing but where it is."""
     rng = np.random.default_rng(0)
-    start = cloth.starts[40:41]
+    start = moving_states(cloth)[40:41]
     shifted = start.copy()
     shift = np.array([0.5, -0.25, 0.125])
     shifted[:, :6] += np.tile(shift, 2)
@@ -118,7 +119,7 @@ def test_the_ball_strikes_the_cloth_and_is_shown_beforehand(cloth):
 
 def test_results_do_not_depend_on_threads_or_on_the_rows_beside(cloth):
     controls = np.random.default_rng(1).uniform(-0.3, 0.3, (20, 4, cloth.control.size))
-    starts = cloth.starts[:20]
+    starts = moving_states(cloth)[:20]
     one = cloth.simulate(starts, controls, 1 / 30).states
     two = cloth.simulate(starts, controls, 1 / 30, threads=2).states
     few = cloth.simulate(starts[3:5], controls[3:5], 1 / 30).states
@@ -331,8 +332,10 @@ def test_an_obj_counts_from_one_and_backwards_and_splits_polygons():
 def test_a_cost_of_a_node_is_of_where_the_node_is(cloth):
     node = SIDE * SIDE - 1
     term = na.reach_node(cloth, node, [0.1, 0.2, 0.3], within=0.5)
-    seen = term.observe(cloth.starts[:4])
-    np.testing.assert_allclose(seen, cloth.shapes.decode(cloth.starts[:4], [node])[:, 0], atol=1e-5)
+    seen = term.observe(moving_states(cloth)[:4])
+    np.testing.assert_allclose(
+        seen, cloth.shapes.decode(moving_states(cloth)[:4], [node])[:, 0], atol=1e-5
+    )
     with pytest.raises(NeuroAnimatorError, match="wanted 0 to 143, came 144"):
         na.reach_node(cloth, SIDE * SIDE, [0, 0, 0], within=1)
 
