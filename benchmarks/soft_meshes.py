@@ -37,9 +37,8 @@ def grid_faces(rows: int, columns: int) -> Int[np.ndarray, "F 3"]:
     return np.concatenate([first, second])
 
 
-def cape() -> Float[np.ndarray, "N 3"]:
+def cape(rows: int, columns: int) -> Float[np.ndarray, "N 3"]:
     """Return the nodes of a half cone around the shoulders of somebody 1.7 m tall who looks along X [m]."""
-    rows, columns = CAPE
     down = np.linspace(0, 1, rows)[:, None]
     around = np.radians(np.linspace(-90, 90, columns))
     flare = 1 + 1.3 * down
@@ -49,17 +48,15 @@ def cape() -> Float[np.ndarray, "N 3"]:
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
-def flag() -> Float[np.ndarray, "N 3"]:
+def flag(rows: int, columns: int) -> Float[np.ndarray, "N 3"]:
     """Return the nodes of a flag of 1.2 m × 0.8 m at the top of a pole of 2 m [m]: wavy, for a plane one hangs as a plate."""
-    rows, columns = FLAG
     z, x = np.meshgrid(2.0 - np.linspace(0, 0.8, rows), np.linspace(0, 1.2, columns), indexing="ij")
     y = 0.03 * np.sin(1.5 * np.pi * x / 1.2) * (x / 1.2)
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
-def jelly() -> Float[np.ndarray, "N 3"]:
+def jelly(layers: int, side: int) -> Float[np.ndarray, "N 3"]:
     """Return the nodes of a fluted jelly, 0.14 m high, that stands on the ground [m]."""
-    layers, side = JELLY
     line = np.linspace(-1, 1, side)
     height, y, x = np.meshgrid(np.linspace(0, 1, layers), line, line, indexing="ij")
     radius = np.maximum(np.abs(x), np.abs(y))  # squares of the grid become circles
@@ -69,9 +66,8 @@ def jelly() -> Float[np.ndarray, "N 3"]:
     return np.stack(nodes, axis=-1).reshape(-1, 3)
 
 
-def grid_tetrahedra() -> Int[np.ndarray, "T 4"]:
+def grid_tetrahedra(layers: int, side: int) -> Int[np.ndarray, "T 4"]:
     """Return six tetrahedra in each cell of the jelly's grid, around the cell's diagonal (Kuhn)."""
-    layers, side = JELLY
     nodes = np.arange(layers * side * side).reshape(layers, side, side)
     cells = []
     for axes in permutations(range(3)):
@@ -118,10 +114,10 @@ def msh_text(positions: Float[np.ndarray, "N 3"], tetrahedra: Int[np.ndarray, "T
 
 def main() -> None:
     folder = Path(sys.argv[1])
-    (folder / "cape.obj").write_text(obj_text(cape(), grid_faces(*CAPE)))
-    (folder / "flag.obj").write_text(obj_text(flag(), grid_faces(*FLAG)))
-    nodes = jelly()
-    (folder / "jelly.msh").write_text(msh_text(nodes, outward(nodes, grid_tetrahedra())))
+    (folder / "cape.obj").write_text(obj_text(cape(*CAPE), grid_faces(*CAPE)))
+    (folder / "flag.obj").write_text(obj_text(flag(*FLAG), grid_faces(*FLAG)))
+    nodes = jelly(*JELLY)
+    (folder / "jelly.msh").write_text(msh_text(nodes, outward(nodes, grid_tetrahedra(*JELLY))))
 
 
 if __name__ == "__main__":
