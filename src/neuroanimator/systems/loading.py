@@ -27,7 +27,7 @@ from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import check_table, read_toml
-from neuroanimator.files.zoo import shipped_path
+from neuroanimator.files.zoo import SOFT, shipped_path
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
@@ -264,7 +264,7 @@ def resolve(reference: str) -> tuple[str, str, int]:
     of the package. Raises ArgumentError or BadFileError for a wrong definition.
     """
     if not reference.endswith(".toml"):
-        return reference, "", USUAL_SUBSTEPS
+        return reference, "", dict(SOFT).get(reference, USUAL_SUBSTEPS)
     path = Path(reference)
     loader, definition = _read_definition(path)
     files = loader.pack(path, definition)
