@@ -62,12 +62,12 @@ FLATTEN = (
 )
 """Advice on a model that attaches others."""
 
-SOFT = "soft bodies of MuJoCo are not supported. Remove it, or bring a cloth as a mesh: neuroanimator new cloth.obj"
+SOFT = "soft bodies of MuJoCo are not supported. Remove it, or bring a mesh: neuroanimator new cloth.obj (or solid.msh)"
 
 REFUSED = {
     **dict.fromkeys(
         ("composite", "flexcomp", "flex"),
-        "soft bodies of MuJoCo are not supported. Remove it, or bring a cloth as a mesh: neuroanimator new cloth.obj",
+        "soft bodies of MuJoCo are not supported. Remove it, or bring a mesh: neuroanimator new cloth.obj (or solid.msh)",
     ),
     **dict.fromkeys(("attach", "model"), FLATTEN),
     "plugin": "plugins run foreign code. Remove it",
