@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.files.glb import Glb, object_at, objects_in
-from neuroanimator.files.numbers import numbers, whole
+from neuroanimator.files.numbers import entries, numbers, whole
 from neuroanimator.state.rotation import conjugate, multiply, quaternions_of, rotate
 from neuroanimator.text import did_you_mean, listed, quoted
 
@@ -27,6 +27,9 @@ SAMPLING = 1 / 120
 
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers in a value of what is animated of a node, by the format's names."""
+
+PROPERTIES = list(WIDTHS)
+"""The names, among which one may look for anything a file says."""
 
 AT_REST = {
     "translation": (0.0, 0.0, 0.0),
@@ -151,8 +154,7 @@ def _chain(nodes: list[dict[str, Any]], number: int) -> list[int]:
     """Return the numbers of a node, of its parent, and so on."""
     parents: dict[int, int] = {}
     for parent, node in enumerate(nodes):
-        for child in node.get("children", []):
-            child = whole(child, "number of a child", 0, len(nodes) - 1)
+        for child in entries(node.get("children", []), "children", len(nodes)):
             if child in parents:
                 raise ValueError(f"node {child} has two parents")
             parents[child] = parent
@@ -183,7 +185,7 @@ def _tracks(
             raise ValueError("an animation's channel without a target")
         node = target.get("node")
         name = target.get("path")
-        if node in tracks and name in WIDTHS:
+        if node in chain and name in PROPERTIES:
             sampler = object_at(samplers, channel.get("sampler"), "sampler")
             tracks[node][name] = _track(file, sampler, name, inputs[sampler["input"]])
     return tracks, end
