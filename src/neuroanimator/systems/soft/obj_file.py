@@ -7,11 +7,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.errors import BadFileError
-
-MAX_FILE = 64 * 2**20
-"""Maximum size of a file [bytes]."""
 
 MAX_CORNERS = 16
 """Maximum number of corners of a face."""
@@ -24,7 +20,7 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
     """
     positions: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
-    for number, line in enumerate(content.decode("utf-8", errors="replace").splitlines(), start=1):
+    for number, line in enumerate(content.decode("utf-8", errors="replace").split("\n"), start=1):
         kind, *values = line.split() or [""]
         try:
             if kind == "v":
@@ -42,10 +38,6 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
             raise BadFileError(
                 f"{name}: line {number}: wanted {wanted}. Export it again."
             ) from error
-        if len(positions) > MAX_NODES:
-            raise BadFileError(
-                f"{name}: more than {MAX_NODES:,} vertices, which a step takes seconds of. Decimate the mesh."
-            )
     if not faces:
         raise BadFileError(f"{name}: no faces. Export a surface as OBJ.")
     return np.array(positions), np.array(faces)

@@ -19,14 +19,15 @@ from neuroanimator.files.atomic import (
     read_tensors,
     write_tensors,
 )
+from neuroanimator.state.shape_contacts import first_amplitude, placement_of
 from neuroanimator.systems.soft.find_shapes import find_shapes
-from neuroanimator.systems.soft.obj_file import MAX_FILE, read_obj
+from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh, read_mesh
 from neuroanimator.systems.soft.scene import Scene
 
 ENDING = ".shapes.safetensors"
 """Ending of the file's name, after that of the TOML file."""
 
-METHOD = 1
+METHOD = 2
 """Number of the way shapes are found, raised whenever others would be."""
 
 MAX_STARTS = 10_000
@@ -39,8 +40,7 @@ MAX_NUMBER = 1e6
 class ShapeFile(NamedTuple):
     """A mesh, its shapes, and states that motions may begin from, the first that of rest."""
 
-    positions: Float[np.ndarray, "N 3"]
-    """As the mesh has them [m]."""
+    mesh: Mesh
     shapes: Shapes
     starts: Float[np.ndarray, "P S"]
 
@@ -55,10 +55,11 @@ def made_for(toml: Path, definition: SoftDefinition) -> Path:
         _, metadata = read_tensors(path, "shapes")
         if metadata.get("origin") == origin:
             return path
-    positions, faces = read_obj(mesh.name, content)
-    found = find_shapes(definition, Scene(definition, positions, faces))
+    found_mesh = read_mesh(mesh.name, content)
+    found = find_shapes(definition, Scene(definition, found_mesh))
     tensors = found.shapes.tensors()
-    tensors["positions"] = positions.astype(np.float32)
+    tensors["positions"] = found_mesh.positions.astype(np.float32)
+    tensors["elements"] = found_mesh.elements.astype(np.int32)
     tensors["starts"] = found.starts.astype(np.float32)
     write_tensors(path, tensors, {"kind": "shapes", "origin": origin})
     return path
@@ -76,23 +77,27 @@ def read_shapes(path: Path, definition: SoftDefinition) -> ShapeFile:
 
 
 def _checked(tensors: dict[str, np.ndarray], definition: SoftDefinition) -> ShapeFile:
-    movers = list(definition.movers.values())
-    first = 6 * len(movers)
+    turning = tuple(mover.turns for mover in definition.movers.values())
+    holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
+    anchor = holding[0] if holding else -1
+    first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
-    count = len(own["modes"])
-    size = first + 2 * count
-    anchor = next(number for number, mover in enumerate(movers) if mover.pins)
-    shapes = Shapes.from_tensors(own, first, 3 * anchor, size)
+    size = first + 2 * len(own["modes"])
+    shapes = Shapes.from_tensors(own, first, placement_of(turning, anchor), size)
     positions = tensors["positions"]
+    elements = tensors["elements"]
+    if elements.ndim != 2 or elements.shape[1] != 3 + definition.is_solid:
+        raise ValueError("elements of another kind")
     starts = tensors["starts"]
     if positions.shape != shapes.mean.shape:
         raise ValueError("another number of nodes in the mesh than in the shapes")
     if starts.ndim != 2 or starts.shape[1] != size or not 1 <= len(starts) <= MAX_STARTS:
         raise ValueError("states of another size")
-    for array in (positions, starts):
+    for array in (positions, elements, starts):
         if not (np.abs(array) <= MAX_NUMBER).all():
             raise ValueError("a number that is too large")
-    return ShapeFile(positions.astype(float), shapes, starts.astype(float))
+    mesh = Mesh(positions.astype(float), elements.astype(int))
+    return ShapeFile(mesh, shapes, starts.astype(float))
 
 
 def _origin(definition: SoftDefinition, mesh: bytes) -> str:
