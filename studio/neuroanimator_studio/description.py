@@ -11,7 +11,6 @@ from jaxtyping import Float
 
 import neuroanimator
 from neuroanimator import Emulator, Policy, is_reached, read_pose
-from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
@@ -95,7 +94,7 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
         "orientations": [list(pair) for pair in structure.orientations],
         "skeleton": spec.skeleton.bones_to_json(),
         "skin": describe_skin(spec.skeleton),
-        "surface": describe_surface(spec.skeleton.shapes),
+        "surface": describe_surface(spec.skeleton),
         "movers": describe_movers(spec),
         "root": describe_root(structure),
         "size": body_size(spec),
@@ -143,13 +142,14 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
     }
 
 
-def describe_surface(shapes: Shapes | None) -> dict[str, Any] | None:
+def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
     """Return the nodes and shapes of a soft body, each array in base64 of little-endian numbers; None of another body.
 
     Float32 of `mean` (N, 3) [m] and of `scales` (K,); int16 of `modes` (K, N, 3), in units of their own scale; uint32 of
     `faces` (F, 3). Amplitudes [m] begin at the state entry `first`; `placement` says where the frame of all nodes is, -1
     where it does not. The `colour` is sRGB.
     """
+    shapes = skeleton.shapes
     if shapes is None:
         return None
     tensors = shapes.tensors()

@@ -9,7 +9,6 @@ from neuroanimator import Emulator, NeuroAnimatorError, is_reached
 from neuroanimator.animation.motion import Drive, random_drive, shipped_drive
 from neuroanimator.control.objective.goals import goal_start
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
-from neuroanimator.state.shape_contacts import ShapeContacts
 from neuroanimator.systems.system import System
 from neuroanimator_studio.description import body_size
 
@@ -40,9 +39,8 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
 
     A goal with a start of its own comes first: its motion goes somewhere. Of a soft body movers wander.
     """
-    contacts = emulator.frame.shape_contacts
-    if contacts is not None:
-        return wander(emulator, contacts)
+    if emulator.frame.shape_contacts is not None:
+        return wander(emulator)
     shipped = shipped_drive(emulator)
     if shipped is not None:
         return shipped
@@ -61,9 +59,11 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
     return random_drive(emulator, None, 0)
 
 
-def wander(emulator: Emulator, contacts: ShapeContacts) -> Drive:
+def wander(emulator: Emulator) -> Drive:
     """Return smooth paths of movers, all of which end where they began: colliders come to the body, what holds it sways."""
+    contacts = emulator.frame.shape_contacts
     shapes = emulator.skeleton.shapes
+    assert contacts is not None
     assert shapes is not None
     rest = np.array(emulator.rest, float)
     middle = shapes.decode(rest).mean(axis=0)

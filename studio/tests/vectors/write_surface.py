@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.export.morphs import surface_normals
 from neuroanimator.state.placement import Placement
 from neuroanimator_studio.description import describe_surface
@@ -35,7 +36,7 @@ def main() -> None:
     kept = Shapes.from_tensors(shapes.tensors(), shapes.first, shapes.placement, states.shape[1])
     nodes = kept.decode(states)
     vectors = {
-        "surface": describe_surface(kept),
+        "surface": describe_surface(Skeleton((), shapes=kept)),
         "states": _rounded(states),
         "nodes": _rounded(nodes.reshape(2, -1)),
         "normals": _rounded(surface_normals(kept, nodes).reshape(2, -1)),
