@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,6 @@ from jaxtyping import Float
 
 import neuroanimator
 from neuroanimator import Emulator, Policy, is_reached, read_pose
-from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
@@ -94,7 +94,7 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
         "orientations": [list(pair) for pair in structure.orientations],
         "skeleton": spec.skeleton.bones_to_json(),
         "skin": describe_skin(spec.skeleton),
-        "surface": describe_surface(spec.skeleton.shapes),
+        "surface": describe_surface(spec.skeleton),
         "movers": describe_movers(spec),
         "root": describe_root(structure),
         "size": body_size(spec),
@@ -142,13 +142,14 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
     }
 
 
-def describe_surface(shapes: Shapes | None) -> dict[str, Any] | None:
+def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
     """Return the nodes and shapes of a soft body, each array in base64 of little-endian numbers; None of another body.
 
     Float32 of `mean` (N, 3) [m] and of `scales` (K,); int16 of `modes` (K, N, 3), in units of their own scale; uint32 of
-    `faces` (F, 3). Amplitudes [m] begin at the state entry `first`; all nodes go with the position at `anchor`, with none
-    if that is -1. The `colour` is sRGB.
+    `faces` (F, 3). Amplitudes [m] begin at the state entry `first`; `placement` says where the frame of all nodes is, -1
+    where it does not. The `colour` is sRGB.
     """
+    shapes = skeleton.shapes
     if shapes is None:
         return None
     tensors = shapes.tensors()
@@ -158,21 +159,27 @@ def describe_surface(shapes: Shapes | None) -> dict[str, Any] | None:
         "scales": packed(tensors["scales"], "<f4"),
         "faces": packed(tensors["faces"], "<u4"),
         "first": shapes.first,
-        "anchor": shapes.anchor,
+        "placement": asdict(shapes.placement),
         "colour": list(CLOTH_RGBA[:3]),
     }
 
 
 def describe_movers(spec: EmulatorSpec) -> list[list[Any]]:
-    """Return [name, entry, control entry] of each mover of a soft body: its position [m], and its velocity [m/s]."""
+    """Return [name, entry, control entry, size] of each mover of a soft body.
+
+    So many numbers of a state are its position [m] and, of one that turns, its heading [rad]; so many controls are their
+    rates.
+    """
     if spec.skeleton.shapes is None:
         return []
     positions = [part.name for part in spec.state.slices if part.unit == "m" and part.size == 3]
     rows = []
     for part in spec.control.slices:
-        if part.name in positions and part.unit == "m/s":
+        if part.unit == "rad/s" and rows:
+            rows[-1][3] += part.size
+        elif part.name in positions:
             entry = spec.state.index(part.name).start
-            rows.append([part.name, entry, spec.control.index(part.name).start])
+            rows.append([part.name, entry, spec.control.index(part.name).start, part.size])
     return rows
 
 

@@ -9,7 +9,6 @@ from neuroanimator import Emulator, NeuroAnimatorError, is_reached
 from neuroanimator.animation.motion import Drive, random_drive, shipped_drive
 from neuroanimator.control.objective.goals import goal_start
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
-from neuroanimator.state.shape_contacts import ShapeContacts
 from neuroanimator.systems.system import System
 from neuroanimator_studio.description import body_size
 
@@ -21,6 +20,9 @@ VISITS = 3
 
 SWAY = 0.12
 """How far movers sway with each of their waves, at most, over the size of the body."""
+
+TURN = 0.3
+"""How far those that turn do so with each of their waves, at most [rad]."""
 
 WAVES = (1, 2, 3)
 """How often the waves of swaying come in `PERIOD`."""
@@ -37,9 +39,8 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
 
     A goal with a start of its own comes first: its motion goes somewhere. Of a soft body movers wander.
     """
-    contacts = emulator.frame.shape_contacts
-    if contacts is not None:
-        return wander(emulator, contacts)
+    if emulator.frame.shape_contacts is not None:
+        return wander(emulator)
     shipped = shipped_drive(emulator)
     if shipped is not None:
         return shipped
@@ -58,28 +59,29 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
     return random_drive(emulator, None, 0)
 
 
-def wander(emulator: Emulator, contacts: ShapeContacts) -> Drive:
+def wander(emulator: Emulator) -> Drive:
     """Return smooth paths of movers, all of which end where they began: colliders come to the body, what holds it sways."""
+    contacts = emulator.frame.shape_contacts
     shapes = emulator.skeleton.shapes
+    assert contacts is not None
     assert shapes is not None
     rest = np.array(emulator.rest, float)
-    count = contacts.movers
-    positions = rest[: 3 * count].reshape(count, 3)
-    middle = shapes.anchors(rest) + shapes.mean.mean(axis=0)
-    striking = {collider.mover for collider in contacts.colliders} - {contacts.anchor}
+    middle = shapes.decode(rest).mean(axis=0)
     size = body_size(emulator.spec)
     steps = round(PERIOD / emulator.dt)
     turns = np.linspace(0, 2 * np.pi, steps + 1)[:, None]
-    paths = np.zeros((steps + 1, count, 3))
-    for mover in range(count):
-        axes = np.arange(3) + 3 * mover
+    nearness = (1 - np.cos(VISITS * turns)) / 2
+    striking = {collider.mover for collider in (*contacts.capsules, *contacts.boxes)}
+    paths = np.zeros((steps + 1, contacts.mover_size))
+    for number, mover in enumerate(contacts.movers):
+        axes = mover.entry + np.arange(mover.size)
+        reach = np.full(mover.size, SWAY * size)
+        reach[3:] = TURN
         for waves in WAVES:
-            share = np.cos(MIXTURE * axes + waves)
-            paths[:, mover] += SWAY * size * share * np.sin(waves * turns)
-        if mover in striking:
-            nearness = (1 - np.cos(VISITS * turns)) / 2
-            paths[:, mover] += nearness * (middle - positions[mover])
-    velocities = np.diff(paths, axis=0).reshape(steps, 3 * count) / emulator.dt
+            paths[:, axes] += reach * np.cos(MIXTURE * axes + waves) * np.sin(waves * turns)
+        if number in striking and number != contacts.anchor:
+            paths[:, axes[:3]] += nearness * (middle - rest[axes[:3]])
+    velocities = np.diff(paths, axis=0) / emulator.dt
     return Drive(rest, _well_within(emulator, velocities))
 
 

@@ -19,8 +19,8 @@ const FACTS = {
   rates: [],
   orientations: [],
   movers: [
-    ["ball", 0, 0],
-    ["pole", 3, 3],
+    ["ball", 0, 0, 3],
+    ["pole", 3, 3, 3],
   ],
 } as unknown as Bundle;
 

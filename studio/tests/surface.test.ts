@@ -2,7 +2,7 @@
 
 import { describe, expect, test } from "vitest";
 import { GROUP, groupsWithRoom, packedOf, ROWS, writeWeights, type PackedSurface } from "../src/body/packing";
-import { facing, heldNodes, surfaceGap, surfaceOf, surfaceOrigin, type Surface } from "../src/body/surface";
+import { facing, heldNodes, inWorld, isClosed, surfaceFrame, surfaceGap, surfaceOf, type Surface } from "../src/body/surface";
 import type { SurfaceArrays } from "../src/bundle/bundle";
 import vectors from "./vectors/surface.json";
 
@@ -48,18 +48,18 @@ describe.each(vectors.states.map((state, number) => ({ state, number })))("state
   const weights = weightsOf(surface, packed, state);
 
   test("nodes are where Python puts them together", () => {
-    const origin = surfaceOrigin(surface, state);
+    const frame = surfaceFrame(surface, state);
     for (let node = 0; node < surface.nodes; node++) {
-      for (let axis = 0; axis < 3; axis++) {
-        const place = origin[axis]! + surface.mean[3 * node + axis]! + sum(packed, weights, node, axis);
-        expect(place).toBeCloseTo(vectors.nodes[number]![3 * node + axis]!, 4);
-      }
+      const own = [0, 1, 2].map((axis) => surface.mean[3 * node + axis]! + sum(packed, weights, node, axis));
+      inWorld(frame, own).forEach((value, axis) => expect(value).toBeCloseTo(vectors.nodes[number]![3 * node + axis]!, 4));
     }
   });
 
   test("normals are those of the faces around, within some degrees on so coarse a cloth", () => {
+    const { turn } = surfaceFrame(surface, state);
     const angles = Array.from({ length: surface.nodes }, (_, node) => {
-      const cosine = normalOf(packed, weights, node).reduce((total, value, axis) => total + value * vectors.normals[number]![3 * node + axis]!, 0);
+      const turned = inWorld({ origin: [0, 0, 0], turn }, normalOf(packed, weights, node));
+      const cosine = turned.reduce((total, value, axis) => total + value * vectors.normals[number]![3 * node + axis]!, 0);
       return (Math.acos(Math.min(cosine, 1)) * 180) / Math.PI;
     });
     expect(Math.sqrt(angles.reduce((total, angle) => total + angle * angle, 0) / angles.length)).toBeLessThan(4);
@@ -78,7 +78,8 @@ test("normals of a surface that a linear map moves are exactly those of the map"
   }
   const sheared: Surface = { ...surface, modes, scales: Float32Array.of(scale), shapes: 1 };
   const packed = packedOf(sheared);
-  const weights = weightsOf(sheared, packed, [0, 0, 0, 1]);
+  const state = vectors.states[0]!.map((_, i) => (i === surface.first ? 1 : 0));
+  const weights = weightsOf(sheared, packed, state);
   // The cloth lies across Y: its edges along X and Z go to these.
   const moved = (x: number, z: number): number[] => shear(x, 0, z).map((value, axis) => value + [x, 0, z][axis]!);
   const wanted = unit(cross(moved(1, 0), moved(0, 1)));
@@ -99,12 +100,17 @@ test("a surface too large for a texture keeps as many of its first shapes as fin
 test("the gap between two states is that of their amplitudes and of where they are held", () => {
   const one = vectors.states[0]!;
   expect(surfaceGap(surface, one, one)).toBe(0);
-  const moved = one.map((value, i) => (i === 1 ? value + 0.3 : i === 4 ? value - 0.4 : value));
+  const moved = one.map((value, i) => (i === 1 ? value + 0.3 : i === surface.first ? value - 0.4 : value));
   expect(surfaceGap(surface, one, moved)).toBeCloseTo(0.5, 6);
 });
 
 test("what is held is what no shape moves: the upper edge", () => {
   expect(heldNodes(surface)).toEqual(Array.from({ length: 13 }, (_, node) => node));
+});
+
+test("a square of cloth is open, and what has no edge is closed", () => {
+  expect(isClosed(surface)).toBe(false);
+  expect(isClosed({ nodes: 4, faces: Uint32Array.of(0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3) })).toBe(true);
 });
 
 test("a cloth that hangs across Y shows its face along Y", () => {

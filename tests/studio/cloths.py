@@ -28,10 +28,11 @@ def square_obj() -> str:
 
 
 def untrained_cloth(folder: Path) -> Emulator:
-    """Return the emulator of a cloth whose definition is written into `folder`."""
+    """Return the emulator of a cloth, whose holder turns, too; its definition is written into `folder`."""
     (folder / "cloth.obj").write_text(square_obj())
     toml, _ = write_definition(str(folder / "cloth.obj"))
-    toml.write_text(toml.read_text().replace("shapes = 96", "shapes = 10"))
+    written = toml.read_text().replace("shapes = 96", "shapes = 10")
+    toml.write_text(written.replace("[movers.holder]", "[movers.holder]\nturns = true"))
     name, text, substeps = resolve(str(toml))
     config = DatasetConfig(
         system=name, definition=text, substeps=substeps, count=72, samples_per_run=36

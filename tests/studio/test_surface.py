@@ -9,6 +9,7 @@ from cloths import untrained_cloth
 from neuroanimator import Emulator
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.state.placement import Placement
 from neuroanimator_studio.description import describe_emulator, unpacked
 from neuroanimator_studio.opening import opening_drive
 
@@ -30,7 +31,8 @@ def test_a_surface_arrives_whole(emulator: Emulator):
         "scales": unpacked(said["scales"], "<f4"),
         "faces": unpacked(said["faces"], "<u4").reshape(-1, 3).astype(np.int32),
     }
-    again = Shapes.from_tensors(tensors, said["first"], said["anchor"], emulator.state.size)
+    placement = Placement(**said["placement"])
+    again = Shapes.from_tensors(tensors, said["first"], placement, emulator.state.size)
     states = np.asarray(emulator.rollout(emulator.rest, np.zeros((3, emulator.control.size))))
     np.testing.assert_allclose(again.decode(states), shapes.decode(states), atol=1e-5)
     assert facts["size"] == pytest.approx(np.ptp(shapes.mean, axis=0).max())
@@ -40,15 +42,16 @@ def test_a_surface_arrives_whole(emulator: Emulator):
 def test_movers_are_where_their_state_and_control_entries_say(emulator: Emulator):
     facts = describe_emulator(emulator, system_of(emulator))
     assert [row[0] for row in facts["movers"]] == ["ball", "holder"]
-    for number, (name, entry, control) in enumerate(facts["movers"]):
+    for number, (name, entry, control, size) in enumerate(facts["movers"]):
         held = np.zeros((1, emulator.control.size), np.float32)
-        held[0, control : control + 3] = [0.1, -0.2, 0.3]
+        held[0, control : control + size] = [0.1, -0.2, 0.3, 0.4][:size]
         states = np.asarray(emulator.rollout(emulator.rest, held), float)
-        moved = states[1, entry : entry + 3] - states[0, entry : entry + 3]
-        np.testing.assert_allclose(moved, emulator.dt * held[0, control : control + 3], atol=1e-6)
+        moved = states[1] - states[0]
+        wanted = emulator.dt * held[0, control : control + size]
+        np.testing.assert_allclose(moved[entry : entry + size], wanted, atol=1e-6)
         bone = emulator.skeleton.bones[number]
         assert bone.name == name
-        assert bone.joints[0].entry == entry
+        assert [joint.entry for joint in bone.joints] == list(range(entry, entry + size))
 
 
 def test_movers_wander_within_their_bounds_strike_and_end_where_they_began(emulator: Emulator):
@@ -62,6 +65,6 @@ def test_movers_wander_within_their_bounds_strike_and_end_where_they_began(emula
     assert shapes is not None
     start = np.array(emulator.rest)
     balls = start[:3] + moved[:, :3]
-    middle = start[3:6] + shapes.mean.mean(axis=0)
+    middle = shapes.decode(start).mean(axis=0)
     assert np.linalg.norm(balls - middle, axis=1).min() < 0.4 * np.linalg.norm(start[:3] - middle)
     assert np.abs(moved[:, 3:]).max(axis=0).min() > 0.02

@@ -1,7 +1,8 @@
 // The surface of a soft body: a mean and shapes, of which a state holds the amplitudes (appearance/shapes.py).
 
 import { floatsOf, int16Of, uint32Of } from "../bundle/base64";
-import type { SurfaceArrays, Vector3 } from "../bundle/bundle";
+import type { Placement, SurfaceArrays, Vector3 } from "../bundle/bundle";
+import { normalised, rotate } from "./quaternion";
 
 export interface Surface {
   /** (N, 3) [m] */
@@ -12,9 +13,11 @@ export interface Surface {
   /** (F, 3) */
   readonly faces: Uint32Array<ArrayBuffer>;
   readonly first: number;
-  readonly anchor: number;
+  readonly placement: Placement;
   readonly nodes: number;
   readonly shapes: number;
+  /** The box around the nodes with every amplitude zero, in their own frame. */
+  readonly box: Box;
 }
 
 /** A box [m]. */
@@ -45,17 +48,33 @@ function readSurface(arrays: SurfaceArrays): Surface {
   if (faces.some((node) => node >= nodes)) {
     throw new Error("surface: a face has a node that is not there");
   }
-  return { mean, modes, scales, faces, first: arrays.first, anchor: arrays.anchor, nodes, shapes };
+  return { mean, modes, scales, faces, first: arrays.first, placement: arrays.placement, nodes, shapes, box: boxOf(mean) };
 }
 
-/** Return where the frame is that all nodes go with [m]: its origin, in the world's axes. */
-export function surfaceOrigin(surface: Pick<Surface, "anchor">, state: ArrayLike<number>): [number, number, number] {
-  const { anchor } = surface;
-  return anchor < 0 ? [0, 0, 0] : [state[anchor]!, state[anchor + 1]!, state[anchor + 2]!];
+/** Where a frame is: its origin in the world [m], and the quaternion from it to the world. */
+export interface Frame {
+  readonly origin: [number, number, number];
+  readonly turn: number[];
 }
 
-/** Return the box around the nodes with every amplitude zero, in their own frame. */
-export function surfaceBox({ mean }: Pick<Surface, "mean">): Box {
+/** Return the frame that all nodes go and turn with in a state. */
+export function surfaceFrame({ placement }: Pick<Surface, "placement">, state: ArrayLike<number>): Frame {
+  const { position: p, heading, orientation: q } = placement;
+  const origin: [number, number, number] = p < 0 ? [0, 0, 0] : [state[p]!, state[p + 1]!, state[p + 2]!];
+  if (q >= 0) {
+    return { origin, turn: normalised([state[q]!, state[q + 1]!, state[q + 2]!, state[q + 3]!]) };
+  }
+  const half = heading < 0 ? 0 : state[heading]! / 2;
+  return { origin, turn: [Math.cos(half), 0, 0, Math.sin(half)] };
+}
+
+/** Return where a point of a frame is in the world [m]. */
+export function inWorld({ origin, turn }: Frame, point: ArrayLike<number>): [number, number, number] {
+  const [x, y, z] = rotate(turn, point);
+  return [origin[0] + x!, origin[1] + y!, origin[2] + z!];
+}
+
+function boxOf(mean: Float32Array): Box {
   const low: [number, number, number] = [Infinity, Infinity, Infinity];
   const high: [number, number, number] = [-Infinity, -Infinity, -Infinity];
   mean.forEach((value, i) => {
@@ -81,14 +100,41 @@ export function facing({ mean, nodes }: Pick<Surface, "mean" | "nodes">): number
   return Math.atan2(2 * xy, xx - yy) / 2 - Math.PI / 2;
 }
 
-/** Return the root mean square distance [m] of the nodes of two states: modes are orthogonal, of root mean square 1 a node. */
-export function surfaceGap(surface: Pick<Surface, "first" | "shapes" | "anchor">, one: ArrayLike<number>, other: ArrayLike<number>): number {
+/**
+ * Return the root mean square distance [m] of the nodes of two states: modes are orthogonal, of root mean square 1 a node.
+ * How far their frames are apart is seen by the corners of the surface's box.
+ */
+export function surfaceGap(surface: Surface, one: ArrayLike<number>, other: ArrayLike<number>): number {
   let square = 0;
   for (let i = surface.first; i < surface.first + surface.shapes; i++) {
     square += (one[i]! - other[i]!) ** 2;
   }
-  const [a, b] = [surfaceOrigin(surface, one), surfaceOrigin(surface, other)];
-  return Math.hypot(Math.sqrt(square), a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+  const [a, b] = [surfaceFrame(surface, one), surfaceFrame(surface, other)];
+  for (const corner of cornersOf(surface.box)) {
+    const [from, to] = [inWorld(a, corner), inWorld(b, corner)];
+    square += from.reduce((sum, value, axis) => sum + (value - to[axis]!) ** 2, 0) / 8;
+  }
+  return Math.sqrt(square);
+}
+
+/** Return the eight corners of a box. */
+export function cornersOf({ low, high }: Box): number[][] {
+  return Array.from({ length: 8 }, (_, corner) => [0, 1, 2].map((axis) => ((corner >> axis) % 2 === 0 ? low : high)[axis]!));
+}
+
+/** Return whether a surface is closed, each edge one of two triangles: that of a solid, and not a cloth. */
+export function isClosed({ faces, nodes }: Pick<Surface, "faces" | "nodes">): boolean {
+  const open = new Set<number>();
+  for (let i = 0; i < faces.length; i += 3) {
+    for (let corner = 0; corner < 3; corner++) {
+      const [a, b] = [faces[i + corner]!, faces[i + ((corner + 1) % 3)]!];
+      const edge = Math.min(a, b) * nodes + Math.max(a, b);
+      if (!open.delete(edge)) {
+        open.add(edge);
+      }
+    }
+  }
+  return open.size === 0;
 }
 
 /** Return the nodes that no shape moves: those that the anchor holds. */

@@ -52,9 +52,19 @@ export interface SkinArrays {
   readonly weights: string;
 }
 
+/** State entries that say where a frame is and how it is turned; -1 where they do not say (state/placement.py). */
+export interface Placement {
+  /** Where its origin begins [m]. */
+  readonly position: number;
+  /** How far it is turned about Z [rad]. */
+  readonly heading: number;
+  /** Where its quaternion begins. */
+  readonly orientation: number;
+}
+
 /** The surface of a soft body: nodes, and shapes that are added to them by their amplitudes; each array in base64. */
 export interface SurfaceArrays {
-  /** Float32 (N, 3): where the nodes are, from the anchor, if every amplitude is zero [m]. */
+  /** Float32 (N, 3): where the nodes are, in their own frame, if every amplitude is zero [m]. */
   readonly mean: string;
   /** Int16 (K, N, 3): displacement of the nodes by each amplitude, in units of its scale. */
   readonly modes: string;
@@ -64,14 +74,13 @@ export interface SurfaceArrays {
   readonly faces: string;
   /** State entry of the first amplitude [m]. */
   readonly first: number;
-  /** State entry where the position [m] begins that all nodes go with; -1 if there is none. */
-  readonly anchor: number;
+  readonly placement: Placement;
   /** sRGB. */
   readonly colour: Vector3;
 }
 
-/** What a user moves: a position begins at `entry` of a state, its velocity at `control` of a control. */
-export type MoverFacts = readonly [name: string, entry: number, control: number];
+/** What a user moves: `size` numbers from `entry` on are its position [m] and, if it turns, its heading [rad]; as many controls their rates. */
+export type MoverFacts = readonly [name: string, entry: number, control: number, size: number];
 
 export type SceneKind = "water" | "lot" | "moon" | "plain";
 

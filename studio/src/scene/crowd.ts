@@ -7,7 +7,7 @@ import type { Crowd } from "../steering/crowd";
 import { toQuaternion } from "./axes";
 import { clothKind, surfaceColour } from "./body/body";
 import { makeCloth } from "./body/cloth";
-import { clothMaterial, fittingsMaterial, shapeMaterial } from "./body/materials";
+import { fittingsMaterial, shapeMaterial, surfaceMaterial } from "./body/materials";
 import { shapeColour, shapeGeometry } from "./body/shapes";
 import { boneMatrix } from "./body/skin";
 import type { Patch } from "./glsl";
@@ -32,8 +32,9 @@ export interface CrowdView {
 export function makeCrowdView(facts: Bundle, crowd: Crowd, size: number, patches: readonly Patch[]): CrowdView {
   const base = surfaceColour(facts.surface!);
   // The colour of each is that of its instance.
-  const cloth = makeCloth(clothKind(facts, size), crowd.count, {
-    surface: (nodes) => clothMaterial(new Color(1, 1, 1), size, [nodes, ...patches]),
+  const kind = clothKind(facts, size);
+  const cloth = makeCloth(kind, crowd.count, {
+    surface: (nodes) => surfaceMaterial(kind.surface, new Color(1, 1, 1), size, [nodes, ...patches]),
     fittings: fittingsMaterial(patches),
   });
   // Over so wide a place shadows are coarse: on the ground they will do.

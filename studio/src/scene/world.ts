@@ -4,7 +4,7 @@ import { Plane, Quaternion, Raycaster, Vector2, Vector3, type Object3D } from "t
 import { collidersOf, endsOf, type Collider } from "../body/colliders";
 import { extentOf, movingBones, reachOf, sizeOfBody } from "../body/extent";
 import { emptyPose, poseBones, type Pose } from "../body/pose";
-import { facing, surfaceBox, surfaceOf, surfaceOrigin, type Box, type Surface } from "../body/surface";
+import { cornersOf, facing, inWorld, surfaceFrame, surfaceOf, type Box, type Frame, type Surface } from "../body/surface";
 import { isTumbling, type Bundle } from "../bundle/bundle";
 import { toPhysics, toQuaternion, toThree } from "./axes";
 import { makeBody, makeGhost, type BodyView } from "./body/body";
@@ -99,11 +99,9 @@ export class World {
   readonly #lookAt = new Vector3();
   readonly #isTumbling: boolean;
   readonly #surface: Surface | null;
-  /** The box around the surface, from where it is held. */
-  readonly #box: Box | null;
   readonly #colliders: readonly Collider[];
-  /** Where the surface is held [m]. */
-  #origin: [number, number, number] = [0, 0, 0];
+  /** Where the surface's own frame is. */
+  #frame: Frame = { origin: [0, 0, 0], turn: [1, 0, 0, 0] };
   readonly #objects: Object3D[];
   #fixedFocus: Vector3 | null = null;
   #school: SchoolView | null = null;
@@ -123,13 +121,12 @@ export class World {
     const bones = facts.skeleton;
     this.#isTumbling = isTumbling(facts);
     this.#surface = facts.surface ? surfaceOf(facts.surface) : null;
-    this.#box = this.#surface && surfaceBox(this.#surface);
     this.#colliders = collidersOf(bones);
     this.bones = movingBones(bones);
     this.pose = emptyPose(bones.length);
     this.ghostPose = emptyPose(bones.length);
     poseBones(bones, facts.rest, this.pose);
-    this.size = this.#box ? longestSide(this.#box) : sizeOfBody(bones, this.bones, this.pose);
+    this.size = this.#surface ? longestSide(this.#surface.box) : sizeOfBody(bones, this.bones, this.pose);
     const lowAtRest = extentOf(bones, this.bones, this.pose).low;
     this.#pose(start);
     this.#locate();
@@ -465,13 +462,13 @@ export class World {
   #pose(state: ArrayLike<number>): void {
     poseBones(this.facts.skeleton, state, this.pose);
     if (this.#surface) {
-      this.#origin = surfaceOrigin(this.#surface, state);
+      this.#frame = surfaceFrame(this.#surface, state);
     }
   }
 
   #locate(): void {
-    if (this.#box) {
-      this.#locateSurface(this.#box);
+    if (this.#surface) {
+      this.#locateSurface(this.#surface.box);
       return;
     }
     const extent = extentOf(this.facts.skeleton, this.bones, this.pose);
@@ -482,11 +479,13 @@ export class World {
   }
 
   // What strikes a cloth comes and goes; the cloth is looked at where it hangs.
-  #locateSurface({ low, high }: Box): void {
-    const middle = this.#origin.map((value, axis) => value + (low[axis]! + high[axis]!) / 2);
+  #locateSurface(box: Box): void {
+    const corners = cornersOf(box).map((corner) => inWorld(this.#frame, corner));
+    const heights = corners.map((corner) => corner[2]);
+    const middle = [0, 1, 2].map((axis) => corners.reduce((sum, corner) => sum + corner[axis]! / 8, 0));
     this.#focus.copy(toThree(middle));
-    this.#low = this.#origin[2] + low[2];
-    this.#high = this.#origin[2] + high[2];
+    this.#low = Math.min(...heights);
+    this.#high = Math.max(...heights);
   }
 
   // A camera that went up and down with what bounces would show it standing still.

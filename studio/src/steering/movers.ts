@@ -53,8 +53,8 @@ export class WanderPath {
     for (let step = 0; step < this.steps; step++) {
       const there = this.state(step);
       let square = 0;
-      for (const [, entry] of this.facts.movers ?? []) {
-        for (let i = entry; i < entry + 3; i++) {
+      for (const [, entry, , size] of this.facts.movers ?? []) {
+        for (let i = entry; i < entry + size; i++) {
           square += (there[i]! - state[i]!) ** 2;
         }
       }
@@ -144,8 +144,8 @@ export class MoverPilot implements Pilot {
     const there = this.path.state(step);
     const control = this.path.control(step);
     let isThere = true;
-    for (const [, entry, first] of this.#movers) {
-      for (let axis = 0; axis < 3; axis++) {
+    for (const [, entry, first, size] of this.#movers) {
+      for (let axis = 0; axis < size; axis++) {
         const away = there[entry + axis]! - state[entry + axis]!;
         const nearly = 2 * this.facts.dt * this.facts.control_high[first + axis]!;
         isThere &&= Math.abs(away) < nearly;

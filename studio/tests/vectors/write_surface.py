@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.export.morphs import surface_normals
+from neuroanimator.state.placement import Placement
 from neuroanimator_studio.description import describe_surface
 
 SIDE = 13
@@ -28,14 +30,13 @@ def main() -> None:
     """Write a waving square, what the page is told of it, and where its nodes and normals are in two states."""
     shapes = waving_square()
     rng = np.random.default_rng(5)
-    states = np.concatenate(
-        [rng.normal(0, 1, (2, 3)), rng.normal(0, 0.05, (2, COUNT)), np.zeros((2, COUNT))], axis=1
-    )
+    # Position and heading, which the square goes and turns with, and amplitudes.
+    states = np.concatenate([rng.normal(0, 1, (2, 4)), rng.normal(0, 0.05, (2, COUNT))], axis=1)
     # As an emulator has them: in 16 bits.
-    kept = Shapes.from_tensors(shapes.tensors(), shapes.first, shapes.anchor, states.shape[1])
+    kept = Shapes.from_tensors(shapes.tensors(), shapes.first, shapes.placement, states.shape[1])
     nodes = kept.decode(states)
     vectors = {
-        "surface": describe_surface(kept),
+        "surface": describe_surface(Skeleton((), shapes=kept)),
         "states": _rounded(states),
         "nodes": _rounded(nodes.reshape(2, -1)),
         "normals": _rounded(surface_normals(kept, nodes).reshape(2, -1)),
@@ -56,7 +57,7 @@ def waving_square() -> Shapes:
     node = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
     first = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:]], axis=-1).reshape(-1, 3)
     second = np.stack([node[:-1, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 3)
-    return Shapes(mean, modes, np.concatenate([first, second]), first=3, anchor=0)
+    return Shapes(mean, modes, np.concatenate([first, second]), 4, Placement(0, 3))
 
 
 def _rounded(rows: np.ndarray) -> list[list[float]]:

@@ -7,7 +7,7 @@ import { isMoved, type Pose } from "../../body/pose";
 import { surfaceOf } from "../../body/surface";
 import type { Patch } from "../glsl";
 import { makeCloth, type ClothKind, type ClothMaterials } from "./cloth";
-import { clothMaterial, doubtPatch, fittingsMaterial, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, softMaterial, type Doubt } from "./materials";
+import { doubtPatch, fittingsMaterial, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, softMaterial, surfaceMaterial, type Doubt } from "./materials";
 import { boneMatrix, makeSkin, skinGeometry, type SkinView } from "./skin";
 import { shapeColour, shapeMesh } from "./shapes";
 
@@ -47,8 +47,9 @@ export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: r
     return shaped;
   }
   const colour = surfaceColour(facts.surface);
-  return withCloth(shaped, clothKind(facts, size), {
-    surface: (nodes) => clothMaterial(colour, size, [nodes, ...all]),
+  const kind = clothKind(facts, size);
+  return withCloth(shaped, kind, {
+    surface: (nodes) => surfaceMaterial(kind.surface, colour, size, [nodes, ...all]),
     fittings: fittingsMaterial(all),
   });
 }

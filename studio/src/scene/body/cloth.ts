@@ -14,14 +14,17 @@ import {
   RGBAFormat,
   RGBAIntegerFormat,
   ShortType,
+  Vector3,
   type Material,
   type Object3D,
 } from "three";
 import { endsOf, type Collider } from "../../body/colliders";
 import { packedOf, ROWS, writeWeights, type PackedSurface } from "../../body/packing";
 import type { Pose } from "../../body/pose";
-import { surfaceOrigin, type Surface } from "../../body/surface";
+import { rotate } from "../../body/quaternion";
+import { surfaceFrame, type Surface } from "../../body/surface";
 import { meanNormals } from "../../body/tangents";
+import { toQuaternion } from "../axes";
 import { patchMaterial, type Patch } from "../glsl";
 import { fittingsGeometry } from "./fittings";
 
@@ -83,13 +86,16 @@ export function makeCloth({ surface, size, colliders }: ClothKind, count: number
     object.add(fittings);
   }
   const matrix = new Matrix4();
+  const position = new Vector3();
+  const unitScale = new Vector3(1, 1, 1);
   return {
     object,
     surfaces: mesh,
     show(number, state, pose, moved = [0, 0, 0]) {
-      const origin = surfaceOrigin(surface, state);
-      const [x, y, z] = origin;
-      matrix.makeTranslation(x + moved[0]!, y + moved[1]!, z + moved[2]!);
+      const { origin, turn } = surfaceFrame(surface, state);
+      const back = [turn[0]!, -turn[1]!, -turn[2]!, -turn[3]!];
+      position.set(origin[0] + moved[0]!, origin[1] + moved[1]!, origin[2] + moved[2]!);
+      matrix.compose(position, toQuaternion(turn), unitScale);
       for (const one of fittings ? [mesh, fittings] : [mesh]) {
         one.setMatrixAt(number, matrix);
         one.instanceMatrix.needsUpdate = true;
@@ -97,11 +103,11 @@ export function makeCloth({ surface, size, colliders }: ClothKind, count: number
       const row = 4 * (packed.groups + 2 * colliders.length) * number;
       writeWeights(surface, state, numbers, row, packed.groups);
       colliders.forEach((collider, i) => {
-        const [start, end] = endsOf(collider, pose);
+        const [start, end] = endsOf(collider, pose).map((point) => rotate(back, point.map((value, axis) => value - origin[axis]!)));
         const place = row + 4 * (packed.groups + 2 * i);
         for (let axis = 0; axis < 3; axis++) {
-          numbers[place + axis] = start[axis]! - origin[axis]!;
-          numbers[place + 4 + axis] = end[axis]! - start[axis]!;
+          numbers[place + axis] = start![axis]!;
+          numbers[place + 4 + axis] = end![axis]! - start![axis]!;
         }
         numbers[place + 3] = collider.radius + GAP * size;
       });

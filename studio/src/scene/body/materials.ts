@@ -12,6 +12,7 @@ import {
   type ShaderMaterialParameters,
   type Vector3,
 } from "three";
+import { isClosed, type Surface } from "../../body/surface";
 import { patchMaterial, type Patch, type Uniforms } from "../glsl";
 
 /** The colour of physics beside the emulator: no body has it. */
@@ -117,7 +118,7 @@ const THREADS = 260;
 const TRANSLUCENCY = 0.3;
 
 /** Cloth of a colour, of `size` [m]: matt, with a sheen where it is seen from the side; light comes through. */
-export function clothMaterial(colour: Color, size: number, patches: readonly Patch[]): Material {
+function clothMaterial(colour: Color, size: number, patches: readonly Patch[]): Material {
   const weave: Patch = {
     key: "weave",
     uniforms: { threadSize: { value: size / THREADS } },
@@ -153,6 +154,25 @@ export function clothMaterial(colour: Color, size: number, patches: readonly Pat
     sheenColor: colour.clone().lerp(new Color(1, 1, 1), 0.3).multiplyScalar(0.6),
   });
   return patchMaterial(material, [weave, ...patches]);
+}
+
+/** What a soft body's surface is of, by whether it is closed. */
+export function surfaceMaterial(surface: Surface, colour: Color, size: number, patches: readonly Patch[]): Material {
+  return isClosed(surface) ? jellyMaterial(colour, patches) : clothMaterial(colour, size, patches);
+}
+
+/** Jelly or rubber of a colour: smooth, with a coat that shines. */
+function jellyMaterial(colour: Color, patches: readonly Patch[]): Material {
+  const material = new MeshPhysicalMaterial({
+    color: colour,
+    roughness: 0.4,
+    metalness: 0,
+    clearcoat: 0.6,
+    clearcoatRoughness: 0.2,
+    sheen: 0.3,
+    sheenRoughness: 0.5,
+  });
+  return patchMaterial(material, patches);
 }
 
 /** What a cloth hangs from: dull metal. */
