@@ -11,6 +11,7 @@ from jelly_mesh import cube, msh_2, msh_4
 import neuroanimator as na
 from neuroanimator.control.policies import train_policy
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.export.morphs import surface_normals
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.rotation import facing, multiply, rotate, rotation_between
 from neuroanimator.systems.loading import resolve
@@ -18,6 +19,8 @@ from neuroanimator.systems.soft.mesh_file import read_mesh
 from neuroanimator.systems.soft.own_frame import seen_from_root, with_steady_signs
 from neuroanimator.systems.soft.program import SoftProgram
 from neuroanimator.systems.soft.scene import Scene
+from neuroanimator.systems.soft.shape_file import ShapeFile
+from neuroanimator.systems.soft.soft_system import SoftSystem
 
 DT = 1 / 30
 
@@ -403,6 +406,24 @@ def test_a_scene_that_cannot_be_is_refused_by_name(toml: Path, old: str, new: st
     other.write_text(toml.read_text().replace(old, new))
     with pytest.raises(NeuroAnimatorError, match=message):
         resolve(str(other))
+
+
+def test_a_mover_that_is_called_as_a_part_of_the_root_is_refused(jelly):
+    definition = jelly.scene.definition
+    movers = {"velocity": definition.movers["paddle"]}
+    named = definition.model_copy(update={"movers": movers})
+    file = ShapeFile(read_mesh("a.msh", msh_4(*cube()).encode()), jelly.shapes, jelly.starts)
+    with pytest.raises(NeuroAnimatorError, match="two parts are called 'velocity'. Rename a mover"):
+        SoftSystem(named, file)
+
+
+def test_a_solid_is_drawn_with_normals_at_all_nodes(jelly, tmp_path: Path):
+    states = jelly.starts[60:70]
+    normals = surface_normals(jelly.shapes, jelly.shapes.unplaced(states))
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1, atol=1e-9)
+    clip = na.Clip("jelly", jelly.skeleton, DT * np.arange(10), states)
+    na.write_glb(clip, tmp_path / "jelly.glb")
+    assert (tmp_path / "jelly.glb").stat().st_size > 0
 
 
 def test_a_body_over_no_ground_is_refused(jelly):

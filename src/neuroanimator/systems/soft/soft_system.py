@@ -10,6 +10,8 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.definitions.soft import ColliderTable, SoftDefinition
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import refuse_twins
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import turn
@@ -83,6 +85,10 @@ class SoftSystem(System):
                 Slice("shape_rates", count, "m/s"),
             )
         )
+        try:
+            refuse_twins((part.name for part in self.state.slices), "movers")
+        except ValueError as error:
+            raise ArgumentError(f"{error}. Rename a mover.") from error
         self.control = Layout(tuple(movers.controls()))
         self.bounds = Bounds.symmetric(movers.speed)
         self.structure = self._structure(definition.contact_nodes)
@@ -109,7 +115,9 @@ class SoftSystem(System):
             segments.append(Plain(size=3))
             plain = range(first - 3, first + 2 * count)
         segments.append(Plain(size=2 * count))
-        nodes = _spread_nodes(self.shapes.mean, contact_nodes)
+        surface = np.unique(self.shapes.faces)
+        spread = _spread_nodes(self.shapes.mean[surface], contact_nodes)
+        nodes = tuple(surface[list(spread)].tolist())
         return Structure(
             angles=(),
             rates=tuple((entry, entry + count) for entry in amplitudes),
