@@ -31,9 +31,6 @@ SHOWN = (8, 15, 30)
 STEPS = SHOWN[-1]
 """Number of super steps of a run."""
 
-LEADS = {"jelly": 8}
-"""Number of super steps of physics before a run, where it is not the usual one: a jelly is about to be thrown then."""
-
 TEST_SEED = 2**31
 """Seed of the runs, above any of a dataset's."""
 
@@ -214,7 +211,7 @@ def equal_error_rows(name: str) -> tuple[Rows, Rows]:
     system = na.load_system(name)
     assert isinstance(system, SoftSystem)
     emulator = na.load_emulator(name)
-    test = unseen(system, emulator.dt, LEADS.get(name, 60))
+    test = unseen(system, emulator.dt)
     definition = check_table(read_toml(ASSETS / f"{name}.toml"), name, SoftDefinition)
     race = Race(test, emulator)
     add_emulator(race)

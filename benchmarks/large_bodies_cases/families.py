@@ -85,7 +85,7 @@ FAMILIES = {
     "jelly": Family(
         (*JELLY, JELLY[1]),
         lambda shape: jelly(*shape[:2]),
-        lambda shape: np.zeros(0, int),
+        lambda shape: np.arange(shape[1] * shape[2]),
         (
             (1.0, (160, 80, 60, 40, 20)),
             (0.7, (80, 40, 20)),

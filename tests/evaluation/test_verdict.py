@@ -196,7 +196,7 @@ def test_what_is_useless_where_it_was_trained_is_called_so_wherever_its_trust_is
         assert useless in done.stdout, done.stderr
 
 
-def test_what_ships_is_judged_by_its_error_bounds():
+def test_what_ships_is_good():
     for name in shipped_emulators():
         verdict = load_emulator(name).verdict
         assert verdict is not None
