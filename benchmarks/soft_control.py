@@ -1,11 +1,11 @@
 """Bring a node of a soft body to a point: through its emulator, and by CMA-ES on the physics in C.
 
-python benchmarks/soft_control.py flag flag.toml flag.emulator.safetensors
-python benchmarks/soft_control.py jelly jelly.toml jelly.emulator.safetensors
-python benchmarks/soft_control.py flag flag.toml flag.emulator.safetensors --targets 2 --seconds 10 --dry
+python benchmarks/soft_control.py flag                                          the flag that ships
+python benchmarks/soft_control.py flag --targets 2 --seconds 10 --dry
+python benchmarks/soft_control.py throw jelly.toml jelly.emulator.safetensors   a solid of one's own that nothing holds
 
 flag   the corner that hangs lowest is brought to a point by moving what holds the cloth
-jelly  the middle of a body that nothing holds is thrown to a point, a bin's, by moving the paddle
+throw  the middle of a body that nothing holds is thrown to a point, a bin's, by moving the paddle
 
 A target is where the node comes to at the end of a random motion of the true physics from rest, so that it can be
 reached; motions that leave the node where it is are drawn again. The emulator's way is `na.synthesise`: descent by its
@@ -105,7 +105,7 @@ def middle(system: SoftSystem) -> int:
 
 TASKS = {
     "flag": Task(lowest_corner, seconds=1.0, least_way=0.1),
-    "jelly": Task(middle, seconds=1.0, least_way=0.5),
+    "throw": Task(middle, seconds=1.0, least_way=0.5),
 }
 
 
@@ -242,11 +242,13 @@ def error_of(problem: Problem, curve: list[Improvement]) -> float | str:
     return 100 * problem.distance(controls)
 
 
-def task_rows(name: str, toml: Path, file: Path, targets: int, seconds: float) -> Rows:
+def task_rows(
+    name: str, toml: Path | None, file: Path | None, targets: int, seconds: float
+) -> Rows:
     """Return a row for each target."""
     task = TASKS[name]
-    system = na.load_system(str(toml))
-    emulator = na.Emulator.load(file)
+    system = na.load_system(name if toml is None else str(toml))
+    emulator = na.load_emulator(name if file is None else file)
     assert isinstance(system, SoftSystem)
     by_emulator(drawn(task, system, emulator, WARM_UP))
     rows: Rows = []
@@ -268,8 +270,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("task", choices=tuple(TASKS))
-    parser.add_argument("toml", type=Path)
-    parser.add_argument("emulator", type=Path)
+    parser.add_argument("toml", type=Path, nargs="?")
+    parser.add_argument("emulator", type=Path, nargs="?")
     parser.add_argument("--targets", type=int, default=TARGETS)
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of CMA-ES, for a target")
     parser.add_argument("--dry", action="store_true", help="write no file")
