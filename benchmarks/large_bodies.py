@@ -2,6 +2,7 @@
 
 python benchmarks/large_bodies.py equal_error [cape flag jelly]   emulators that ship beside the physics: error and time
 python benchmarks/large_bodies.py physics                         a cloth in C, by mesh and small steps: time, convergence
+python benchmarks/large_bodies.py sheet [cape flag jelly]         docs/images/soft-bodies.png: physics and emulators
 python benchmarks/large_bodies.py flex                            the same meshes as flexes of MuJoCo: time of a step
 
 Equal error: runs of 1 s along smooth random paths of what moves that training never saw, some time after rest. The truth is
@@ -30,6 +31,7 @@ import numpy as np
 from large_bodies_cases.equal_error import equal_error_rows
 from large_bodies_cases.families import FAMILIES
 from large_bodies_cases.flex import flex_rows
+from large_bodies_cases.sheet import draw_sheet
 
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
@@ -42,6 +44,8 @@ from neuroanimator.terminal import print_table, progress_bar
 Rows = list[dict[str, Any]]
 
 RESULTS = Path(__file__).parent / "results"
+
+PICTURE = Path(__file__).parent.parent / "docs" / "images" / "soft-bodies.png"
 
 CELLS = (9, 18, 36, 72)
 """Numbers of squares along an edge of the cloth."""
@@ -164,10 +168,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("part", choices=("physics", "equal_error", "flex"))
+    parser.add_argument("part", choices=("physics", "equal_error", "sheet", "flex"))
     parser.add_argument("names", nargs="*", default=list(FAMILIES))
     arguments = parser.parse_args()
     print(describe_machine())
+    if arguments.part == "sheet":
+        draw_sheet(arguments.names, PICTURE)
+        return
     with one_core():
         if arguments.part == "equal_error":
             equal_error(arguments.names)
