@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from neuroanimator.definitions.body import BodyPhysics
 from neuroanimator.definitions.model import Physics
+from neuroanimator.definitions.soft import SoftPhysics
 from neuroanimator.systems.system import Scheme
 
 
@@ -17,8 +18,18 @@ class Schemes(NamedTuple):
     fine: Scheme
 
 
-def schemes_of(physics: Physics | BodyPhysics) -> Schemes:
+SMALL_STEPS = "small steps"
+"""Name of the integrator of a soft body whose definition names none."""
+
+
+def schemes_of(physics: Physics | BodyPhysics | SoftPhysics) -> Schemes:
     """Return the schemes the table `physics` of a definition names."""
+    if isinstance(physics, SoftPhysics):
+        return Schemes(
+            scheme=Scheme(SMALL_STEPS, physics.step),
+            truth=Scheme(SMALL_STEPS, physics.truth_step),
+            fine=Scheme(SMALL_STEPS, physics.fine_step),
+        )
     return Schemes(
         scheme=Scheme(physics.integrator, physics.step),
         truth=Scheme(physics.truth_integrator, physics.truth_step),

@@ -19,6 +19,9 @@ FREEDOM_LIMIT = 200
 STEP_LIMIT = 0.1
 """Maximum of a model's time step [s]."""
 
+NODE_LIMIT = 10_000
+"""Maximum number of nodes of a model's soft bodies: a step of one so large takes tens of milliseconds."""
+
 NUMBER_LIMIT = 10_000
 """Maximum number of a model's sensor readings, and of its activations."""
 
@@ -29,13 +32,17 @@ MEMORY_LIMIT = 256 * 2**20
 """Maximum size of a compiled model and of its state, and size of MuJoCo's working memory for it [bytes]."""
 
 LARGEST = {
+    "nodes": ("nflexvert", NODE_LIMIT, "Make the soft body of fewer"),
     "bodies": ("nbody", BODY_LIMIT, "Join bodies that are fixed to each other"),
     "degrees of freedom": ("nv", FREEDOM_LIMIT, "Fix joints that need not move"),
     "model memory": ("nbuffer", MEMORY_LIMIT, "Use fewer or simpler meshes, and smaller pictures"),
     "sensor readings": ("nsensordata", NUMBER_LIMIT, "Write a smaller model"),
     "activations": ("na", NUMBER_LIMIT, "Write a smaller model"),
 }
-"""MuJoCo's name of each number that is limited, the limit, and what to do about a model that has more."""
+"""MuJoCo's name of each number that is limited, the limit, and what to do about a model that has more.
+
+Each node of a soft body may be a body of its own, with three degrees of freedom.
+"""
 
 
 def check_model(main: str, model: mujoco.MjModel) -> None:
@@ -51,9 +58,10 @@ def check_model(main: str, model: mujoco.MjModel) -> None:
             "delay",
             "what an actuator or a sensor remembers of the past is no part of the state. Remove nsample and delay",
         )
+    of_nodes = {"nbody": model.nflexvert, "nv": 3 * model.nflexvert}
     for name, (field, limit, advice) in LARGEST.items():
         size = getattr(model, field)
-        if size > limit:
+        if size > limit + of_nodes.get(field, 0):
             refuse(main, f"{name} ({field}={size:,})", f"at most {limit:,} is supported. {advice}")
     for name in dir(model.opt):
         if name.endswith("iterations") and getattr(model.opt, name) > ITERATION_LIMIT:

@@ -62,13 +62,8 @@ FLATTEN = (
 )
 """Advice on a model that attaches others."""
 
-SOFT = "soft bodies of MuJoCo are not supported. Remove it, or bring a cloth as a mesh: neuroanimator new cloth.obj"
-
 REFUSED = {
-    **dict.fromkeys(
-        ("composite", "flexcomp", "flex"),
-        "soft bodies of MuJoCo are not supported. Remove it, or bring a cloth as a mesh: neuroanimator new cloth.obj",
-    ),
+    "composite": "composites are not supported. Write a rope, a cloth or a solid as a <flexcomp>",
     **dict.fromkeys(("attach", "model"), FLATTEN),
     "plugin": "plugins run foreign code. Remove it",
 }

@@ -9,16 +9,19 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.program import LANES
-from neuroanimator.systems.soft.scene import Motion, Scene
+from neuroanimator.systems.soft.scene import Motion, Scene, anchor_of
 from neuroanimator.terminal import progress_bar
 
 SETTLING = 12.0
 """Time in which a cloth comes to rest under weight, if it is stopped every `BLOCK` frames [s]."""
 
 RUN = 16.0
-"""Time of each of `LANES` runs [s]."""
+"""Time of each run [s]."""
 
 WAVES = 3
 """Number of sinusoids in a mover's path along an axis."""
@@ -31,6 +34,9 @@ BLOCK = 16
 
 BLOCKS = 3
 """Number of blocks whose snapshots are taken into account at once."""
+
+FARTHEST = 100.0
+"""Distance over the size of the body at which a motion has diverged."""
 
 EVERY = 2
 """Distance of snapshots within a run, in frames."""
@@ -51,32 +57,47 @@ class Found:
         """The first is that of rest."""
 
 
-def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Found:
-    """Return the shapes of the body of `scene`, and states its motions may begin from."""
+def find_shapes(
+    definition: SoftDefinition | FlexDefinition, scene: Scene | FlexScene, seed: int = 0
+) -> Found:
+    """Return the shapes of the body of `scene`, and states its motions may begin from.
+
+    Raises ArgumentError if the physics diverges.
+    """
     rng = np.random.default_rng(seed)
     dt = definition.substeps * definition.physics.step
-    steps = round(dt / definition.physics.truth_step)
+    step = scene.finding_step
+    steps = round(dt / step)
+    anchor = scene.anchor
     settling = round(SETTLING / dt)
     frames = round(RUN / dt)
     with progress_bar("finding shapes", settling + frames) as bar:
         rest = _settled(scene, dt, steps, settling)
         bar.advance_to(settling)
-        paths = random_paths(definition, scene, rng, frames, dt)
+        mean = rest.positions - anchor_of(anchor, scene.rest[None])
+        paths = random_paths(definition, scene, rng, frames, dt)[..., : scene.runs]
         sketch = Sketch(definition.shapes + SPARE)
         kept = []
         snapshots = []
-        motion = _side_by_side(rest)
+        motion = _side_by_side(rest, scene.runs)
         for first in range(0, frames, BLOCK):
             block = paths[first : first + BLOCK + 1]
             positions, velocities = scene.play(motion, block, dt, steps)
-            motion = Motion(positions[-1], velocities[-1])
             moving = np.diff(block, axis=0) / dt
-            away = (
-                positions
-                - block[1:, scene.anchor, None]
-                - (rest.positions - scene.rest[scene.anchor])[..., None]
-            )
-            relative = velocities - moving[:, scene.anchor, None]
+            away = positions - anchor_of(anchor, block[1:])[:, None] - mean[..., None]
+            relative = velocities - anchor_of(anchor, moving)[:, None]
+            fits = (np.abs(away) < FARTHEST * scene.size).all(axis=(0, 1, 2))  # false for NaN too
+            if not fits.any():
+                raise ArgumentError(
+                    f"physics: the body flies apart in steps of {step:g} s while its movers "
+                    "wander. Take smaller steps, or let movers be slower."
+                )
+            motion = Motion(positions[-1][..., fits], velocities[-1][..., fits])
+            paths = paths[..., fits]
+            block = block[..., fits]
+            moving = moving[..., fits]
+            away = away[..., fits]
+            relative = relative[..., fits]
             snapshots.append(_rows(away[::EVERY]))
             if len(snapshots) == BLOCKS or first + BLOCK >= frames:
                 sketch.add(np.concatenate(snapshots))
@@ -87,11 +108,11 @@ def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Foun
     modes = sketch.leading(definition.shapes) * np.sqrt(count)
     first = 6 * len(scene.movers)
     shapes = Shapes(
-        rest.positions - scene.rest[scene.anchor],
+        mean,
         modes.reshape(-1, count, 3).astype(float),
-        scene.body.faces,
+        scene.faces,
         first,
-        3 * scene.anchor,
+        3 * anchor if anchor >= 0 else -1,
     )
     still = np.zeros(first + 2 * len(modes))
     still[: first // 2] = scene.rest.ravel()
@@ -103,9 +124,9 @@ def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Foun
     return Found(shapes, np.concatenate(starts))
 
 
-def _settled(scene: Scene, dt: float, steps: int, frames: int) -> Motion:
+def _settled(scene: Scene | FlexScene, dt: float, steps: int, frames: int) -> Motion:
     """Return the body after it has hung from movers at rest."""
-    positions = scene.body.positions
+    positions = scene.positions
     motion = Motion(positions, np.zeros_like(positions))
     for first in range(0, frames, BLOCK):
         count = min(BLOCK, frames - first)
@@ -116,7 +137,11 @@ def _settled(scene: Scene, dt: float, steps: int, frames: int) -> Motion:
 
 
 def random_paths(
-    definition: SoftDefinition, scene: Scene, rng: np.random.Generator, frames: int, dt: float
+    definition: SoftDefinition | FlexDefinition,
+    scene: Scene | FlexScene,
+    rng: np.random.Generator,
+    frames: int,
+    dt: float,
 ) -> Float[np.ndarray, "F M 3 L"]:
     """Return positions [m] of movers that begin at rest and follow random waves no faster than they may."""
     shape = (WAVES, 1, *scene.rest.shape, LANES)
@@ -133,8 +158,8 @@ def random_paths(
     return np.stack(paths)
 
 
-def _side_by_side(motion: Motion) -> Motion:
-    return Motion(*(np.repeat(part[..., None], LANES, axis=-1) for part in motion))
+def _side_by_side(motion: Motion, count: int) -> Motion:
+    return Motion(*(np.repeat(part[..., None], count, axis=-1) for part in motion))
 
 
 def _rows(away: Float[np.ndarray, "F N 3 L"]) -> Float[np.ndarray, "R D"]:
@@ -152,7 +177,7 @@ def _thinned(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return `count` random moments: movers' positions and velocities (count, 3M), nodes' (count, N, 3)."""
     frames = rng.integers(0, len(away), count)
-    lanes = rng.integers(0, LANES, count)
+    lanes = rng.integers(0, away.shape[-1], count)
     of_movers = [part[frames, :, :, lanes].reshape(count, -1) for part in (movers, moving)]
     of_nodes = [part[frames, :, :, lanes].astype(np.float32) for part in (away, relative)]
     return of_movers[0], of_movers[1], of_nodes[0], of_nodes[1]

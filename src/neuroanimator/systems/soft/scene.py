@@ -10,12 +10,21 @@ from jaxtyping import Float, Int
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.soft.meshes import Cloth, cloth_body
-from neuroanimator.systems.soft.program import SoftProgram
+from neuroanimator.systems.soft.program import LANES, SoftProgram
 from neuroanimator.systems.soft.soft_body import Air, Capsule, Plane
 
 
 class Scene:
     """A soft body among M movers, the first of which that holds it is its anchor."""
+
+    integrator = "xpbd"
+    """Name of its schemes: extended position-based dynamics in small steps."""
+
+    lanes = LANES
+    """Number of bodies that are best played side by side."""
+
+    runs = LANES
+    """Number of motions in which shapes are looked for."""
 
     def __init__(
         self,
@@ -24,6 +33,8 @@ class Scene:
         faces: Int[np.ndarray, "F 3"],
     ):
         """Raises ArgumentError for a mesh, a pin or a collider that cannot be."""
+        self.finding_step = definition.physics.truth_step
+        """The step with which shapes are looked for [s]."""
         self.movers = list(definition.movers.values())
         self.rest = np.array([mover.position for mover in self.movers])
         holding = [number for number, mover in enumerate(self.movers) if mover.pins]
@@ -60,6 +71,26 @@ class Scene:
         if len(np.unique(pins)) < len(pins):
             raise ArgumentError("movers: a node is pinned twice. Leave it to one mover.")
         self._held = positions[pins] - self.rest[self._holder_of]
+
+    @property
+    def has_ground(self) -> bool:
+        """Whether it lies over a plane that is drawn at height zero."""
+        return len(self._points) > 0
+
+    @property
+    def positions(self) -> Float[np.ndarray, "N 3"]:
+        """Positions of the nodes as the mesh has them [m]."""
+        return self.body.positions
+
+    @property
+    def faces(self) -> Int[np.ndarray, "F 3"]:
+        """Corners of the triangles."""
+        return self.body.faces
+
+    @property
+    def margin(self) -> float:
+        """Distance at which nodes touch colliders [m]."""
+        return self.body.margin
 
     @property
     def size(self) -> float:
@@ -99,6 +130,13 @@ class Scene:
         if not rows:
             return np.zeros((len(paths), 0, *paths.shape[3:]))
         return np.concatenate(rows, axis=1)
+
+
+def anchor_of(anchor: int, movers: Float[np.ndarray, "F M 3 ..."]) -> Float[np.ndarray, "F 3 ..."]:
+    """Return the positions, or velocities, of the mover that all nodes go with; zeros if there is none (-1)."""
+    if anchor < 0:
+        return np.zeros_like(movers[:, 0])
+    return movers[:, anchor]
 
 
 class Motion(NamedTuple):

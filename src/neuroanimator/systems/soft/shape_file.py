@@ -1,8 +1,9 @@
-"""The file of a soft body's shapes, made once for a definition and its mesh, and kept beside them."""
+"""The file of a soft body's shapes, made once for a definition and its mesh or model, and kept beside them."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.shapes import TENSORS, Shapes
+from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import (
@@ -19,7 +21,10 @@ from neuroanimator.files.atomic import (
     read_tensors,
     write_tensors,
 )
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.soft.find_shapes import find_shapes
+from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.obj_file import MAX_FILE, read_obj
 from neuroanimator.systems.soft.scene import Scene
 
@@ -47,42 +52,73 @@ class ShapeFile(NamedTuple):
 
 def made_for(toml: Path, definition: SoftDefinition) -> Path:
     """Return the path of the shapes of a TOML file; they are found first, in under a minute, unless they are there."""
-    path = toml.with_name(toml.stem + ENDING)
     mesh = toml.parent / definition.mesh
     content = read_bounded(mesh, MAX_FILE)
-    origin = _origin(definition, content)
+    values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
+    text = canonical_json({"method": METHOD, "definition": values})
+    origin = hashlib.sha256(text.encode() + content).hexdigest()
+
+    def scene() -> Scene:
+        positions, faces = read_obj(mesh.name, content)
+        return Scene(definition, positions, faces)
+
+    return _made(toml, definition, origin, scene)
+
+
+def made_for_model(toml: Path, definition: FlexDefinition, files: ModelFiles) -> Path:
+    """Return the path of the shapes of a TOML file about a model with a flex; they are found first unless they are there."""
+    values = definition.model_dump(mode="json", exclude={"name", "goals", "model", "tree"})
+    text = canonical_json({"method": METHOD, "definition": values, "files": files.digests})
+    origin = hashlib.sha256(text.encode()).hexdigest()
+    return _made(toml, definition, origin, lambda: flex_scene(definition, files))
+
+
+def flex_scene(definition: FlexDefinition, files: ModelFiles) -> FlexScene:
+    """Return the scene of a model with a flex; BadFileError names what is not supported."""
+    return FlexScene(definition, files.main, compile_model(files))
+
+
+def _made(
+    toml: Path,
+    definition: SoftDefinition | FlexDefinition,
+    origin: str,
+    scene_of: Callable[[], Scene | FlexScene],
+) -> Path:
+    """Return the path of the shapes that follow from what has the hash `origin`."""
+    path = toml.with_name(toml.stem + ENDING)
     if path.exists():
         _, metadata = read_tensors(path, "shapes")
         if metadata.get("origin") == origin:
             return path
-    positions, faces = read_obj(mesh.name, content)
-    found = find_shapes(definition, Scene(definition, positions, faces))
+    scene = scene_of()
+    found = find_shapes(definition, scene)
     tensors = found.shapes.tensors()
-    tensors["positions"] = positions.astype(np.float32)
+    tensors["positions"] = scene.positions.astype(np.float32)
     tensors["starts"] = found.starts.astype(np.float32)
     write_tensors(path, tensors, {"kind": "shapes", "origin": origin})
     return path
 
 
-def read_shapes(path: Path, definition: SoftDefinition) -> ShapeFile:
-    """Return what `made_for` wrote; BadFileError names what is wrong with the file."""
+def read_shapes(path: Path, movers: int, anchor: int) -> ShapeFile:
+    """Return what `made_for` wrote, of a body that goes with mover `anchor`; -1 if it goes with none.
+
+    BadFileError names what is wrong with the file.
+    """
     tensors, _ = read_tensors(path, "shapes")
     try:
-        return _checked(tensors, definition)
+        return _checked(tensors, movers, anchor)
     except (ValueError, KeyError) as error:
         raise BadFileError(
             f"{path.name}: {one_line(error)}. Remove it; it is made again."
         ) from error
 
 
-def _checked(tensors: dict[str, np.ndarray], definition: SoftDefinition) -> ShapeFile:
-    movers = list(definition.movers.values())
-    first = 6 * len(movers)
+def _checked(tensors: dict[str, np.ndarray], movers: int, anchor: int) -> ShapeFile:
+    first = 6 * movers
     own = {name: tensors[name] for name in TENSORS}
     count = len(own["modes"])
     size = first + 2 * count
-    anchor = next(number for number, mover in enumerate(movers) if mover.pins)
-    shapes = Shapes.from_tensors(own, first, 3 * anchor, size)
+    shapes = Shapes.from_tensors(own, first, 3 * anchor if anchor >= 0 else -1, size)
     positions = tensors["positions"]
     starts = tensors["starts"]
     if positions.shape != shapes.mean.shape:
@@ -93,10 +129,3 @@ def _checked(tensors: dict[str, np.ndarray], definition: SoftDefinition) -> Shap
         if not (np.abs(array) <= MAX_NUMBER).all():
             raise ValueError("a number that is too large")
     return ShapeFile(positions.astype(float), shapes, starts.astype(float))
-
-
-def _origin(definition: SoftDefinition, mesh: bytes) -> str:
-    """Return a hash of all that the shapes follow from."""
-    values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
-    text = canonical_json({"method": METHOD, "definition": values})
-    return hashlib.sha256(text.encode() + mesh).hexdigest()

@@ -9,19 +9,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
-from neuroanimator.definitions.soft import SoftDefinition
+from neuroanimator.definitions.flex import FlexDefinition
+from neuroanimator.definitions.soft import MoverTable, SoftDefinition
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
 from neuroanimator.state.segments import Driven, Lag, Plain
 from neuroanimator.state.shape_contacts import Collider, ShapeContacts
 from neuroanimator.state.structure import Structure
-from neuroanimator.systems.soft.program import LANES
-from neuroanimator.systems.soft.scene import Motion, Scene
+from neuroanimator.systems.soft.flex_bones import scenery, shapes_below
+from neuroanimator.systems.soft.flex_scene import FlexScene
+from neuroanimator.systems.soft.scene import Motion, Scene, anchor_of
 from neuroanimator.systems.soft.shape_file import ShapeFile
 from neuroanimator.systems.system import Scheme, System
-
-SMALL_STEPS = "xpbd"
-"""The only integrator there is: extended position-based dynamics in small steps."""
 
 BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
@@ -51,18 +50,24 @@ class SoftSystem(System):
 
     is_self_contained = False
 
-    def __init__(self, definition: SoftDefinition, file: ShapeFile, definition_text: str = ""):
-        """`definition_text` is what the system can be made from again."""
+    def __init__(
+        self,
+        definition: SoftDefinition | FlexDefinition,
+        scene: Scene | FlexScene,
+        file: ShapeFile,
+        definition_text: str = "",
+    ):
+        """`scene` is that of the definition, `definition_text` what the system can be made from again."""
         self.name = definition.name
         self.definition_text = definition_text
         self.shapes = file.shapes
         self.starts = file.starts
-        self.scene = Scene(definition, file.positions, file.shapes.faces)
+        self.scene = scene
         self.rest = file.starts[0]
         physics = definition.physics
-        self.scheme = Scheme(SMALL_STEPS, physics.step)
-        self.truth = Scheme(SMALL_STEPS, physics.truth_step)
-        self.fine = Scheme(SMALL_STEPS, physics.fine_step)
+        self.scheme = Scheme(scene.integrator, physics.step)
+        self.truth = Scheme(scene.integrator, physics.truth_step)
+        self.fine = Scheme(scene.integrator, physics.fine_step)
         names = list(definition.movers)
         count = len(self.shapes.modes)
         self.state = Layout(
@@ -78,7 +83,7 @@ class SoftSystem(System):
         self.structure = self._structure()
         self.skeleton = Skeleton(tuple(self._bones(names)), shapes=self.shapes)
         self.body_length = self.scene.size
-        self.has_ground = definition.ground is not None
+        self.has_ground = scene.has_ground
         self.goals = self.goals_of(definition.goals)
 
     def _structure(self) -> Structure:
@@ -100,8 +105,8 @@ class SoftSystem(System):
         )
 
     def _contacts(self) -> ShapeContacts:
-        nodes = _spread_nodes(self.shapes.mean, CONTACT_NODES)
-        margin = self.scene.body.margin
+        nodes = _spread_nodes(self.shapes.mean, CONTACT_NODES, 2 * self.scene.margin)
+        margin = self.scene.margin
         colliders = []
         for number, mover in enumerate(self.scene.movers):
             for collider in mover.colliders:
@@ -120,20 +125,30 @@ class SoftSystem(System):
 
     def _bones(self, names: list[str]) -> list[Bone]:
         bones = []
+        if isinstance(self.scene, FlexScene):
+            bones += scenery(self.scene.model, self.scene.data)
         for number, (name, mover) in enumerate(zip(names, self.scene.movers, strict=True)):
             axes = np.eye(3).tolist()
             joints = tuple(
                 Joint("slide", 3 * number + axis, tuple(axes[axis]), (0.0, 0.0, 0.0))
                 for axis in range(3)
             )
-            shapes = []
-            for collider in mover.colliders:
-                start = np.array(collider.start)
-                along = np.zeros(3) if collider.end is None else np.array(collider.end) - start
-                shapes.append(_shape(start, along, collider.radius))
+            shapes = self._drawn(number, mover)
             upright = (1.0, 0.0, 0.0, 0.0)
-            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), upright, joints, tuple(shapes)))
+            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), upright, joints, shapes))
         return bones
+
+    def _drawn(self, number: int, mover: MoverTable) -> tuple[Shape, ...]:
+        """Return what is drawn of a mover: its geoms, or its colliders."""
+        scene = self.scene
+        if isinstance(scene, FlexScene):
+            return shapes_below(scene.model, scene.data, scene.bodies[number])
+        shapes = []
+        for collider in mover.colliders:
+            start = np.array(collider.start)
+            along = np.zeros(3) if collider.end is None else np.array(collider.end) - start
+            shapes.append(_shape(start, along, collider.radius))
+        return tuple(shapes)
 
     def motion(self, states: Float[np.ndarray, "L S"]) -> Motion:
         """Return the nodes of states, side by side: (N, 3, L) each."""
@@ -141,9 +156,9 @@ class SoftSystem(System):
         first = self.shapes.first
         count = len(self.shapes.modes)
         rates = states[:, first + count :]
-        anchor = first // 2 + 3 * self.scene.anchor
         velocities = np.tensordot(rates, self.shapes.modes, axes=1)
-        velocities += states[:, None, anchor : anchor + 3]
+        moving = states[:, first // 2 : first].reshape(len(states), -1, 3)
+        velocities += anchor_of(self.scene.anchor, moving)[:, None]
         return Motion(np.moveaxis(positions, 0, -1), np.moveaxis(velocities, 0, -1))
 
     def _simulate(
@@ -154,9 +169,10 @@ class SoftSystem(System):
         substeps: int,
         threads: int,
     ) -> None:
+        lanes = self.scene.lanes
         groups = [
-            np.arange(first, first + LANES).clip(max=len(states) - 1)
-            for first in range(0, len(states), LANES)
+            np.arange(first, first + lanes).clip(max=len(states) - 1)
+            for first in range(0, len(states), lanes)
         ]
 
         def run(rows: np.ndarray) -> None:
@@ -199,8 +215,8 @@ class SoftSystem(System):
     ) -> Float[np.ndarray, "L F R"]:
         """Return the amplitudes and rates of nodes."""
         anchor = self.scene.anchor
-        away = positions - movers[:, anchor, None] - self.shapes.mean[..., None]
-        relative = velocities - moving[:, anchor, None]
+        away = positions - anchor_of(anchor, movers)[:, None] - self.shapes.mean[..., None]
+        relative = velocities - anchor_of(anchor, moving)[:, None]
         parts = [np.moveaxis(part, -1, 0) for part in (away, relative)]
         return np.concatenate([self.shapes.project(part) for part in parts], axis=-1)
 
@@ -227,11 +243,11 @@ def _shape(start: Float[np.ndarray, " 3"], along: Float[np.ndarray, " 3"], radiu
     return Shape("capsule", (radius, length / 2), middle, tuple(turn.tolist()), COLOUR)
 
 
-def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int) -> tuple[int, ...]:
-    """Return `count` nodes far from each other, each the farthest from those before it; all if there are no more."""
+def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int, apart: float) -> tuple[int, ...]:
+    """Return `count` nodes far from each other, each the farthest from those before it; fewer if they lie `apart` [m]."""
     chosen = [0]
     distance = np.linalg.norm(positions - positions[0], axis=1)
-    while len(chosen) < min(count, len(positions)):
+    while len(chosen) < min(count, len(positions)) and distance.max() > apart:
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
     return tuple(sorted(chosen))
