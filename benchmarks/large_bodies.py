@@ -36,7 +36,7 @@ from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.files.tables import check_table, read_toml
-from neuroanimator.systems.soft.find_shapes import random_paths
+from neuroanimator.systems.soft.mesh_file import Mesh
 from neuroanimator.systems.soft.meshes import Cloth, cloth_body
 from neuroanimator.systems.soft.obj_file import read_obj
 from neuroanimator.systems.soft.program import LANES, SoftProgram
@@ -110,23 +110,25 @@ def square(cells: int) -> SoftBody:
         Cloth(density=0.2, stretch=20.0, bend=0.5),
         nodes[0],
         air=Air(drag=0.5, density=1.2),
-        capsules=(Capsule(BALL, friction=0.3),),
+        capsules=(Capsule(BALL, friction=0.3, mover=1),),
         margin=0.005,
     )
 
 
-def scene(body: SoftBody) -> tuple[np.ndarray, np.ndarray]:
-    """Return where pins are (T+1, K, 3) and where the ball is (T+1, 6), which has no length [m]."""
+def poses() -> np.ndarray:
+    """Return where the bar and the ball are, and that they do not turn (T+1, 2, 4) [m]."""
     now = np.arange(FRAMES + 1) * FRAME
     bar = np.stack([0.1 * np.sin(2 * np.pi * 0.4 * now), 0 * now, 0 * now], axis=1)
     ball = np.stack([0.05 + 0 * now, 0.5 - 0.6 * now, -0.55 + 0 * now], axis=1)
-    pins = body.positions[body.pins] + bar[:, None]
-    return pins, np.concatenate([ball, np.zeros_like(ball)], axis=1)
+    movers = np.zeros((FRAMES + 1, 2, 4))
+    movers[:, 0, :3] = bar
+    movers[:, 1, :3] = ball
+    return movers
 
 
 def run(body: SoftBody, steps: int, lanes: int) -> tuple[np.ndarray, float]:
     """Return the last positions (N, 3, ...) and the processor time of a frame of one cloth [ms]."""
-    parts = (body.positions, np.zeros_like(body.positions), *scene(body))
+    parts = (body.positions, np.zeros_like(body.positions), poses())
     if lanes > 1:
         parts = tuple(np.repeat(part[..., None], lanes, axis=-1) for part in parts)
     program = SoftProgram(body, lanes)
@@ -189,29 +191,31 @@ class Test(NamedTuple):
 
     system: SoftSystem
     paths: np.ndarray
-    """(F, M, 3, LANES) positions of movers [m], the start included."""
+    """(F, D, LANES) positions of movers [m], the start included."""
     given: np.ndarray
-    """(M, 3, LANES) their velocities before the start [m/s]."""
+    """(D, LANES) their velocities before the start [m/s]."""
     start: Motion
     truth: np.ndarray
     """(F-1, N, 3, LANES) positions of nodes [m]."""
     dt: float
 
 
-def unseen(system: SoftSystem, definition: SoftDefinition, dt: float, kind: str) -> Test:
+def unseen(system: SoftSystem, dt: float, kind: str) -> Test:
     """Return the test's runs: `FRAMES` super steps after a lead."""
     rng = np.random.default_rng(TEST_SEED)
     if kind == "smooth":
         starts = np.repeat(system.rest[None], LANES, axis=0)
-        paths = random_paths(definition, system.scene, rng, LEAD + FRAMES, dt)
+        controls = system.sample_paths(rng, LANES, LEAD + FRAMES, dt)
     else:
         starts = system.sample_starts(rng, LANES)
         controls = sample_control_runs(rng, LANES, LEAD + FRAMES, dt, system)
-        changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
-        movers = starts[:, None, : system.control.size] + np.cumsum(changes, axis=1)
-        paths = np.moveaxis(movers, 0, -1).reshape(LEAD + FRAMES + 1, -1, 3, LANES)
+    changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
+    movers = starts[:, None, : system.control.size] + np.cumsum(changes, axis=1)
+    paths = np.moveaxis(movers, 0, -1)
     steps = system.truth.steps(dt)
-    before, velocities = system.scene.play(system.motion(starts), paths[: LEAD + 1], dt, steps)
+    given_start = system.motion(starts)
+    from_world = Motion(given_start.positions + given_start.origin, given_start.velocities)
+    before, velocities = system.scene.play(from_world, paths[: LEAD + 1], dt, steps)
     start = Motion(before[-1].copy(), velocities[-1].copy())
     truth, _ = system.scene.play(start, paths[LEAD:], dt, steps)
     given = (paths[LEAD] - paths[LEAD - 1]) / dt
@@ -221,19 +225,8 @@ def unseen(system: SoftSystem, definition: SoftDefinition, dt: float, kind: str)
 def known_state(test: Test) -> np.ndarray:
     """Return the states (LANES, S) at the test's start, as the emulator knows them."""
     system = test.system
-    anchor = system.scene.anchor
-    movers = np.moveaxis(test.paths[0], -1, 0)
-    moving = np.moveaxis(test.given, -1, 0)
-    nodes = np.moveaxis(test.start.positions, -1, 0)
-    rates = np.moveaxis(test.start.velocities, -1, 0) - moving[:, anchor, None]
-    amplitudes = system.shapes.encode(nodes, movers[:, anchor])
-    parts = (
-        movers.reshape(LANES, -1),
-        moving.reshape(LANES, -1),
-        amplitudes,
-        system.shapes.project(rates),
-    )
-    return np.concatenate(parts, axis=1)
+    nodes = [np.moveaxis(part, -1, 0) for part in test.start[:2]]
+    return system.encode(*nodes, test.paths[0].T, test.given.T)
 
 
 def errors_of(test: Test, positions: np.ndarray) -> dict[str, float]:
@@ -282,7 +275,7 @@ def coarser(definition: SoftDefinition, side: int, coarse: int) -> Scene:
     for name, mover in movers.items():
         if mover.pins:
             movers[name] = mover.model_copy(update={"pins": tuple(range(coarse))})
-    return Scene(definition.model_copy(update={"movers": movers}), positions, faces)
+    return Scene(definition.model_copy(update={"movers": movers}), Mesh(positions, faces))
 
 
 def emulator_rows(toml: Path, file: Path) -> Rows:
@@ -293,7 +286,7 @@ def emulator_rows(toml: Path, file: Path) -> Rows:
     dt = emulator.dt
     rows: Rows = []
     for kind in ("smooth", "random"):
-        rows += rows_of(emulator, definition, unseen(system, definition, dt, kind), kind)
+        rows += rows_of(emulator, definition, unseen(system, dt, kind), kind)
     return rows
 
 
@@ -301,7 +294,7 @@ def rows_of(emulator: na.Emulator, definition: SoftDefinition, test: Test, kind:
     """Return the rows of paths of this `kind`; those of other physics along smooth ones alone."""
     system = test.system
     dt = test.dt
-    controls = np.moveaxis(np.diff(test.paths, axis=0) / dt, -1, 0).reshape(LANES, FRAMES, -1)
+    controls = np.moveaxis(np.diff(test.paths, axis=0) / dt, -1, 0)
     states = known_state(test)
     path = np.asarray(emulator.rollout(states.astype(np.float32), controls.astype(np.float32)))
     rows: Rows = []
@@ -329,7 +322,7 @@ def rows_of(emulator: na.Emulator, definition: SoftDefinition, test: Test, kind:
     for coarse, small_steps in OPPONENTS if kind == "smooth" else ():
         scene = system.scene if coarse == side else coarser(definition, side, coarse)
         down = between(coarse, side)
-        start = Motion(*(resampled(np.asarray(part, float), down) for part in test.start))
+        start = Motion(*(resampled(np.asarray(part, float), down) for part in test.start[:2]))
         found, _ = scene.play(start, test.paths, dt, small_steps)
         name = f"{coarse} x {coarse} nodes, {small_steps} small steps"
         if not np.isfinite(found).all():
@@ -337,7 +330,7 @@ def rows_of(emulator: na.Emulator, definition: SoftDefinition, test: Test, kind:
             continue
         whole = resampled(found.astype(float), between(side, coarse))
         rows.append({"what": name} | errors_of(test, whole))
-        alone = Motion(*(np.ascontiguousarray(part[..., 0]) for part in start))
+        alone = Motion(*(np.ascontiguousarray(part[..., 0]) for part in start[:2]))
         players[name] = partial(scene.play, alone, test.paths[..., 0], dt, small_steps)
     seconds = interleaved(players, TIMINGS)
     for row in rows:

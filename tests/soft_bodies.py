@@ -8,6 +8,7 @@ from neuroanimator import Clip
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.state.links import Joint
+from neuroanimator.state.placement import Placement
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -29,7 +30,7 @@ def wavy_shapes(side: int = 40, count: int = 12) -> Shapes:
     node = np.arange(side * side).reshape(side, side)
     first = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:]], axis=-1).reshape(-1, 3)
     second = np.stack([node[:-1, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 3)
-    return Shapes(mean, modes, np.concatenate([first, second]), first=3, anchor=0)
+    return Shapes(mean, modes, np.concatenate([first, second]), first=3, placement=Placement(0))
 
 
 def soft_clip(

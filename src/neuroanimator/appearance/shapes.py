@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.state.placement import Placement
+
 MAX_NODES = 100_000
 """Maximum number of nodes of a surface: it may come from a stranger, and is drawn."""
 
@@ -35,20 +37,20 @@ class Shapes:
     """N nodes, of which a state says where they are by K amplitudes."""
 
     mean: Float[np.ndarray, "N 3"]
-    """Where the nodes are, from the anchor, if every amplitude is zero [m]."""
+    """Where the nodes are in the anchor's frame if every amplitude is zero [m]."""
     modes: Float[np.ndarray, "K N 3"]
     """Displacement of the nodes by each amplitude; across modes orthogonal, each of root mean square 1 a node."""
     faces: Int[np.ndarray, "F 3"]
     """Corners of the triangles, counterclockwise from outside."""
     first: int
     """State entry of the first amplitude [m, root mean square a node]."""
-    anchor: int = -1
-    """State entry where the position [m] that all nodes go with begins; -1 of nodes that go with nothing."""
+    placement: Placement
+    """State entries of the frame that all nodes go and turn with: the anchor's."""
 
     @cached_property
     def digest(self) -> str:
         """Hash of all that makes up the shapes: two that are alike in a file are equal."""
-        content = hashlib.sha256(f"{self.first} {self.anchor}".encode())
+        content = hashlib.sha256(f"{self.first} {self.placement}".encode())
         for array in self.tensors().values():
             content.update(array.tobytes())
         return content.hexdigest()
@@ -68,28 +70,19 @@ class Shapes:
         self, states: Float[np.ndarray, "*B S"], nodes: Any = slice(None)
     ) -> Float[np.ndarray, "*B n 3"]:
         """Return where nodes are [m], all of them or those numbered; each costs its own rows alone."""
-        modes = self.modes[:, nodes]
-        amplitudes = states[..., self.amplitudes]
-        placed = self.mean[nodes] + np.tensordot(amplitudes, modes, axes=1)
-        return placed + self.anchors(states)[..., None, :]
+        return self.placement.to_world(states, self.unplaced(states, nodes))
 
-    def encode(
-        self, positions: Float[np.ndarray, "*B N 3"], anchors: Float[np.ndarray, "*B 3"]
-    ) -> Float[np.ndarray, "*B K"]:
-        """Return the amplitudes of nodes at `positions` [m] that go with `anchors` [m]: what is nearest."""
-        away = positions - anchors[..., None, :] - self.mean
-        return self.project(away)
+    def unplaced(
+        self, states: Float[np.ndarray, "*B S"], nodes: Any = slice(None)
+    ) -> Float[np.ndarray, "*B n 3"]:
+        """Return where nodes are in the anchor's frame [m]."""
+        modes = self.modes[:, nodes]
+        return self.mean[nodes] + np.tensordot(states[..., self.amplitudes], modes, axes=1)
 
     def project(self, vectors: Float[np.ndarray, "*B N 3"]) -> Float[np.ndarray, "*B K"]:
         """Return the amplitudes, or their rates, of displacements [m], or velocities [m/s], of all nodes."""
         count = len(self.mean)
         return np.tensordot(vectors, self.modes, axes=((-2, -1), (1, 2))) / count
-
-    def anchors(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B 3"]:
-        """Return the positions that all nodes go with [m]."""
-        if self.anchor < 0:
-            return np.zeros((*states.shape[:-1], 3))
-        return states[..., self.anchor : self.anchor + 3]
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays as files hold them: modes as 16-bit numbers, each in units of its own scale."""
@@ -104,7 +97,7 @@ class Shapes:
 
     @classmethod
     def from_tensors(
-        cls, tensors: Mapping[str, np.ndarray], first: int, anchor: int, state_size: int
+        cls, tensors: Mapping[str, np.ndarray], first: int, placement: Placement, state_size: int
     ) -> Shapes:
         """Return the shapes `tensors` wrote; ValueError names what is wrong with them."""
         if set(tensors) != set(TENSORS):
@@ -130,7 +123,8 @@ class Shapes:
             raise ValueError("shapes: wanted finite places, and scales above 0")
         if not (scales * LARGEST <= MAX_DISTANCE).all():
             raise ValueError("shapes: a scale is too large")
-        if not -1 <= anchor <= state_size - 3 or not 0 <= first <= state_size - count:
+        ends = (placement.position + 3, placement.heading + 1, placement.orientation + 4)
+        if max(ends) > state_size or not 0 <= first <= state_size - count:
             raise ValueError("shapes: they read beyond the state")
         whole = modes * scales[:, None, None]
-        return cls(mean.astype(float), whole.astype(float), faces.astype(int), first, anchor)
+        return cls(mean.astype(float), whole.astype(float), faces.astype(int), first, placement)

@@ -12,7 +12,7 @@ from neuroanimator.codegen.c_text import ELEMENTWISE, power
 from neuroanimator.codegen.program import Operation
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
 
-EXACT = ("neg", "square", "add", "sub", "mul", "div", "max", "min", "clamp")
+EXACT = ("neg", "square", "add", "sub", "mul", "div", "max", "min", "clamp", "gt", "select_n")
 """Operations whose C is the same in float32 and float64."""
 
 

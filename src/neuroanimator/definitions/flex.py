@@ -31,12 +31,18 @@ class FlexPhysics(SoftPhysics):
 
 
 class FlexMoverTable(Table):
-    """A mocap body. Its velocity is a control."""
+    """A mocap body. Its velocity is a control, and its turning rate."""
 
     speed: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
     """Largest velocity along each axis [m/s]."""
     reach: Extent = (0.2, 0.2, 0.2)
     """Distance from rest it is moved to along each axis while the body's shapes are looked for [m]."""
+    turns: bool = False
+    """Whether it turns about the vertical, too."""
+    turn_speed: Positive = 1.0
+    """Largest turning rate [rad/s]."""
+    turn_reach: NotNegative = 0.5
+    """How far it is turned from rest while shapes are looked for [rad]."""
 
 
 class FlexDefinition(Table):
@@ -52,6 +58,8 @@ class FlexDefinition(Table):
     """Physics steps n in a super step, if nothing else is asked for."""
     shapes: int = Field(64, ge=1, le=MAX_SHAPES)
     """Number of shapes that make up the state."""
+    contact_nodes: int = Field(96, ge=1, le=256)
+    """Number of nodes whose contacts an emulator is shown."""
     physics: FlexPhysics
     movers: dict[PartName, FlexMoverTable] = Field(min_length=1, max_length=8)
     """By the names of the mocap bodies; in a state they come in the order of their names."""

@@ -1,4 +1,4 @@
-"""A cloth written down: its mesh, its material, what moves and holds it, and what strikes it.
+"""A soft body written down: its mesh, its material, what moves and holds it, and what strikes it.
 
 name = "flag"
 kind = "soft"
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from neuroanimator.appearance.shapes import MAX_NODES, MAX_SHAPES
 from neuroanimator.definitions.goal import GoalTable
@@ -30,6 +30,10 @@ NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 """A number that may be zero, for a thing without the effect it measures."""
 
 Extent = tuple[NotNegative, NotNegative, NotNegative]
+
+
+SOLID_ENDING = ".msh"
+"""Ending of the names of meshes of tetrahedra."""
 
 
 class SoftPhysics(Table):
@@ -51,8 +55,19 @@ class ClothTable(Table):
     """[m]"""
 
 
+class SolidTable(Table):
+    """The material of a body of tetrahedra; `systems.soft.meshes.Solid` explains the keys."""
+
+    density: Positive = 1000.0
+    stretch: Positive = 2e4
+    bulk: Positive = 2e5
+    damping: NotNegative = 2e-3
+    margin: NotNegative = 0.0
+    """Distance at which nodes touch colliders [m]."""
+
+
 class AirTable(Table):
-    """Air around the cloth; `systems.soft.soft_body.Air` explains the keys."""
+    """Air around the body; `systems.soft.soft_body.Air` explains the keys."""
 
     drag: NotNegative = 0.5
     density: NotNegative = 1.2
@@ -60,33 +75,49 @@ class AirTable(Table):
 
 
 class ColliderTable(Table):
-    """A sphere; with an end, a capsule."""
+    """A sphere; with an end, a capsule; with half sizes, a box."""
 
-    radius: Positive
+    radius: Positive | None = None
     """[m]"""
+    box: tuple[Positive, Positive, Positive] | None = None
+    """Half the size of a box along each axis of its mover [m]."""
     start: Vector = (0.0, 0.0, 0.0)
-    """Centre of the sphere, or of the capsule's first end, from its mover's position [m]."""
+    """Centre of the sphere, of the box, or of the capsule's first end, from its mover's position [m]."""
     end: Vector | None = None
     """Centre of the capsule's other end [m]."""
     friction: NotNegative = 0.3
 
+    @model_validator(mode="after")
+    def _is_one(self) -> ColliderTable:
+        if (self.radius is None) == (self.box is None):
+            raise ValueError("wanted a radius, or a box")
+        if self.box is not None and self.end is not None:
+            raise ValueError("wanted no end of a box")
+        return self
+
 
 class MoverTable(Table):
-    """A thing that is moved from outside: it holds nodes, or strikes them. Its velocity is a control."""
+    """A thing that is moved from outside: it holds nodes, or strikes them. Its velocity is a control, and its turning rate."""
 
     position: Vector
     """Position at rest [m]."""
     speed: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
     """Largest velocity along each axis [m/s]."""
     reach: Extent = (0.2, 0.2, 0.2)
-    """Distance from rest it is moved to along each axis while the cloth's shapes are looked for [m]."""
+    """Distance from rest it is moved to along each axis while shapes are looked for [m]."""
+    turns: bool = False
+    """Whether it turns about the vertical, too, and all that goes with it."""
+    turn_speed: Positive = 1.0
+    """Largest turning rate [rad/s]."""
+    turn_reach: NotNegative = 0.5
+    """How far it is turned from rest while shapes are looked for [rad]."""
     pins: Annotated[tuple[int, ...], Field(max_length=MAX_NODES)] = ()
     """Nodes that go with it, numbered from 0 in the mesh's order."""
-    colliders: Annotated[tuple[ColliderTable, ...], Field(max_length=8)] = ()
+    colliders: Annotated[tuple[ColliderTable, ...], Field(max_length=16)] = ()
 
 
 class GroundTable(Table):
-    """A horizontal plane the cloth does not pass."""
+    """A horizontal plane the body does not pass."""
 
     height: Finite = 0.0
     """[m]"""
@@ -94,23 +125,36 @@ class GroundTable(Table):
 
 
 class SoftDefinition(Table):
-    """A system whose physics is a cloth's."""
+    """A system whose physics is that of a cloth, or of a soft solid."""
 
     name: SystemName
     kind: Literal["soft"]
     mesh: FileName
-    """OBJ file of the cloth at rest, beside this file [m]."""
+    """OBJ file of a cloth at rest, or Gmsh file of a solid, beside this file [m]."""
     substeps: int = Field(40, ge=1, le=1000)
     """Small steps n in a super step, if nothing else is asked for."""
     shapes: int = Field(96, ge=1, le=MAX_SHAPES)
     """Number of shapes that make up the state."""
+    contact_nodes: int = Field(96, ge=1, le=256)
+    """Number of nodes whose contacts an emulator is shown."""
     physics: SoftPhysics
     cloth: ClothTable = ClothTable()
+    solid: SolidTable = SolidTable()
     air: AirTable = AirTable()
     ground: GroundTable | None = None
     movers: dict[PartName, MoverTable] = Field(min_length=1, max_length=8)
     """By name; in a state they come in the order of their names."""
     goals: dict[SystemName, GoalTable] = Field(default={})
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether the mesh is of tetrahedra."""
+        return self.mesh.endswith(SOLID_ENDING)
+
+    @property
+    def margin(self) -> float:
+        """Distance at which nodes touch colliders [m]."""
+        return self.solid.margin if self.is_solid else self.cloth.thickness / 2
 
     @field_validator("movers")
     @classmethod

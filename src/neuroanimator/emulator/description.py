@@ -31,6 +31,7 @@ from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.layout import MAX_NUMBERS, Bounds, Layout
+from neuroanimator.state.placement import Placement
 from neuroanimator.state.segments import (
     Driven,
     Lag,
@@ -90,7 +91,7 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
         described["contacts"] = emulator.frame.contacts.to_json()
     shapes = emulator.skeleton.shapes
     if shapes is not None:
-        described["shapes"] = {"first": shapes.first, "anchor": shapes.anchor}
+        described["shapes"] = {"first": shapes.first} | _describe_placement(shapes.placement)
     if emulator.frame.shape_contacts is not None:
         described["shape_contacts"] = emulator.frame.shape_contacts.to_json()
     if emulator.strides > 1:
@@ -103,6 +104,14 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
     if emulator.validation is not None:
         described["validation"] = True
     return described
+
+
+def _describe_placement(placement: Placement) -> dict[str, int]:
+    return {
+        "position": placement.position,
+        "heading": placement.heading,
+        "orientation": placement.orientation,
+    }
 
 
 def _describe_errors(bounds: ErrorBounds) -> dict[str, Any]:
@@ -365,9 +374,15 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
 def _with_shapes(described: Any, tensors: Mapping[str, np.ndarray], spec: EmulatorSpec) -> Skeleton:
     """Return the skeleton with the shapes of its surface."""
     first = whole(described["first"], "shapes: first", 0, MAX_NUMBERS)
-    anchor = whole(described["anchor"], "shapes: anchor", -1, MAX_NUMBERS)
-    shapes = Shapes.from_tensors(tensors, first, anchor, spec.state.size)
+    shapes = Shapes.from_tensors(tensors, first, _placement(described), spec.state.size)
     return replace(spec.skeleton, shapes=shapes)
+
+
+def _placement(described: Any) -> Placement:
+    entries = {}
+    for name in ("position", "heading", "orientation"):
+        entries[name] = whole(described[name], f"shapes: {name}", -1, MAX_NUMBERS)
+    return Placement(entries["position"], entries["heading"], entries["orientation"])
 
 
 def _shape_contacts(described: Any, spec: EmulatorSpec) -> ShapeContacts:

@@ -8,7 +8,8 @@ import numpy as np
 
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.systems.soft.flex_scene import FlexScene
-from neuroanimator.systems.soft.scene import Motion, Scene
+from neuroanimator.systems.soft.scene import Scene
+from neuroanimator.systems.soft.soft_scene import Motion
 from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import Scheme
 
@@ -26,10 +27,9 @@ def soft_player(system: SoftSystem, test: HeldOut) -> Callable[[], None]:
     """Return a function that takes `SOFT_FRAMES` super steps of the system's own small steps from an unseen state."""
     starts, controls = test.moments(1)
     start = system.motion(starts)
-    motion = Motion(start.positions[..., 0], start.velocities[..., 0])
+    motion = Motion(start.positions[..., 0], start.velocities[..., 0], start.origin[..., 0])
     ends = np.arange(SOFT_FRAMES + 1)[:, None] * test.dt * controls
-    movers = starts[:, : system.control.size] + ends
-    paths = movers.reshape(SOFT_FRAMES + 1, -1, 3)
+    paths = starts[:, : system.control.size] + ends
     steps = system.scheme.steps(test.dt)
 
     def play() -> None:

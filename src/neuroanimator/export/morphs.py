@@ -63,7 +63,7 @@ class Morphs:
     """A mesh and its targets, whose weights are between 0 and 1: Blender cuts off others."""
 
     points: Float[np.ndarray, "N 3"]
-    """Nodes where all weights are zero, from the anchor [m]."""
+    """Nodes where all weights are zero, in the anchor's frame [m]."""
     scale: float
     """Distance that a number of 1 in a target moves a node at a weight of 1 [m]."""
     normals: Float[np.ndarray, "N 3"]
@@ -84,6 +84,8 @@ class SurfaceNode(NamedTuple):
     morphs: Morphs
     positions: Float[np.ndarray, "F 3"]
     """Positions of the anchor [m]."""
+    orientations: Float[np.ndarray, "F 4"] | None
+    """Its quaternions; None of an anchor that does not turn."""
     weights: Float[np.ndarray, "F W"]
     """Weights of the targets, in their order."""
 
@@ -110,7 +112,9 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
     ends = np.cumsum([len(motion) for motion in motions])[:-1]
     nodes = []
     for motion, of_motion in zip(motions, np.split(all_weights, ends), strict=True):
-        nodes.append(SurfaceNode(morphs, shapes.anchors(motion), of_motion))
+        positions = shapes.placement.origin(motion)
+        orientations = shapes.placement.quaternions(motion)
+        nodes.append(SurfaceNode(morphs, positions, orientations, of_motion))
     return nodes
 
 
@@ -158,7 +162,7 @@ def _turning_targets(
     """Return the targets that turn the normals, which are `base` without them, and their weights in all `states`."""
     count = len(shapes.mean)
     chosen = np.linspace(0, len(states) - 1, min(len(states), SAMPLES)).round().astype(int)
-    samples = surface_normals(shapes, shapes.decode(states[chosen]))
+    samples = surface_normals(shapes, shapes.unplaced(states[chosen]))
     changes = (samples - base).reshape(len(samples), -1)
     # The first singular vectors alone, of few long rows: by the products of the rows.
     powers, left = np.linalg.eigh(changes @ changes.T)
@@ -170,7 +174,7 @@ def _turning_targets(
     weights = np.zeros((len(states), len(used)))
     for first in range(0, len(states), CHUNK):
         frames = slice(first, first + CHUNK)
-        normals = surface_normals(shapes, shapes.decode(states[frames]))
+        normals = surface_normals(shapes, shapes.unplaced(states[frames]))
         weights[frames] = (normals - base).reshape(len(normals), -1) @ used.T
     targets = []
     for number, mode in enumerate(used):

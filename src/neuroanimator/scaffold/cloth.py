@@ -13,7 +13,8 @@ from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.proposal import Proposal
-from neuroanimator.systems.soft.obj_file import MAX_FILE, read_obj
+from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh
+from neuroanimator.systems.soft.obj_file import read_obj
 from neuroanimator.systems.soft.scene import Scene
 
 STEP = 1 / 1200
@@ -88,7 +89,7 @@ def propose_cloth(path: Path) -> Proposal:
         },
     }
     definition = check_table(values, path.name, SoftDefinition)
-    Scene(definition, positions, faces)  # refuses what cannot be
+    Scene(definition, Mesh(positions, faces))  # refuses what cannot be
     told = (
         ("mesh", f"{len(positions):,} nodes, {len(faces):,} triangles, {size:g} m"),
         ("held", f"{len(pins)} nodes: {edge}"),

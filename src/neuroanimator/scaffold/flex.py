@@ -18,7 +18,7 @@ from neuroanimator.scaffold.defaults import FINE_PARTS, rounded, usual_name
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.systems.soft.flex_model import flex_body, mover_names, tied_bodies
 from neuroanimator.systems.soft.flex_scene import FlexScene, Touching
-from neuroanimator.systems.soft.scene import Motion
+from neuroanimator.systems.soft.soft_scene import Motion
 from neuroanimator.terminal import phase
 
 SUPER_STEP = 1 / 30
@@ -200,21 +200,21 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
     return Trial(False, Touching(max(counts), max(depths), max(shares)), cost)
 
 
-def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F M 3"]:
-    """Return positions of the movers [m]."""
+def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F D"]:
+    """Return positions of the movers [m], none of which turns."""
     middle = scene.body.positions.mean(axis=0)
     ends = []
-    for mover, body in zip(scene.movers, scene.bodies, strict=True):
+    movers = scene.movers
+    for mover, body in zip(movers.tables, scene.bodies, strict=True):
         end = np.add(mover.position, mover.reach)
         if body not in tied_bodies(scene.model):
             away = middle - mover.position
             distance = float(np.linalg.norm(away))
             end = middle + away / max(distance, 1e-9) * BEYOND * scene.size
         ends.append(end)
-    change = np.array(ends) - scene.rest
-    speeds = np.array([min(mover.speed) for mover in scene.movers])
-    longest = float((np.linalg.norm(change, axis=1) / speeds).max())
+    change = np.concatenate(ends) - movers.rest
+    longest = float((np.abs(change) / movers.speed).max())
     frames = min(math.ceil(longest / dt), round(TRIAL / dt))
     shares = np.linspace(0, 1, frames + 1)
     shares = np.concatenate([shares, shares[-2::-1]])
-    return scene.rest + shares[:, None, None] * change
+    return movers.rest + shares[:, None] * change

@@ -197,7 +197,7 @@ class Frame(eqx.Module):
     def control_size(self, controls: int) -> int:
         """Return how many numbers `felt_control` makes of so many controls."""
         if self.shape_contacts is not None:
-            return controls + self.shape_contacts.size
+            return self.shape_contacts.size
         return 3 if self.external_forces else controls
 
     def felt_control(
@@ -205,11 +205,11 @@ class Frame(eqx.Module):
     ) -> Float[AnyArray, "... F"]:
         """Return the controls (..., C) as the body feels them: forces of the world along its own axes.
 
-        Of a soft body with them the contacts that what they move may come to.
+        Of a soft body what they move, in its own frame, and the contacts that it may come to.
         """
         if self.shape_contacts is not None:
-            contacts = self.shape_contacts.shown(state, control, self.dt)
-            return control.__array_namespace__().concat([control, *contacts], axis=-1)
+            shown = self.shape_contacts.shown(state, control, self.dt)
+            return control.__array_namespace__().concat(shown, axis=-1)
         if not self.external_forces:
             return control
         xp = control.__array_namespace__()

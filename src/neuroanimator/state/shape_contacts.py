@@ -1,7 +1,13 @@
-"""Contacts of a soft body, as its emulator is shown them: how near sampled nodes will be to what moves.
+"""Contacts of a soft body, as its emulator is shown them: how near sampled nodes will be to what they may touch.
 
-The state holds positions of movers, their velocities, amplitudes of shapes and their rates. Nodes are looked at where
-they would coast to, and movers where they will be: their velocities are the controls.
+A state is, with M movers of which some turn and K shapes,
+
+    movers' positions and headings | their rates | root of a free body | amplitudes of the shapes | their rates
+
+The shapes are those of the body's own frame: it goes and turns with the mover that holds the body, its anchor, or with
+the root of a body that nothing holds. All that is shown is seen from there, so that moving and turning the world
+changes nothing. Nodes are looked at where they would coast to, and movers where they will be: the controls are their
+rates.
 """
 
 from __future__ import annotations
@@ -14,11 +20,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.files.numbers import entries, listed, number, numbers, whole
+from neuroanimator.files.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.placement import Placement, heading_rows, turn, turn_back
+from neuroanimator.state.rotation import Rows, rotated_by, rotation_rows
 
 MAX_NODES = 256
-"""Maximum number of sampled nodes: each is four features a collider."""
+"""Maximum number of sampled nodes: each is four features."""
 
 MAX_COLLIDERS = 64
 """Maximum number of colliders."""
@@ -32,34 +40,123 @@ MAX_DISTANCE = 1e6
 TINY = 1e-9
 """Added to squares of lengths [m²] before their root is divided by."""
 
+FREE = -1
+"""Anchor of a body that nothing holds."""
 
-class Collider(NamedTuple):
+HELD = -2
+"""Anchor of a body that the world holds: its own frame is the world's."""
+
+ROOT = 13
+"""Numbers of a free body's root: position, quaternion, velocity and angular velocity in its own axes."""
+
+Point = tuple[float, ...]
+"""Three coordinates in a mover's frame [m]."""
+
+
+class RoundCollider(NamedTuple):
     """A capsule that goes with a mover; of no length, a sphere."""
 
     mover: int
-    start: tuple[float, ...]
-    """From the mover's position [m]."""
-    along: tuple[float, ...]
+    start: Point
+    along: Point
     """From its start to its end [m]."""
     radius: float
     """[m]"""
 
+    @property
+    def is_round(self) -> bool:
+        """Whether it looks the same however its mover is turned."""
+        return not any((*self.start[:2], *self.along[:2]))
+
+
+class BoxCollider(NamedTuple):
+    """A box that goes with a mover, its edges along the mover's axes."""
+
+    mover: int
+    centre: Point
+    half: Point
+    """Half its size along each axis [m]."""
+    radius: float
+    """By how much it is rounded outwards [m]."""
+
+
+class Mover(NamedTuple):
+    """Entries of a mover."""
+
+    entry: int
+    """First of its entries among those of all movers: its position, or velocity."""
+    turns: bool
+    """Whether the next one is its heading, or turning rate."""
+
+    @property
+    def size(self) -> int:
+        """Number of its entries."""
+        return 4 if self.turns else 3
+
+
+def place_movers(turning: tuple[bool, ...]) -> tuple[Mover, ...]:
+    """Return the entries of each mover; `turning` says which turn."""
+    movers = []
+    entry = 0
+    for turns in turning:
+        movers.append(Mover(entry, turns))
+        entry += movers[-1].size
+    return tuple(movers)
+
+
+def first_amplitude(turning: tuple[bool, ...], anchor: int) -> int:
+    """Return the state entry of the first amplitude, after those of movers, and of a free root if `anchor` is `FREE`."""
+    movers = 2 * sum(mover.size for mover in place_movers(turning))
+    return movers + (ROOT if anchor == FREE else 0)
+
+
+def placement_of(turning: tuple[bool, ...], anchor: int) -> Placement:
+    """Return the state entries of the body's own frame: of the anchor, or of a free root if that is `FREE`."""
+    movers = place_movers(turning)
+    if anchor == HELD:
+        return Placement()
+    if anchor == FREE:
+        root = 2 * sum(mover.size for mover in movers)
+        return Placement(position=root, orientation=root + 3)
+    mover = movers[anchor]
+    return Placement(mover.entry, mover.entry + 3 if mover.turns else -1)
+
+
+class _Moment(NamedTuple):
+    """Where movers and the body's own frame are at a moment."""
+
+    movers: Float[AnyArray, "... D"]
+    """Positions and headings."""
+    origin: Float[AnyArray, "... 3"]
+    """Position of the frame [m]."""
+    rows: Rows | None
+    """The rotation from the frame to the world; None of one that does not turn."""
+
+    def to_own(self, vector: Float[AnyArray, "... 3"]) -> Float[AnyArray, "... 3"]:
+        """Return a vector of the world along the frame's axes."""
+        return turn_back(self.rows, vector[..., None, :])[..., 0, :]
+
 
 @dataclass(frozen=True, eq=False)
 class ShapeContacts:
-    """Features of the contacts that may come in a super step, of P nodes and K shapes."""
+    """Features of what moves, and of the contacts that may come in a super step, of P nodes and K shapes."""
 
-    movers: int
-    """Number of movers: their positions, then their velocities, begin the state; then come amplitudes, then rates."""
+    turning: tuple[bool, ...]
+    """Whether each mover turns about Z, too."""
     anchor: int
-    """Number of the mover that all nodes go with; -1 if there is none."""
-    colliders: tuple[Collider, ...]
+    """Number of the mover that all nodes go with; `FREE` of a body that nothing holds, `HELD` of one the world does."""
+    capsules: tuple[RoundCollider, ...]
+    boxes: tuple[BoxCollider, ...]
+    ground: float | None
+    """Height at which nodes touch the ground [m]; None if there is none."""
+    wind: tuple[float, ...]
+    """Velocity of the air [m/s]."""
     reach: float
     """Distance from a collider's surface at which it begins to show [m]."""
     nodes: tuple[int, ...]
     """Numbers of the sampled nodes."""
     mean: Float[np.ndarray, "P 3"] = field(repr=False)
-    """Positions of the nodes from the anchor, with no amplitudes [m]."""
+    """Positions of the nodes in the body's own frame, with no amplitudes [m]."""
     modes: Float[np.ndarray, "K P 3"] = field(repr=False)
     """Displacement of the nodes by each amplitude."""
     digest: str = field(init=False)
@@ -69,53 +166,160 @@ class ShapeContacts:
         content = self.mean.astype(np.float32).tobytes() + self.modes.astype(np.float32).tobytes()
         object.__setattr__(self, "digest", hashlib.sha256(content).hexdigest())
 
+    @cached_property
+    def movers(self) -> tuple[Mover, ...]:
+        """Entries of the movers."""
+        return place_movers(self.turning)
+
+    @property
+    def mover_size(self) -> int:
+        """Number D of entries of all movers' positions and headings: so many rates and controls, too."""
+        return sum(mover.size for mover in self.movers)
+
+    @property
+    def first(self) -> int:
+        """State entry of the first amplitude."""
+        return first_amplitude(self.turning, self.anchor)
+
+    @property
+    def turns(self) -> bool:
+        """Whether the body's own frame turns."""
+        return self.anchor == FREE or (self.anchor >= 0 and self.turning[self.anchor])
+
+    @cached_property
+    def _facing(self) -> tuple[int, ...]:
+        """Movers whose heading, seen from the body, changes and matters."""
+        uneven = {box.mover for box in self.boxes}
+        uneven |= {capsule.mover for capsule in self.capsules if not capsule.is_round}
+        facing = []
+        for index in sorted(uneven - {self.anchor}):
+            if self.turning[index] or self.turns:
+                facing.append(index)
+        return tuple(facing)
+
+    @property
+    def _shows_wind(self) -> bool:
+        return self.turns and any(self.wind)
+
     @property
     def size(self) -> int:
         """Length of all that `shown` returns."""
-        others = self.movers - (self.anchor >= 0)
-        return 3 * others + 4 * len(self.nodes) * len(self.colliders)
+        others = len(self.turning) - (self.anchor >= 0)
+        vectors = others + len(self._facing) + self._shows_wind
+        return 2 * self.mover_size + 3 * vectors + 4 * len(self.nodes) * self._has_colliders
+
+    @property
+    def _has_colliders(self) -> bool:
+        return bool(self.capsules or self.boxes) or self.ground is not None
+
+    def common_scale(self, scale: Float[np.ndarray, " V"]) -> Float[np.ndarray, " V"]:
+        """Return the scales of the numbers of a change, so that an error of any of them is as large as of the nodes.
+
+        Rotations of a free root move nodes by the radius of gyration.
+        """
+        count = len(self.modes)
+        levers = np.ones(len(scale))
+        if self.anchor == FREE:
+            around = self.mean - self.mean.mean(axis=0)
+            levers[[3, 4, 5, 9, 10, 11]] = np.sqrt((around**2).sum(axis=1).mean())
+        roots = len(scale) - 2 * count
+        of_root = np.arange(roots).reshape(2, -1)
+        of_shapes = np.arange(roots, len(scale)).reshape(2, -1)
+        common = np.empty(len(scale))
+        for row in np.concatenate([of_root, of_shapes], axis=1):
+            common[row] = np.sqrt(np.mean((levers * scale)[row] ** 2))
+        return common / levers
 
     def shown(
         self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"], dt: float
     ) -> list[Float[AnyArray, "... _"]]:
-        """Return pieces of what a network is shown of a state (..., S) and the movers' velocities (..., C).
+        """Return pieces of what a network is shown of a state (..., S) and the movers' rates to come (..., C).
 
-        Where movers are from the anchor; then, for each collider, how near the nodes come (0 from `reach` on, 1 at the
-        surface, more in it) after `dt` [s], and that times the direction away from it.
+        All in the body's own frame: the movers' rates, present and to come; where they are from its origin, and where
+        those head that are not round; the wind; then, summed over all colliders, how near the nodes come (0 from
+        `reach` on, 1 at the surface, more in it) after `dt` [s], and that times the direction away.
         """
-        shown = []
-        for mover in range(self.movers):
-            if mover != self.anchor:
-                shown.append(self._from_anchor(state, mover))
-        nodes = self._nodes_later(state, dt)
-        end = state[..., : 3 * self.movers] + dt * control
-        for collider in self.colliders:
-            mover = self._from_anchor(end, collider.mover)
-            shown += self._nearness(nodes, mover, collider)
+        size = self.mover_size
+        now = self._now(state)
+        later = self._later(state, control, dt)
+        shown = self._rates(now, state[..., size : 2 * size]) + self._rates(now, control)
+        for index, mover in enumerate(self.movers):
+            if index != self.anchor:
+                position = now.movers[..., mover.entry : mover.entry + 3]
+                shown.append(now.to_own(position - now.origin))
+        for index in self._facing:
+            shown.append(self._direction(now, index, (1.0, 0.0, 0.0)))
+        if self._shows_wind:
+            shown.append(now.to_own(_vector(self.wind, now)))
+        if self._has_colliders:
+            shown += self._nearness(self._nodes_later(state, dt), later)
         return shown
 
-    def _from_anchor(
-        self, positions: Float[AnyArray, "... _"], mover: int
-    ) -> Float[AnyArray, "... 3"]:
-        """Return where a mover is from the anchor [m]."""
-        own = positions[..., 3 * mover : 3 * mover + 3]
-        if self.anchor < 0:
-            return own
-        return own - positions[..., 3 * self.anchor : 3 * self.anchor + 3]
+    def _now(self, state: Float[AnyArray, "... S"]) -> _Moment:
+        movers = state[..., : self.mover_size]
+        placement = placement_of(self.turning, self.anchor)
+        return _Moment(movers, placement.origin(state), placement.rows(state))
+
+    def _later(
+        self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"], dt: float
+    ) -> _Moment:
+        """Return where all will be after `dt` [s]; a free root coasts."""
+        size = self.mover_size
+        movers = state[..., :size] + dt * control
+        if self.anchor != FREE:
+            placement = placement_of(self.turning, self.anchor)
+            return _Moment(movers, placement.origin(movers), placement.rows(movers))
+        root = state[..., 2 * size : 2 * size + ROOT]
+        origin = root[..., :3] + dt * root[..., 7:10]
+        return _Moment(
+            movers, origin, rotation_rows(rotated_by(root[..., 3:7], dt * root[..., 10:]))
+        )
+
+    def _rates(
+        self, now: _Moment, rates: Float[AnyArray, "... D"]
+    ) -> list[Float[AnyArray, "... _"]]:
+        """Return velocities along the frame's axes [m/s], and turning rates [rad/s] as they are."""
+        if now.rows is None:
+            return [rates]
+        shown = []
+        for mover in self.movers:
+            shown.append(now.to_own(rates[..., mover.entry : mover.entry + 3]))
+            if mover.turns:
+                shown.append(rates[..., mover.entry + 3 : mover.entry + 4])
+        return shown
+
+    def _direction(self, moment: _Moment, index: int, vector: Point) -> Float[AnyArray, "... 3"]:
+        """Return a vector of a mover's frame along the axes of the body's."""
+        if index == self.anchor:
+            return _vector(vector, moment)
+        in_world = _vector(vector, moment)
+        mover = self.movers[index]
+        if mover.turns and any(vector[:2]):
+            rows = heading_rows(moment.movers[..., mover.entry + 3])
+            in_world = turn(rows, in_world[..., None, :])[..., 0, :]
+        return moment.to_own(in_world)
+
+    def _place(self, moment: _Moment, index: int, point: Point) -> Float[AnyArray, "... 3"]:
+        """Return where a point of a mover's frame is in the body's."""
+        away = self._direction(moment, index, point)
+        if index == self.anchor:
+            return away
+        entry = self.movers[index].entry
+        return away + moment.to_own(moment.movers[..., entry : entry + 3] - moment.origin)
 
     @cached_property
     def _rows(self) -> tuple[Float[np.ndarray, "K X"], Float[np.ndarray, " X"]]:
         """Modes and mean, axis by axis: x of all nodes, y of all, z of all."""
-        modes = np.moveaxis(self.modes, 1, 2).reshape(len(self.modes), -1)
+        modes = np.moveaxis(self.modes, 1, 2).reshape(len(self.modes), 3 * len(self.nodes))
         return modes.astype(np.float32), self.mean.T.ravel().astype(np.float32)
 
     def _nodes_later(
         self, state: Float[AnyArray, "... S"], dt: float
     ) -> list[Float[AnyArray, "... P"]]:
-        """Return x, y and z of the nodes from the anchor [m] after `dt` [s] at the present rates."""
+        """Return x, y and z of the nodes in the body's frame [m] after `dt` [s] at the present rates."""
         xp = state.__array_namespace__()
         count = len(self.modes)
-        first = 6 * self.movers
+        first = self.first
         amplitudes = state[..., first : first + count]
         rates = state[..., first + count : first + 2 * count]
         modes, mean = self._rows
@@ -125,34 +329,96 @@ class ShapeContacts:
         return [placed[..., axis * size : (axis + 1) * size] for axis in range(3)]
 
     def _nearness(
-        self,
-        nodes: list[Float[AnyArray, "... P"]],
-        mover: Float[AnyArray, "... 3"],
-        collider: Collider,
+        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment
     ) -> list[Float[AnyArray, "... P"]]:
-        xp = mover.__array_namespace__()
-        away = []
-        for axis in range(3):
-            start = mover[..., axis : axis + 1] + collider.start[axis]
-            away.append(nodes[axis] - start)
-        square = sum(length * length for length in collider.along)
+        """Return the sum over colliders of how near the nodes come, and of that times each axis of the direction."""
+        xp = later.origin.__array_namespace__()
+        found = self._surfaces(nodes, later)
+        sums = [xp.zeros_like(nodes[0])] * 4
+        for distance, direction in found:
+            near = xp.maximum(1 - distance / self.reach, xp.zeros_like(distance))
+            parts = [near, *(near * along for along in direction)]
+            sums = [total + part for total, part in zip(sums, parts, strict=True)]
+        return sums
+
+    def _surfaces(
+        self, nodes: list[Float[AnyArray, "... P"]], moment: _Moment
+    ) -> list[tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]]:
+        """Return how far nodes are from each capsule, each box and the ground [m], and the direction away from it."""
+        found = [self._from_capsule(nodes, moment, capsule) for capsule in self.capsules]
+        found += [self._from_box(nodes, moment, box) for box in self.boxes]
+        if self.ground is not None:
+            found.append(self._from_ground(nodes, moment, self.ground))
+        return found
+
+    def distances(self, state: Float[AnyArray, "... S"]) -> list[Float[AnyArray, "... P"]]:
+        """Return how far the nodes are from each capsule, each box and the ground [m]; less than 0 in it."""
+        found = self._surfaces(self._nodes_later(state, 0.0), self._now(state))
+        return [distance for distance, _ in found]
+
+    def _from_capsule(
+        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, capsule: RoundCollider
+    ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
+        """Return how far nodes are from the surface [m], and the direction away from it."""
+        xp = later.origin.__array_namespace__()
+        start = self._place(later, capsule.mover, capsule.start)
+        away = [nodes[axis] - start[..., axis : axis + 1] for axis in range(3)]
+        square = sum(length * length for length in capsule.along)
         if square > 0:
-            share = sum(along * gap for along, gap in zip(collider.along, away, strict=True))
-            share = xp.clip(share / square, 0.0, 1.0)
-            away = [gap - along * share for along, gap in zip(collider.along, away, strict=True)]
-        x, y, z = away
-        distance = xp.sqrt(x * x + y * y + z * z + TINY)
-        near = xp.maximum(1 - (distance - collider.radius) / self.reach, xp.zeros_like(distance))
-        weight = near / distance
-        return [near, *(weight * gap for gap in away)]
+            extent = self._direction(later, capsule.mover, capsule.along)
+            along = [extent[..., axis : axis + 1] for axis in range(3)]
+            share = xp.clip(_dot(along, away) / square, 0.0, 1.0)
+            away = [gap - share * part for part, gap in zip(along, away, strict=True)]
+        distance = xp.sqrt(_dot(away, away) + TINY)
+        return distance - capsule.radius, [gap / distance for gap in away]
+
+    def _from_box(
+        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, box: BoxCollider
+    ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
+        """Return how far nodes are from the surface [m], less within it, and the direction away from it."""
+        xp = later.origin.__array_namespace__()
+        centre = self._place(later, box.mover, box.centre)
+        away = [nodes[axis] - centre[..., axis : axis + 1] for axis in range(3)]
+        axes = []
+        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+            direction = self._direction(later, box.mover, unit)
+            axes.append([direction[..., axis : axis + 1] for axis in range(3)])
+        local = [_dot(axis, away) for axis in axes]
+        outside = []
+        within = []
+        for part, half in zip(local, box.half, strict=True):
+            outside.append(part - xp.clip(part, -half, half))
+            within.append(half - xp.maximum(part, -part))
+        nearest = xp.minimum(xp.minimum(within[0], within[1]), within[2])
+        is_inside = nearest > 0
+        distance = xp.sqrt(_dot(outside, outside) + TINY)
+        outward = []
+        for part, gap, beyond in zip(local, within, outside, strict=True):
+            sign = xp.where(part > 0, xp.ones_like(part), -xp.ones_like(part))
+            face = xp.where(gap > nearest, xp.zeros_like(part), sign)
+            outward.append(xp.where(is_inside, face, beyond / distance))
+        surface = xp.where(is_inside, -nearest, distance) - box.radius
+        direction = [_dot([axis[k] for axis in axes], outward) for k in range(3)]
+        return surface, direction
+
+    def _from_ground(
+        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, height: float
+    ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
+        """Return how far nodes are over the ground [m], and the direction away from it."""
+        xp = later.origin.__array_namespace__()
+        upward = later.to_own(_vector((0.0, 0.0, 1.0), later))
+        up = [xp.zeros_like(nodes[0]) + upward[..., axis : axis + 1] for axis in range(3)]
+        return _dot(up, nodes) + later.origin[..., 2:3] - height, up
 
     def to_json(self) -> dict[str, Any]:
         """Return all but the arrays, which follow from the shapes and the nodes' numbers."""
-        colliders = [[one.mover, *one.start, *one.along, one.radius] for one in self.colliders]
         return {
-            "movers": self.movers,
+            "turning": list(self.turning),
             "anchor": self.anchor,
-            "colliders": colliders,
+            "capsules": [[one.mover, *one.start, *one.along, one.radius] for one in self.capsules],
+            "boxes": [[one.mover, *one.centre, *one.half, one.radius] for one in self.boxes],
+            "ground": self.ground,
+            "wind": list(self.wind),
             "reach": self.reach,
             "nodes": list(self.nodes),
         }
@@ -167,26 +433,46 @@ class ShapeContacts:
         controls: int,
     ) -> ShapeContacts:
         """Return what `to_json` wrote, of a body with this mean and these modes; ValueError says what none has."""
-        movers = whole(described["movers"], "shape contacts: movers", 1, MAX_MOVERS)
-        if controls != 3 * movers or state_size != 6 * movers + 2 * len(modes):
-            raise ValueError("shape contacts: other movers or shapes than the state's")
+        turning = listed(described["turning"], "shape contacts: turning", flag)
+        if not 1 <= len(turning) <= MAX_MOVERS:
+            raise ValueError(f"shape contacts: wanted 1 to {MAX_MOVERS} movers")
 
-        def collider(row: Any, what: str) -> Collider:
+        def collider(row: Any, what: str) -> tuple[int, Point, Point, float]:
             mover, *places, radius = numbers(row, what, 8, MAX_DISTANCE)
-            if mover not in range(movers):
+            if mover not in range(len(turning)):
                 raise ValueError(f"{what}: of a mover that is not there")
-            return Collider(int(mover), tuple(places[:3]), tuple(places[3:]), radius)
+            return int(mover), tuple(places[:3]), tuple(places[3:]), radius
 
-        colliders = listed(described["colliders"], "shape contacts: colliders", collider)
+        capsules = listed(described["capsules"], "shape contacts: capsules", collider)
+        boxes = listed(described["boxes"], "shape contacts: boxes", collider)
         nodes = entries(described["nodes"], "shape contacts: nodes", len(mean))
-        if len(colliders) > MAX_COLLIDERS or not 1 <= len(nodes) <= MAX_NODES:
+        if len(capsules) + len(boxes) > MAX_COLLIDERS or not 1 <= len(nodes) <= MAX_NODES:
             raise ValueError("shape contacts: too many colliders or nodes, or no node")
-        return cls(
-            movers=movers,
-            anchor=whole(described["anchor"], "shape contacts: anchor", -1, movers - 1),
-            colliders=colliders,
+        ground = described["ground"]
+        if ground is not None:
+            ground = number(ground, "shape contacts: ground", -MAX_DISTANCE, MAX_DISTANCE)
+        contacts = cls(
+            turning=turning,
+            anchor=whole(described["anchor"], "shape contacts: anchor", HELD, len(turning) - 1),
+            capsules=tuple(RoundCollider(*one) for one in capsules),
+            boxes=tuple(BoxCollider(*one) for one in boxes),
+            ground=ground,
+            wind=numbers(described["wind"], "shape contacts: wind", 3, MAX_DISTANCE),
             reach=number(described["reach"], "shape contacts: reach", 1e-6, MAX_DISTANCE),
             nodes=nodes,
             mean=mean[list(nodes)],
             modes=modes[:, list(nodes)],
         )
+        if controls != contacts.mover_size or state_size != contacts.first + 2 * len(modes):
+            raise ValueError("shape contacts: other movers or shapes than the state's")
+        return contacts
+
+
+def _vector(vector: Point, moment: _Moment) -> Float[AnyArray, "... 3"]:
+    """Return the same `vector` for each state of a moment."""
+    xp = moment.origin.__array_namespace__()
+    return xp.zeros_like(moment.origin) + xp.asarray(vector, dtype=moment.origin.dtype)
+
+
+def _dot(first: list[AnyArray], second: list[AnyArray]) -> AnyArray:
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]

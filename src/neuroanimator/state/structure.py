@@ -122,8 +122,7 @@ class Structure:
         """
         if self.shape_contacts is None:
             return scale
-        parts = np.split(scale, 2)
-        return np.concatenate([np.full_like(part, np.sqrt(np.mean(part**2))) for part in parts])
+        return self.shape_contacts.common_scale(scale)
 
     @property
     def orientations(self) -> tuple[tuple[int, int], ...]:

@@ -41,6 +41,7 @@ from neuroanimator.systems.soft.shape_file import (
     flex_scene,
     made_for,
     made_for_model,
+    read_flex_shapes,
     read_shapes,
 )
 from neuroanimator.systems.soft.soft_system import SoftSystem
@@ -212,12 +213,9 @@ def _pack_shapes(toml: Path, definition: SoftDefinition) -> dict[str, Any]:
 
 
 def _make_soft(definition: SoftDefinition, files: dict[str, Any], text: str) -> System:
-    movers = list(definition.movers.values())
-    anchor = next(number for number, mover in enumerate(movers) if mover.pins)
     path = _find_shapes(definition.name, files, text)
-    file = read_shapes(path, len(movers), anchor)
-    scene = Scene(definition, file.positions, file.shapes.faces)
-    return SoftSystem(definition, scene, file, text)
+    file, mesh = read_shapes(path, definition)
+    return SoftSystem(definition, Scene(definition, mesh), file, text)
 
 
 def _pack_flex(toml: Path, definition: FlexDefinition) -> dict[str, Any]:
@@ -232,7 +230,7 @@ def _pack_flex(toml: Path, definition: FlexDefinition) -> dict[str, Any]:
 def _make_flex(definition: FlexDefinition, files: dict[str, Any], text: str) -> System:
     scene = flex_scene(definition, _find_model(definition.name, files["model"], text))
     path = _find_shapes(definition.name, files["shapes"], text)
-    file = read_shapes(path, len(scene.movers), scene.anchor)
+    file = read_flex_shapes(path, scene)
     return SoftSystem(definition, scene, file, text)
 
 

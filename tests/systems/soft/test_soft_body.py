@@ -64,15 +64,22 @@ def cloth(size=8, **others):
 
 
 def play(
-    body, frames=30, steps=20, duration=1 / 30, velocities=None, colliders=None, dtype=np.float64
+    body, frames=30, steps=20, duration=1 / 30, velocities=None, movers=None, dtype=np.float64
 ):
+    """Return positions and velocities; `movers` (frames + 1, M, 4) stand still if none are given."""
     if velocities is None:
         velocities = np.zeros_like(body.positions)
-    pins = np.repeat(body.positions[body.pins][None], frames + 1, axis=0)
-    if colliders is None:
-        colliders = np.zeros((frames + 1, 0))
+    if movers is None:
+        movers = np.zeros((frames + 1, 1, 4))
     program = SoftProgram(body, dtype=dtype)
-    return program.play(body.positions, velocities, pins, colliders, duration, steps)
+    return program.play(body.positions, velocities, movers, duration, steps)
+
+
+def beside_the_world(path):
+    """Return poses of two movers: one that stands still, and one along `path` (frames + 1, 3 ...)."""
+    poses = np.zeros((len(path), 2, 4, *path.shape[2:]))
+    poses[:, 1, :3] = path
+    return poses
 
 
 def test_the_push_of_a_tetrahedron_is_along_the_slope_of_its_volume():
@@ -126,30 +133,28 @@ def test_a_weight_on_a_spring_swings_as_it_should_the_nearer_the_smaller_the_ste
 
 
 def test_bodies_side_by_side_move_as_each_does_alone():
-    body = cloth(air=Air(drag=0.5, density=1.0, wind=(0, 3.0, 0)), capsules=(Capsule(0.1),))
+    body = cloth(
+        air=Air(drag=0.5, density=1.0, wind=(0, 3.0, 0)), capsules=(Capsule(0.1, mover=1),)
+    )
     frames = 10
     rng = np.random.default_rng(1)
     centres = np.cumsum(rng.normal(size=(frames + 1, 3, LANES)) * 0.02, axis=0)
     centres += np.array([0.25, 0.12, -0.25])[None, :, None]
-    colliders = np.concatenate([centres, np.zeros_like(centres)], axis=1)
-    pins = np.repeat(body.positions[body.pins][None], frames + 1, axis=0)
+    movers = beside_the_world(centres)
     still = np.zeros_like(body.positions)
-    spread = [np.repeat(part[..., None], LANES, axis=-1) for part in (body.positions, still, pins)]
-    together, _ = SoftProgram(body, LANES).play(*spread, colliders, 1 / 30, 20)
+    spread = [np.repeat(part[..., None], LANES, axis=-1) for part in (body.positions, still)]
+    together, _ = SoftProgram(body, LANES).play(*spread, movers, 1 / 30, 20)
     for lane in (0, LANES - 1):
-        alone, _ = SoftProgram(body).play(
-            body.positions, still, pins, colliders[..., lane], 1 / 30, 20
-        )
+        alone, _ = SoftProgram(body).play(body.positions, still, movers[..., lane], 1 / 30, 20)
         np.testing.assert_allclose(together[..., lane], alone, atol=2e-4)
 
 
 def test_nothing_is_inside_a_collider_and_pins_stay_where_they_are_held():
-    body = cloth(capsules=(Capsule(0.12),), margin=0.005)
+    body = cloth(capsules=(Capsule(0.12, mover=1),), margin=0.005)
     frames = 30
     height = np.linspace(-0.8, -0.2, frames + 1)
     centres = np.stack([0.25 + 0 * height, 0.02 + 0 * height, height], axis=1)
-    colliders = np.concatenate([centres, np.zeros_like(centres)], axis=1)
-    path, _ = play(body, colliders=colliders)
+    path, _ = play(body, movers=beside_the_world(centres))
     free = np.setdiff1d(np.arange(64), body.pins)
     distance = np.linalg.norm(path[:, free] - centres[1:, None], axis=2)
     assert distance.min() > 0.12 + 0.005 - 1e-6
@@ -162,7 +167,7 @@ def test_friction_holds_on_a_slope_that_is_less_steep_than_it_is_strong(slope, i
     angle = np.arctan(slope)
     normal = (-np.sin(angle), 0.0, np.cos(angle))
     body = springs([[0.0, 0, 0]], [], planes=(Plane(normal, friction=0.45),))
-    path, _ = play(body, steps=40, colliders=np.zeros((31, 3)))
+    path, _ = play(body, steps=40)
     if is_held:
         assert np.abs(path[-1]).max() < 1e-3
         return
@@ -185,7 +190,7 @@ def test_a_solid_keeps_its_volume_where_it_lies():
         planes=(Plane(),),
         air=Air(drag=2.0),
     )
-    path, _ = play(body, frames=60, steps=40, colliders=np.zeros((61, 3)))
+    path, _ = play(body, frames=60, steps=40)
     whole = tetrahedron_volumes(path[-1], body.tetrahedra).sum()
     assert whole == pytest.approx(1e-3, rel=1e-3)
     assert np.ptp(path[-1][:, 2]) < 0.099  # it sags

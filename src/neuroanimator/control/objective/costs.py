@@ -28,6 +28,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import as_numbers
 from neuroanimator.state.links import Link, point_of_chain
+from neuroanimator.state.placement import Placement
 from neuroanimator.state.pose import Pose, has_pose, read_heights, read_pose
 from neuroanimator.state.rotation import cross
 from neuroanimator.state.structure import Structure
@@ -293,21 +294,20 @@ class NearNode(NearTerm):
     """Be somewhere with a node of a soft body: a flag's corner."""
 
     place: Float[AnyArray, " 3"]
-    """From the anchor, if all amplitudes are zero [m]."""
+    """In the anchor's frame, if all amplitudes are zero [m]."""
     modes: Float[AnyArray, "R 3"]
     """Displacement of the node by each amplitude: no other node is put together."""
     first: int = eqx.field(static=True)
     """State entry of the first amplitude."""
-    anchor: int = eqx.field(static=True)
-    """State entry where the position begins that all nodes go with; -1 if there is none."""
+    placement: Placement = eqx.field(static=True)
+    """State entries of the frame that all nodes go and turn with."""
     axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         amplitudes = state[..., self.first : self.first + self.modes.shape[0]]
         node = self.place + amplitudes @ self.modes
-        if self.anchor >= 0:
-            node = node + state[..., self.anchor : self.anchor + 3]
-        return node[..., np.array(self.axes)]
+        placed = self.placement.to_world(state, node[..., None, :])[..., 0, :]
+        return placed[..., np.array(self.axes)]
 
 
 def reach_node(
@@ -341,7 +341,7 @@ def reach_node(
         place=as_parameter(shapes.mean[node]),
         modes=as_parameter(shapes.modes[:, node]),
         first=shapes.first,
-        anchor=shapes.anchor,
+        placement=shapes.placement,
         axes=which,
     )
 

@@ -198,6 +198,10 @@ class _Scene:
         self.document["nodes"][root].setdefault("children", []).append(number)
         translations = self.buffer.add(as_float32(surface.positions), "VEC3")
         self._add_track(number, "translation", times, translations)
+        if surface.orientations is not None:
+            rotations = as_float32(surface.orientations[:, XYZW])
+            node["rotation"] = rotations[0].tolist()
+            self._add_track(number, "rotation", times, self.buffer.add(rotations, "VEC4"))
         if surface.weights.size:
             node["weights"] = as_float32(surface.weights[0]).tolist()
             weights = self.buffer.add(as_float32(surface.weights.ravel()), "SCALAR")

@@ -217,10 +217,12 @@ class _BodyWriter:
         morphs = surface.morphs
         names = [f"shape{number}" for number in range(1, len(morphs.moving) + 1)]
         root = Prim("SkelRoot", SURFACE)
-        root.properties = [
-            *animated("double3 xformOp:translate", map(vector, surface.positions)),
-            'uniform token[] xformOpOrder = ["xformOp:translate"]',
-        ]
+        root.properties = [*animated("double3 xformOp:translate", map(vector, surface.positions))]
+        order = ["xformOp:translate"]
+        if surface.orientations is not None:
+            root.properties += animated("quatd xformOp:orient", map(turn, surface.orientations))
+            order.append("xformOp:orient")
+        root.properties.append(f"uniform token[] xformOpOrder = {tokens(order)}")
         rig = Prim("Skeleton", "bones", metadata=['prepend apiSchemas = ["SkelBindingAPI"]'])
         rig.properties = [
             'uniform token[] joints = ["root"]',

@@ -101,6 +101,42 @@ def capsule_push(
     return _contact(depth, inverse[:, None] * outward, slip, friction)
 
 
+def box_push(
+    position: Vector,
+    moved: Vector,
+    centre: Vector,
+    heading: Vector,
+    half: Vector,
+    centre_moved: Vector,
+    turned: Number,
+    margin: Number,
+    friction: Number,
+) -> Vector:
+    """Return what brings a node out of an upright box, rounded by `margin` [m]; see `capsule_push`.
+
+    `half` is half its size [m], `heading` the unit vector along its first axis, which is level; `turned` [rad] by how
+    much that has turned about Z in this small step.
+    """
+    cosine, sine = heading[:, 0], heading[:, 1]
+    away = position - centre
+    along = cosine * away[:, 0] + sine * away[:, 1]
+    across = cosine * away[:, 1] - sine * away[:, 0]
+    local = jnp.stack([along, across, away[:, 2]], axis=1)
+    outside = local - jnp.clip(local, -half, half)
+    distance = jnp.sqrt(_dot(outside, outside) + TINY)
+    within = half - jnp.maximum(local, -local)
+    nearest = jnp.minimum(jnp.minimum(within[:, 0], within[:, 1]), within[:, 2])
+    is_inside = nearest > 0
+    face = jnp.where(within > nearest[:, None], 0.0, jnp.where(local > 0, 1.0, -1.0))
+    depth = jnp.where(is_inside, margin + nearest, jnp.maximum(margin - distance, 0.0))
+    outward = jnp.where(is_inside[:, None], face, outside / distance[:, None])
+    normal_x = cosine * outward[:, 0] - sine * outward[:, 1]
+    normal_y = sine * outward[:, 0] + cosine * outward[:, 1]
+    normal = jnp.stack([normal_x, normal_y, outward[:, 2]], axis=1)
+    carried = jnp.stack([-turned * away[:, 1], turned * away[:, 0], 0 * turned], axis=1)
+    return _contact(depth, normal, moved - centre_moved - carried, friction)
+
+
 def plane_push(
     position: Vector,
     moved: Vector,

@@ -5,6 +5,8 @@ Snapshots go through a singular value decomposition of few rows at a time: what 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
@@ -12,28 +14,34 @@ from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.soft.flex_scene import FlexScene
-from neuroanimator.systems.soft.program import LANES
-from neuroanimator.systems.soft.scene import Motion, Scene, anchor_of
+from neuroanimator.state.placement import turn
+from neuroanimator.state.rotation import rotation_rows
+from neuroanimator.state.shape_contacts import FREE, placement_of
+from neuroanimator.systems.soft.own_frame import OwnMotion
+from neuroanimator.systems.soft.soft_body import GRAVITY
+from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.terminal import progress_bar
 
 SETTLING = 12.0
-"""Time in which a cloth comes to rest under weight, if it is stopped every `BLOCK` frames [s]."""
+"""Time in which a body comes to rest under weight, if it is stopped every `BLOCK` frames [s]."""
 
 RUN = 16.0
 """Time of each run [s]."""
-
-WAVES = 3
-"""Number of sinusoids in a mover's path along an axis."""
-
-FREQUENCIES = (0.05, 0.5)
-"""Lowest and highest of their frequencies [Hz]."""
 
 BLOCK = 16
 """Number of frames simulated at once."""
 
 BLOCKS = 3
 """Number of blocks whose snapshots are taken into account at once."""
+
+THROW = 4
+"""Number of blocks after which a free body is put elsewhere, at rest or thrown."""
+
+REST_SHARE = 1 / 3
+"""Share of the times it is put at rest."""
+
+TRIES = 8
+"""Number of throws tried until one begins outside of all colliders."""
 
 FARTHEST = 100.0
 """Distance over the size of the body at which a motion has diverged."""
@@ -44,12 +52,21 @@ EVERY = 2
 SPARE = 32
 """Number of shapes kept beyond those wanted while snapshots come in."""
 
+SWEEPS = 3
+"""Number of times a random subspace is brought nearer to that of the leading singular vectors."""
+
+MIN_SQUARE = 1e-12
+"""Square of a singular value, over that of the largest, below which it is noise."""
+
+TINY = 1e-300
+"""Added to lengths before they are divided by."""
+
 STARTS = 768
 """Number of states kept, for runs to begin from."""
 
 
 class Found:
-    """The shapes of a body, its state of rest, and states its motions may begin from."""
+    """The shapes of a body, and states its motions may begin from."""
 
     def __init__(self, shapes: Shapes, starts: Float[np.ndarray, "P S"]):
         self.shapes = shapes
@@ -57,130 +74,170 @@ class Found:
         """The first is that of rest."""
 
 
+class _Moments(NamedTuple):
+    """Moments of runs that others may begin from."""
+
+    movers: Float[np.ndarray, "P D"]
+    rates: Float[np.ndarray, "P D"]
+    own: OwnMotion
+
+
 def find_shapes(
-    definition: SoftDefinition | FlexDefinition, scene: Scene | FlexScene, seed: int = 0
+    definition: SoftDefinition | FlexDefinition, scene: SoftScene, seed: int = 0
 ) -> Found:
     """Return the shapes of the body of `scene`, and states its motions may begin from.
 
-    Raises ArgumentError if the physics diverges.
+    Raises ArgumentError if the physics diverges in every run.
     """
     rng = np.random.default_rng(seed)
     dt = definition.substeps * definition.physics.step
-    step = scene.finding_step
-    steps = round(dt / step)
-    anchor = scene.anchor
+    steps = round(dt / scene.finding_step)
     settling = round(SETTLING / dt)
     frames = round(RUN / dt)
     with progress_bar("finding shapes", settling + frames) as bar:
         rest = _settled(scene, dt, steps, settling)
         bar.advance_to(settling)
-        mean = rest.positions - anchor_of(anchor, scene.rest[None])
-        paths = random_paths(definition, scene, rng, frames, dt)[..., : scene.runs]
+        centre = scene.centre(rest)
+        mean = rest - centre
+        paths, rates = _random_paths(scene, rng, frames, dt)
         sketch = Sketch(definition.shapes + SPARE)
-        kept = []
-        snapshots = []
-        motion = _side_by_side(rest, scene.runs)
+        kept: list[_Moments] = []
+        snapshots: list[np.ndarray] = []
+        still = np.zeros_like(mean)
+        motion = _side_by_side(Motion(mean, still, centre), scene.runs)
         for first in range(0, frames, BLOCK):
+            if scene.anchor == FREE and first % (THROW * BLOCK) == 0:
+                motion = _thrown(scene, rng, mean, centre, paths[first], motion)
             block = paths[first : first + BLOCK + 1]
-            positions, velocities = scene.play(motion, block, dt, steps)
-            moving = np.diff(block, axis=0) / dt
-            away = positions - anchor_of(anchor, block[1:])[:, None] - mean[..., None]
-            relative = velocities - anchor_of(anchor, moving)[:, None]
-            fits = (np.abs(away) < FARTHEST * scene.size).all(axis=(0, 1, 2))  # false for NaN too
+            played = scene.play(motion, block, dt, steps)
+            positions, velocities = (np.moveaxis(part, -1, 1) for part in played)
+            movers = np.moveaxis(block[1:], -1, 1)
+            moving = rates[first : first + BLOCK]
+            own = scene.own_motion(positions, velocities, movers, moving, mean, motion.origin.T)
+            motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
+            away = own.positions - mean.astype(own.positions.dtype)
+            fits = (np.abs(away) < FARTHEST * scene.size).all(axis=(0, 2, 3))  # false for NaN too
             if not fits.any():
                 raise ArgumentError(
-                    f"physics: the body flies apart in steps of {step:g} s while its movers "
-                    "wander. Take smaller steps, or let movers be slower."
+                    f"physics: the body flies apart in steps of {scene.finding_step:g} s while its movers wander. "
+                    "Take smaller steps, or let movers be slower."
                 )
-            motion = Motion(positions[-1][..., fits], velocities[-1][..., fits])
-            paths = paths[..., fits]
-            block = block[..., fits]
-            moving = moving[..., fits]
-            away = away[..., fits]
-            relative = relative[..., fits]
-            snapshots.append(_rows(away[::EVERY]))
+            if not fits.all():
+                motion = Motion(*(part[..., fits] for part in motion))
+                own = OwnMotion(*(part[:, fits] for part in own))
+                away = away[:, fits]
+                movers = movers[:, fits]
+                moving = moving[:, fits]
+                paths = paths[..., fits]
+                rates = rates[:, fits]
+            snapshots.append(away[::EVERY].reshape(-1, mean.size))
             if len(snapshots) == BLOCKS or first + BLOCK >= frames:
                 sketch.add(np.concatenate(snapshots))
                 snapshots.clear()
-            kept.append(_thinned(rng, block[1:], moving, away, relative, STARTS * BLOCK // frames))
+            moments = _Moments(movers, moving, own._replace(positions=away))
+            kept.append(_thinned(rng, moments, STARTS * BLOCK // frames))
             bar.advance_to(settling + min(first + BLOCK, frames))
-    count = len(rest.positions)
-    modes = sketch.leading(definition.shapes) * np.sqrt(count)
-    first = 6 * len(scene.movers)
+    modes = sketch.leading(definition.shapes) * np.sqrt(len(mean))
+    at_rest = scene.state_at_rest(centre)
     shapes = Shapes(
         mean,
-        modes.reshape(-1, count, 3).astype(float),
+        modes.reshape(-1, *mean.shape).astype(float),
         scene.faces,
-        first,
-        3 * anchor if anchor >= 0 else -1,
+        len(at_rest),
+        placement_of(scene.movers.turning, scene.anchor),
     )
-    still = np.zeros(first + 2 * len(modes))
-    still[: first // 2] = scene.rest.ravel()
-    starts = [still[None]]
-    for movers, moving, away, relative in kept:
-        amplitudes = shapes.project(away)
-        rates = shapes.project(relative)
-        starts.append(np.concatenate([movers, moving, amplitudes, rates], axis=1))
+    starts = [np.concatenate([at_rest, np.zeros(2 * len(modes))])[None]]
+    for movers, moving, own in kept:
+        amplitudes = shapes.project(own.positions)
+        changes = shapes.project(own.velocities)
+        starts.append(np.concatenate([movers, moving, own.root, amplitudes, changes], axis=1))
     return Found(shapes, np.concatenate(starts))
 
 
-def _settled(scene: Scene | FlexScene, dt: float, steps: int, frames: int) -> Motion:
-    """Return the body after it has hung from movers at rest."""
+def _settled(scene: SoftScene, dt: float, steps: int, frames: int) -> Float[np.ndarray, "N 3"]:
+    """Return where nodes [m] are after the body has hung from movers at rest, or lain on the ground."""
     positions = scene.positions
-    motion = Motion(positions, np.zeros_like(positions))
+    still = np.zeros_like(positions)
     for first in range(0, frames, BLOCK):
         count = min(BLOCK, frames - first)
-        paths = np.repeat(scene.rest[None], count + 1, axis=0)
-        path, _ = scene.play(motion, paths, dt, steps)
-        motion = Motion(path[-1].astype(float), np.zeros_like(positions))
-    return motion
+        paths = np.repeat(scene.movers.rest[None], count + 1, axis=0)
+        path, _ = scene.play(Motion(positions, still), paths, dt, steps)
+        positions = path[-1].astype(float)
+    return positions
 
 
-def random_paths(
-    definition: SoftDefinition | FlexDefinition,
-    scene: Scene | FlexScene,
-    rng: np.random.Generator,
-    frames: int,
-    dt: float,
-) -> Float[np.ndarray, "F M 3 L"]:
-    """Return positions [m] of movers that begin at rest and follow random waves no faster than they may."""
-    shape = (WAVES, 1, *scene.rest.shape, LANES)
-    frequency = rng.uniform(*FREQUENCIES, shape)
-    phase = rng.uniform(0, 2 * np.pi, shape)
-    times = np.arange(frames + 1).reshape(1, -1, 1, 1, 1) * dt
-    waves = np.sin(2 * np.pi * frequency * times + phase).sum(axis=0) / np.sqrt(WAVES / 2)
-    reach = np.array([mover.reach for mover in scene.movers])
-    wanted = scene.rest[..., None] + reach[..., None] * waves
-    largest = dt * np.array([mover.speed for mover in scene.movers])[..., None]
-    paths = [np.repeat(scene.rest[..., None], LANES, axis=-1)]
-    for target in wanted[1:]:
-        paths.append(paths[-1] + np.clip(target - paths[-1], -largest, largest))
-    return np.stack(paths)
+def _random_paths(
+    scene: SoftScene, rng: np.random.Generator, frames: int, dt: float
+) -> tuple[Float[np.ndarray, "F D L"], Float[np.ndarray, "T L D"]]:
+    """Return (positions and headings of movers, from rest on; their rates)."""
+    starts = np.repeat(scene.movers.rest[None], scene.runs, axis=0)
+    rates = scene.movers.random_paths(rng, starts, np.zeros_like(starts), frames, dt)
+    moved = np.cumsum(dt * rates, axis=1)
+    paths = np.concatenate([starts[:, None], starts[:, None] + moved], axis=1)
+    return np.moveaxis(paths, 0, -1), np.moveaxis(rates, 0, 1)
 
 
 def _side_by_side(motion: Motion, count: int) -> Motion:
     return Motion(*(np.repeat(part[..., None], count, axis=-1) for part in motion))
 
 
-def _rows(away: Float[np.ndarray, "F N 3 L"]) -> Float[np.ndarray, "R D"]:
-    rows = np.moveaxis(away, -1, 1)
-    return rows.reshape(rows.shape[0] * rows.shape[1], -1).astype(np.float32)
-
-
-def _thinned(
+def _thrown(
+    scene: SoftScene,
     rng: np.random.Generator,
-    movers: Float[np.ndarray, "F M 3 L"],
-    moving: Float[np.ndarray, "F M 3 L"],
-    away: Float[np.ndarray, "F N 3 L"],
-    relative: Float[np.ndarray, "F N 3 L"],
-    count: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return `count` random moments: movers' positions and velocities (count, 3M), nodes' (count, N, 3)."""
-    frames = rng.integers(0, len(away), count)
-    lanes = rng.integers(0, away.shape[-1], count)
-    of_movers = [part[frames, :, :, lanes].reshape(count, -1) for part in (movers, moving)]
-    of_nodes = [part[frames, :, :, lanes].astype(np.float32) for part in (away, relative)]
-    return of_movers[0], of_movers[1], of_nodes[0], of_nodes[1]
+    mean: Float[np.ndarray, "N 3"],
+    centre: Float[np.ndarray, " 3"],
+    movers: Float[np.ndarray, "D L"],
+    motion: Motion,
+) -> Motion:
+    """Return the free body, lane by lane, at rest at `centre` or thrown; as in `motion` where movers leave it no room."""
+    nodes = tuple(range(len(mean)))
+    contacts = scene.contacts(mean, np.zeros((0, *mean.shape)), nodes)
+    parts = [np.array(part) for part in motion]
+    for lane in range(parts[0].shape[-1]):
+        for _ in range(TRIES):
+            root = _random_root(scene, rng, mean, centre)
+            rates = np.zeros(scene.movers.size)
+            distances = contacts.distances(np.concatenate([movers[:, lane], rates, root]))
+            if all((distance > -scene.margin).all() for distance in distances):
+                rows = rotation_rows(root[3:7])
+                parts[0][..., lane] = turn(rows, mean)
+                parts[1][..., lane] = root[7:10] + turn(rows, np.cross(root[10:], mean))
+                parts[2][..., lane] = root[:3]
+                break
+    return Motion(*parts)
+
+
+def _random_root(
+    scene: SoftScene,
+    rng: np.random.Generator,
+    mean: Float[np.ndarray, "N 3"],
+    centre: Float[np.ndarray, " 3"],
+) -> Float[np.ndarray, " 13"]:
+    """Return position, quaternion, velocity and angular velocity of a body at rest at `centre`, or thrown over the ground.
+
+    It is up to its own size over the ground, as fast as after a fall from there, and turns as it would roll so fast.
+    """
+    size = scene.size
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    if rng.random() < REST_SHARE:
+        return np.concatenate([centre, upright, np.zeros(6)])
+    quaternion = rng.normal(size=4)
+    quaternion /= np.linalg.norm(quaternion)
+    turned = turn(rotation_rows(quaternion), mean)
+    position = centre + size * rng.uniform(-0.5, 0.5, 3)
+    position[2] = scene.ground - turned[:, 2].min() + size * rng.uniform(0, 1)
+    speed = np.sqrt(-2 * GRAVITY[2] * size) * rng.uniform(0, 1)
+    velocity = speed * rng.normal(size=3) / np.sqrt(3)
+    angular_velocity = 2 * speed / size * rng.normal(size=3) / np.sqrt(3)
+    return np.concatenate([position, quaternion, velocity, angular_velocity])
+
+
+def _thinned(rng: np.random.Generator, moments: _Moments, count: int) -> _Moments:
+    """Return `count` random ones of moments (F, L, ...)."""
+    frames = rng.integers(0, len(moments.movers), count)
+    lanes = rng.integers(0, moments.movers.shape[1], count)
+    own = OwnMotion(*(part[frames, lanes] for part in moments.own))
+    return _Moments(moments.movers[frames, lanes], moments.rates[frames, lanes], own)
 
 
 class Sketch:
@@ -188,21 +245,48 @@ class Sketch:
 
     def __init__(self, rank: int):
         self.rank = rank
-        self._weighted: Float[np.ndarray, "R D"] | None = None
-        """Singular vectors times their singular values."""
+        self._mixtures: Float[np.ndarray, "R D"] | None = None
+        """Orthonormal mixtures of all rows, which lose least of what these explain."""
 
     def add(self, rows: Float[np.ndarray, "B D"]) -> None:
         """Take `rows` into account."""
-        if self._weighted is not None:
-            rows = np.concatenate([self._weighted, rows])
-        _, vectors = np.linalg.eigh((rows @ rows.T).astype(float))
-        leading = vectors[:, ::-1][:, : self.rank]
-        self._weighted = leading.T.astype(np.float32) @ rows
+        if self._mixtures is not None:
+            rows = np.concatenate([self._mixtures, rows])
+        if len(rows) > self.rank:
+            leading = _leading_subspace((rows @ rows.T).astype(float), self.rank)
+            rows = leading.T.astype(np.float32) @ rows
+        self._mixtures = rows
 
     def leading(self, count: int) -> Float[np.ndarray, "K D"]:
         """Return the first `count` singular vectors; as many as there are if there are fewer."""
-        assert self._weighted is not None
-        lengths = np.linalg.norm(self._weighted, axis=1)
-        known = int((lengths > 1e-6 * lengths[0]).sum())
-        _, _, vectors = np.linalg.svd(self._weighted[: min(count, known)], full_matrices=False)
-        return vectors
+        assert self._mixtures is not None
+        rows = self._mixtures.astype(float)
+        squares, left = np.linalg.eigh(rows @ rows.T)
+        known = int((squares > MIN_SQUARE * squares[-1]).sum())
+        kept = min(count, known)
+        return (left[:, ::-1][:, :kept].T @ rows) / np.sqrt(squares[::-1][:kept, None])
+
+
+def _leading_subspace(matrix: Float[np.ndarray, "R R"], count: int) -> Float[np.ndarray, "R k"]:
+    """Return orthonormal vectors that span about what the leading eigenvectors of a symmetric matrix do.
+
+    By subspace iteration from random vectors (Halko, Martinsson and Tropp, 2011).
+    """
+    subspace = np.random.default_rng(0).normal(size=(len(matrix), count))
+    for _ in range(SWEEPS):
+        subspace = _orthonormal(matrix @ subspace)
+    return subspace
+
+
+def _orthonormal(vectors: Float[np.ndarray, "R k"]) -> Float[np.ndarray, "R k"]:
+    """Return orthonormal columns that span those of `vectors`, by Gram and Schmidt's method, modified, twice.
+
+    LAPACK's threads wait for each other at every column: where cores are busy it takes a hundred times as long.
+    """
+    rows = np.ascontiguousarray(vectors.T)
+    for _ in range(2):
+        for place, row in enumerate(rows):
+            row /= np.sqrt((row * row).sum()) + TINY
+            after = rows[place + 1 :]
+            after -= (after * row).sum(axis=1)[:, None] * row
+    return rows.T

@@ -15,13 +15,16 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.definitions.soft import ColliderTable
 from neuroanimator.files.names import PART_PATTERN
+from neuroanimator.state.shape_contacts import BoxCollider, RoundCollider
 from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.text import listed
 
 ORTHONORMAL = 1e-6
 """Largest product of two axes of a node's slides."""
+
+LEVEL = 1 - 1e-6
+"""Least product of two unit vectors that count as parallel."""
 
 MAX_COLLIDERS = 8
 """Maximum number of a mover's geoms that an emulator is shown: the largest."""
@@ -40,6 +43,8 @@ class FlexBody:
     """Corners of the surface's triangles, counterclockwise from outside; none of a rope."""
     pairs: Int[np.ndarray, "E 2"]
     """The two nodes of each piece of a rope; none of others."""
+    masses: Float[np.ndarray, " N"]
+    """Masses of the nodes' bodies [kg]; of the world's no matter."""
     margin: float
     """Distance at which nodes touch colliders: the flex's radius [m]."""
     nodes: Int[np.ndarray, " V"]
@@ -100,6 +105,7 @@ def flex_body(main: str, model: mujoco.MjModel) -> FlexBody:
         np.array(data.flexvert_xpos),
         faces,
         pairs,
+        np.array(model.body_mass[bodies]),
         float(model.flex_radius[0]),
         np.array(nodes),
         axes,
@@ -190,32 +196,9 @@ def mocap_bodies(model: mujoco.MjModel) -> list[int]:
     return [int(body) for body in bodies[np.argsort(model.body_mocapid[bodies])]]
 
 
-def colliders_of(
-    model: mujoco.MjModel, data: mujoco.MjData, body: int
-) -> tuple[ColliderTable, ...]:
-    """Return what of a mocap body may strike the flex, from its position at rest, where `data` has all geoms."""
-    colliders = []
-    for geom in geoms_below(model, body):
-        if can_strike(model, geom):
-            colliders.append(_collider(model, data, geom, np.array(data.xpos[body])))
-    colliders.sort(key=lambda collider: -collider.radius)
-    return tuple(colliders[:MAX_COLLIDERS])
-
-
-def holder_of(main: str, model: mujoco.MjModel) -> int:
-    """Return the mocap body that an equality ties nodes to; 0 if the world holds them, by pins or an equality.
-
-    Refuses a flex that nothing holds.
-    """
-    is_pinned = 0 in model.body_weldid[model.flex_vertbodyid]
-    tied = tied_bodies(model)
-    if not is_pinned and not tied:
-        refuse(
-            main,
-            "flex",
-            "nothing holds it, and how it flies is not emulated. Pin nodes (<pin>), or tie some to a mocap body by an equality",
-        )
-    return 0 if is_pinned else min(tied)
+def is_pinned(model: mujoco.MjModel) -> bool:
+    """Return whether a node of the flex belongs to the world."""
+    return 0 in model.body_weldid[model.flex_vertbodyid]
 
 
 def tied_bodies(model: mujoco.MjModel) -> set[int]:
@@ -276,25 +259,57 @@ def thicknesses(model: mujoco.MjModel) -> Float[np.ndarray, " G"]:
     return 2 * np.array(model.geom_aabb)[:, 3:].min(axis=1)
 
 
+def ground_height(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the height of the highest level plane that the flex may touch [m]; minus infinity if there is none."""
+    height = -np.inf
+    for geom in geoms_below(model, 0):
+        is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+        if is_plane and can_strike(model, geom) and data.geom_xmat[geom][8] > LEVEL:
+            height = max(height, float(data.geom_xpos[geom][2]))
+    return height
+
+
+def colliders_of(
+    model: mujoco.MjModel, data: mujoco.MjData, body: int, mover: int, margin: float
+) -> list[RoundCollider | BoxCollider]:
+    """Return what of a mocap body may strike the flex, as colliders of the `mover` with this number.
+
+    `data` has all geoms at rest. Of more than `MAX_COLLIDERS` the largest are taken.
+    """
+    geoms = [geom for geom in geoms_below(model, body) if can_strike(model, geom)]
+    geoms.sort(key=lambda geom: -float(model.geom_rbound[geom]))
+    colliders = []
+    for geom in geoms[:MAX_COLLIDERS]:
+        colliders.append(_collider(model, data, geom, mover, margin))
+    return colliders
+
+
 def _collider(
-    model: mujoco.MjModel, data: mujoco.MjData, geom: int, origin: Float[np.ndarray, " 3"]
-) -> ColliderTable:
-    """Return the sphere or capsule a geom is; of another kind the capsule around its bounding box."""
+    model: mujoco.MjModel, data: mujoco.MjData, geom: int, mover: int, margin: float
+) -> RoundCollider | BoxCollider:
+    """Return the sphere, capsule or box that a geom is, or its bounding box; of a tilted box the capsule around it."""
     size = np.array(model.geom_size[geom])
-    turn = np.reshape(data.geom_xmat[geom], (3, 3))
-    middle = data.geom_xpos[geom] - origin
+    axes = np.reshape(data.geom_xmat[geom], (3, 3))
+    root = int(model.body_rootid[model.geom_bodyid[geom]])
+    middle = data.geom_xpos[geom] - data.xpos[root]
     kind = int(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return ColliderTable(radius=float(size[0]), start=tuple(middle.tolist()))
-    if kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER):
-        along = size[1] * turn[:, 2]
+        return RoundCollider(mover, _point(middle), (0.0, 0.0, 0.0), float(size[0]) + margin)
+    if kind in (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)):
+        half = size[1] * axes[:, 2]
         radius = float(size[0])
     else:
         box = np.array(model.geom_aabb[geom])
-        middle = middle + turn @ box[:3]
+        middle = middle + axes @ box[:3]
         halves = box[3:]
+        if np.abs(axes).max(axis=0).min() > LEVEL:
+            upright = np.abs(axes) @ halves
+            return BoxCollider(mover, _point(middle), _point(upright), margin)
         longest = int(halves.argmax())
         radius = float(np.linalg.norm(np.delete(halves, longest)))
-        along = halves[longest] * turn[:, longest]
-    start = tuple((middle - along).tolist())
-    return ColliderTable(radius=radius, start=start, end=tuple((middle + along).tolist()))
+        half = halves[longest] * axes[:, longest]
+    return RoundCollider(mover, _point(middle - half), _point(2 * half), radius + margin)
+
+
+def _point(vector: Float[np.ndarray, " 3"]) -> tuple[float, ...]:
+    return tuple(vector.tolist())

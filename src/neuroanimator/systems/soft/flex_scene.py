@@ -18,17 +18,21 @@ from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import MoverTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.cores import core_count
+from neuroanimator.state.shape_contacts import FREE, HELD, BoxCollider, RoundCollider
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.soft.flex_model import (
     FlexBody,
     colliders_of,
     flex_body,
+    ground_height,
     harden,
-    holder_of,
+    is_pinned,
     mover_names,
     thicknesses,
+    tied_bodies,
 )
-from neuroanimator.systems.soft.scene import Motion
+from neuroanimator.systems.soft.movers import Movers
+from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.text import listed, quoted
 
 SIDES = 6
@@ -46,20 +50,17 @@ class Touching(NamedTuple):
     """The greatest depth over the geom's thickness."""
 
 
-class FlexScene:
-    """A flex among M mocap bodies; the one that carries it is its anchor."""
+class FlexScene(SoftScene):
+    """A flex among M mocap bodies; the one that carries it is its anchor, if nothing pins it to the world."""
 
     integrator = "mujoco"
-    """Name of its schemes: whatever integrator the model says."""
-
+    """Whatever integrator the model says."""
     lanes = 1
-    """Number of bodies that are best played side by side."""
-
     runs = 6
-    """Number of motions in which shapes are looked for."""
-
     has_ground = False
-    """Whether a plane is drawn at height zero that is none of the model's geoms."""
+    """Its planes are drawn as geoms."""
+    wind = (0.0, 0.0, 0.0)
+    """What wind the model has, it has everywhere and always."""
 
     def __init__(self, definition: FlexDefinition, main: str, model: mujoco.MjModel):
         """Raises BadFileError for what is not supported of the model in the file `main`, ArgumentError for other movers."""
@@ -67,61 +68,71 @@ class FlexScene:
         self.model = model.__copy__()
         harden(self.model, definition.physics.contact_time)
         self.finding_step = definition.physics.step
-        """The step with which shapes are looked for [s]: the teacher's would be dear."""
+        """The teacher's would be dear."""
         bodies = mover_names(model)
         if set(bodies) != set(definition.movers):
             raise ArgumentError(
                 f"movers: wanted the mocap bodies of {main}, {listed(sorted(bodies))}; came "
                 f"{listed([quoted(name) for name in definition.movers])}. Name the same ones."
             )
+        self.bodies = [bodies[name] for name in definition.movers]
+        """The mocap bodies of the movers."""
         self.data = mujoco.MjData(model)
         """The model at rest."""
         mujoco.mj_fwdPosition(model, self.data)
-        self.movers: list[MoverTable] = []
-        numbers = []
+        tables = {}
         for name, table in definition.movers.items():
-            body = bodies[name]
-            numbers.append(int(model.body_mocapid[body]))
-            mover = MoverTable(
-                position=tuple(self.data.xpos[body].tolist()),
-                speed=table.speed,
-                reach=table.reach,
-                colliders=colliders_of(model, self.data, body),
-            )
-            self.movers.append(mover)
-        self.bodies = [bodies[name] for name in definition.movers]
-        """Their mocap bodies."""
-        self._mocaps = np.array(numbers)
-        self.rest = np.array([mover.position for mover in self.movers])
-        holder = holder_of(main, model)
-        self.anchor = self.bodies.index(holder) if holder else -1
+            position = tuple(self.data.xpos[bodies[name]].tolist())
+            tables[name] = MoverTable(position=position, **table.model_dump())
+        self.movers = Movers(tables)
+        self.anchor = self._anchor()
         self.margin = self.body.margin
         self.positions = self._drawn(self.body.positions)
         self.faces = self.body.faces
+        self.masses = self.body.masses
         if len(self.body.pairs):
             self.faces = _ribbons(self.body.pairs)
+            self.masses = np.repeat(self.body.masses, SIDES) / SIDES
+        self.ground = ground_height(model, self.data) + self.margin
+        if self.anchor == FREE and not np.isfinite(self.ground):
+            raise ArgumentError(
+                f"{main}: nothing holds the soft body, and it falls for ever. Add a horizontal plane, pin nodes, or tie some "
+                "to a mocap body by an equality (connect)."
+            )
+        capsules: list[RoundCollider] = []
+        boxes: list[BoxCollider] = []
+        for number, body in enumerate(self.bodies):
+            for collider in colliders_of(model, self.data, body, number, self.margin):
+                if isinstance(collider, BoxCollider):
+                    boxes.append(collider)
+                else:
+                    capsules.append(collider)
+        self.capsules = tuple(capsules)
+        self.boxes = tuple(boxes)
         self._models: dict[float, mujoco.MjModel] = {}
 
-    @property
-    def size(self) -> float:
-        """Longest edge of the flex's bounding box at rest [m]."""
-        return float(np.ptp(self.body.positions, axis=0).max())
+    def _anchor(self) -> int:
+        """Return the number of the mover that carries the flex, or what holds it instead."""
+        tied = tied_bodies(self.model)
+        if is_pinned(self.model) or 0 in tied:
+            return HELD
+        for number, body in enumerate(self.bodies):
+            if body in tied:
+                return number
+        return FREE
 
     def play(
-        self, motion: Motion, paths: Float[np.ndarray, "F M 3 ..."], duration: float, steps: int
+        self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
-        """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s], of `steps` steps each.
-
-        `paths` are the positions of the mocap bodies [m] at the start and at the end of each frame.
-        """
         model = self._stepping(duration / steps)
-        if paths.ndim == 3:
+        if paths.ndim == 2:
             with warnings_counted:
                 return self._play(model, motion, paths, steps)
-        lanes = range(paths.shape[3])
+        lanes = range(paths.shape[2])
 
         def run(lane: int) -> tuple[np.ndarray, np.ndarray]:
-            own = Motion(motion.positions[..., lane], motion.velocities[..., lane])
+            origin = motion.origin[..., lane] if motion.origin.ndim else motion.origin
+            own = Motion(motion.positions[..., lane], motion.velocities[..., lane], origin)
             return self._play(model, own, paths[..., lane], steps)
 
         with warnings_counted, ThreadPoolExecutor(min(len(lanes), core_count())) as pool:
@@ -131,12 +142,12 @@ class FlexScene:
         return positions, velocities
 
     def touching(
-        self, positions: Float[np.ndarray, "N 3"], movers: Float[np.ndarray, "M 3"]
+        self, positions: Float[np.ndarray, "N 3"], movers: Float[np.ndarray, " D"]
     ) -> Touching:
         """Return how a body with its nodes there touches the geoms of the movers."""
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.body.slides(self._nodes(positions))
-        data.mocap_pos[self._mocaps] = movers
+        self._put_movers(data, movers)
         with warnings_counted:
             mujoco.mj_fwdPosition(self.model, data)
         geoms = data.contact.geom.max(axis=1)
@@ -158,11 +169,11 @@ class FlexScene:
         return model
 
     def _play(
-        self, model: mujoco.MjModel, motion: Motion, path: Float[np.ndarray, "F M 3"], steps: int
+        self, model: mujoco.MjModel, motion: Motion, path: Float[np.ndarray, "F D"], steps: int
     ) -> tuple[Float[np.ndarray, "F-1 N 3"], Float[np.ndarray, "F-1 N 3"]]:
         """Return what `play` does of one body; after it has diverged NaN."""
         data = mujoco.MjData(model)
-        data.qpos[:] = self.body.slides(self._nodes(motion.positions))
+        data.qpos[:] = self.body.slides(self._nodes(motion.positions + motion.origin))
         data.qvel[:] = self.body.rates(self._nodes(motion.velocities))
         frames = len(path) - 1
         positions = np.full((frames, *self.positions.shape), np.nan)
@@ -173,13 +184,23 @@ class FlexScene:
             change = path[frame + 1] - path[frame]
             try:
                 for step in range(steps):
-                    data.mocap_pos[self._mocaps] = path[frame] + step / steps * change
+                    self._put_movers(data, path[frame] + step / steps * change)
                     mujoco.mj_step(model, data)
             except mujoco.FatalError:
                 break  # what MuJoCo raises where an element is nowhere any more
-            positions[frame] = self._drawn(self.body.placed(data.qpos))
+            positions[frame] = self._drawn(self.body.placed(data.qpos)) - motion.origin
             velocities[frame] = self._drawn(self.body.moved(data.qvel))
         return positions, velocities
+
+    def _put_movers(self, data: mujoco.MjData, entries: Float[np.ndarray, " D"]) -> None:
+        """Put the mocap bodies where movers are [m], turned by their headings [rad]."""
+        for body, place in zip(self.bodies, self.movers.places, strict=True):
+            number = self.model.body_mocapid[body]
+            data.mocap_pos[number] = entries[place.entry : place.entry + 3]
+            if place.turns:
+                half = entries[place.entry + 3] / 2
+                turned = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+                mujoco.mju_mulQuat(data.mocap_quat[number], turned, self.model.body_quat[body])
 
     def _nodes(self, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "N 3"]:
         """Return the nodes of what is drawn of them."""

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.errors import ArgumentError
+from neuroanimator.appearance.shapes import MAX_NODES
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.soft.soft_body import SoftBody, tetrahedron_volumes
 
 MAX_FACES_OF_AN_EDGE = 2
@@ -21,6 +22,9 @@ MAX_FACES_OF_AN_EDGE = 2
 
 LEAST_SIZE = 1e-9
 """Least area or volume of an element, over that of the mesh's bounding box' square or cube."""
+
+BYTES_A_NODE = 60_000
+"""Memory that the shapes of a body are looked for in [bytes a node]: snapshots of sixteen bodies."""
 
 SHOWN = 3
 """Maximum number of nodes or elements a message names."""
@@ -52,6 +56,16 @@ class Solid:
     """Bulk modulus [Pa]."""
     damping: float = 2e-3
     """Time constant of internal friction [s]: damping of a spring over its stiffness."""
+
+
+def refuse_size(name: str, count: int) -> None:
+    """Raise BadFileError for a mesh of more than `MAX_NODES` nodes."""
+    if count > MAX_NODES:
+        gigabytes = count * BYTES_A_NODE / 1e9
+        raise BadFileError(
+            f"{name}: {count:,} nodes, for which {gigabytes:,.0f} GB would be needed; wanted at most {MAX_NODES:,}. "
+            "Make the mesh coarser."
+        )
 
 
 def cloth_body(
@@ -104,7 +118,7 @@ def solid_body(
     inverted = np.flatnonzero(volumes < 0)
     if len(inverted):
         raise ArgumentError(
-            f"mesh: tetrahedra {_some(inverted)} are inside out. Swap two corners of each."
+            f"mesh: tetrahedra {some(inverted)} are inside out. Swap two corners of each."
         )
     _check_sizes(volumes, positions, 3, "tetrahedron", "volume")
     _check_pins(pins, len(positions))
@@ -195,12 +209,12 @@ def _check_nodes(
         raise ArgumentError(f"mesh: wanted {name}s of its {count} nodes.")
     unused = np.setdiff1d(np.arange(count), elements)
     if len(unused):
-        raise ArgumentError(f"mesh: no {name} has the nodes {_some(unused)}. Take them away.")
+        raise ArgumentError(f"mesh: no {name} has the nodes {some(unused)}. Take them away.")
     _, first = np.unique(positions, axis=0, return_index=True)
     doubled = np.setdiff1d(np.arange(count), first)
     if len(doubled):
         raise ArgumentError(
-            f"mesh: the nodes {_some(doubled)} lie where others do. Merge vertices by distance."
+            f"mesh: the nodes {some(doubled)} lie where others do. Merge vertices by distance."
         )
 
 
@@ -214,15 +228,16 @@ def _check_sizes(
     extent = float(np.ptp(positions, axis=0).max())
     flat = np.flatnonzero(sizes < LEAST_SIZE * extent**power)
     if len(flat):
-        raise ArgumentError(f"mesh: {name} {_some(flat)} has no {size}. Take it away.")
+        raise ArgumentError(f"mesh: {name} {some(flat)} has no {size}. Take it away.")
 
 
 def _check_pins(pins: Int[np.ndarray, " K"], count: int) -> None:
     wrong = pins[(pins < 0) | (pins >= count)]
     if len(wrong):
-        raise ArgumentError(f"pins: {_some(wrong)} are no nodes; the mesh has 0 to {count - 1}.")
+        raise ArgumentError(f"pins: {some(wrong)} are no nodes; the mesh has 0 to {count - 1}.")
 
 
-def _some(numbers: np.ndarray) -> str:
+def some(numbers: np.ndarray) -> str:
+    """Return the first few of `numbers`, and whether there are more."""
     shown = ", ".join(map(str, numbers[:SHOWN].tolist()))
     return shown if len(numbers) <= SHOWN else f"{shown}, …"

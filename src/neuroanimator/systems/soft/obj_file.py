@@ -7,11 +7,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.errors import BadFileError
-
-MAX_FILE = 64 * 2**20
-"""Maximum size of a file [bytes]."""
+from neuroanimator.systems.soft.meshes import refuse_size
 
 MAX_CORNERS = 16
 """Maximum number of corners of a face."""
@@ -22,6 +19,7 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
 
     A face of more corners becomes a fan of triangles. Raises BadFileError naming the file and the line.
     """
+    refuse_size(name, content.count(b"\nv "))
     positions: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     for number, line in enumerate(content.decode("utf-8", errors="replace").splitlines(), start=1):
@@ -42,10 +40,6 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
             raise BadFileError(
                 f"{name}: line {number}: wanted {wanted}. Export it again."
             ) from error
-        if len(positions) > MAX_NODES:
-            raise BadFileError(
-                f"{name}: more than {MAX_NODES:,} vertices, which a step takes seconds of. Decimate the mesh."
-            )
     if not faces:
         raise BadFileError(f"{name}: no faces. Export a surface as OBJ.")
     return np.array(positions), np.array(faces)

@@ -36,6 +36,7 @@ FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
     constraints.fall: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
     constraints.air_push: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
     constraints.capsule_push: (*[VECTOR] * 6, NUMBER, NUMBER),
+    constraints.box_push: (*[VECTOR] * 6, NUMBER, NUMBER, NUMBER),
     constraints.plane_push: (*[VECTOR] * 5, NUMBER, NUMBER),
 }
 """The formulas, with the shapes of their arguments."""
@@ -49,10 +50,24 @@ COUNTS = (
     "faces",
     "face_colours",
     "pins",
+    "movers",
     "capsules",
+    "boxes",
     "planes",
 )
-INDICES = ("pair", "pair_colour", "tetrahedron", "tetrahedron_colour", "face", "face_colour", "pin")
+INDICES = (
+    "pair",
+    "pair_colour",
+    "tetrahedron",
+    "tetrahedron_colour",
+    "face",
+    "face_colour",
+    "pin",
+    "holder",
+    "capsule_mover",
+    "box_mover",
+    "plane_mover",
+)
 REALS = (
     "lightness",
     "length",
@@ -60,10 +75,17 @@ REALS = (
     "damping",
     "volume",
     "volume_compliance",
+    "held",
     "radius",
+    "capsule_start",
+    "capsule_along",
     "capsule_friction",
-    "plane_friction",
+    "half",
+    "box_centre",
+    "box_friction",
     "normal",
+    "plane_point",
+    "plane_friction",
 )
 
 
@@ -91,27 +113,23 @@ class SoftProgram:
         self,
         positions: Float[np.ndarray, "N 3 ..."],
         velocities: Float[np.ndarray, "N 3 ..."],
-        pins: Float[np.ndarray, "F K 3 ..."],
-        colliders: Float[np.ndarray, "F X ..."],
+        movers: Float[np.ndarray, "F M 4 ..."],
         duration: float,
         steps: int,
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
         """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
 
-        `pins` says where pinned nodes are [m], and `colliders` a row of every capsule's start and extent and every
-        plane's point [m], at the start and at each frame's end; in between they move straight. With several lanes these are the
-        last axis of all arrays.
+        `movers` says where movers are [m] and where they head [rad], at the start and at each frame's end; in between
+        they move and turn evenly. With several lanes these are the last axis of all arrays.
         """
-        body, keep = _struct(self.body, self.dtype)
-        frames = len(pins) - 1
+        body, keep = _struct(self.body, movers.shape[1], self.dtype)
+        frames = len(movers) - 1
         tail = (self.lanes,) if self.lanes > 1 else ()
         count = len(self.body.positions)
         start = np.empty((2, 3, count, *tail), self.dtype)
         start[0] = np.moveaxis(positions, 0, 1)
         start[1] = np.moveaxis(velocities, 0, 1)
-        held = np.reshape(pins, (frames + 1, 3 * len(self.body.pins), *tail))
-        paths = np.concatenate([held, colliders], axis=1)
-        paths = np.ascontiguousarray(paths, self.dtype)
+        paths = np.ascontiguousarray(movers, self.dtype)
         states = np.empty((frames, *start.shape), self.dtype)
         arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (start, paths, states)]
         library = _library(self.lanes, self.dtype)
@@ -141,7 +159,9 @@ def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
     return library
 
 
-def _struct(body: SoftBody, dtype: type[np.floating]) -> tuple[_Body, list[np.ndarray]]:
+def _struct(
+    body: SoftBody, movers: int, dtype: type[np.floating]
+) -> tuple[_Body, list[np.ndarray]]:
     """Return `body` as C sees it, and the arrays it points to, which have to outlive it."""
     reals = {
         "lightness": body.inverse_masses,
@@ -150,10 +170,17 @@ def _struct(body: SoftBody, dtype: type[np.floating]) -> tuple[_Body, list[np.nd
         "damping": body.damping,
         "volume": body.volumes,
         "volume_compliance": 1 / body.bulk_stiffness,
+        "held": body.held,
         "radius": [capsule.radius for capsule in body.capsules],
+        "capsule_start": [capsule.start for capsule in body.capsules],
+        "capsule_along": [capsule.along for capsule in body.capsules],
         "capsule_friction": [capsule.friction for capsule in body.capsules],
-        "plane_friction": [plane.friction for plane in body.planes],
+        "half": [box.half for box in body.boxes],
+        "box_centre": [box.centre for box in body.boxes],
+        "box_friction": [box.friction for box in body.boxes],
         "normal": [plane.normal for plane in body.planes],
+        "plane_point": [plane.point for plane in body.planes],
+        "plane_friction": [plane.friction for plane in body.planes],
     }
     indices = {
         "pair": body.pairs,
@@ -163,6 +190,10 @@ def _struct(body: SoftBody, dtype: type[np.floating]) -> tuple[_Body, list[np.nd
         "face": body.faces,
         "face_colour": body.face_colours,
         "pin": body.pins,
+        "holder": body.holders,
+        "capsule_mover": [capsule.mover for capsule in body.capsules],
+        "box_mover": [box.mover for box in body.boxes],
+        "plane_mover": [plane.mover for plane in body.planes],
     }
     struct = _Body(
         nodes=len(body.positions),
@@ -173,7 +204,9 @@ def _struct(body: SoftBody, dtype: type[np.floating]) -> tuple[_Body, list[np.nd
         faces=len(body.faces),
         face_colours=len(body.face_colours) - 1,
         pins=len(body.pins),
+        movers=movers,
         capsules=len(body.capsules),
+        boxes=len(body.boxes),
         planes=len(body.planes),
         margin=body.margin,
         drag=body.air.drag,

@@ -1,148 +1,153 @@
-"""A cloth and what moves: its definition and its mesh, made ready for the physics."""
+"""A soft body and what moves: its definition and its mesh, made ready for the physics."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.soft.meshes import Cloth, cloth_body
+from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
+from neuroanimator.systems.soft.mesh_file import Mesh
+from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body, some
+from neuroanimator.systems.soft.movers import Movers
 from neuroanimator.systems.soft.program import LANES, SoftProgram
-from neuroanimator.systems.soft.soft_body import Air, Capsule, Plane
+from neuroanimator.systems.soft.soft_body import Air, Box, Capsule, Plane, SoftBody
+from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
+
+WITHIN = 1e-3
+"""Depth in a collider from which a node begins inside it, over the size of the body."""
 
 
-class Scene:
-    """A soft body among M movers, the first of which that holds it is its anchor."""
+class Scene(SoftScene):
+    """A soft body of springs among M movers, the first of which that holds it is its anchor."""
 
     integrator = "xpbd"
-    """Name of its schemes: extended position-based dynamics in small steps."""
-
+    """Extended position-based dynamics in small steps."""
     lanes = LANES
-    """Number of bodies that are best played side by side."""
-
     runs = LANES
-    """Number of motions in which shapes are looked for."""
 
-    def __init__(
-        self,
-        definition: SoftDefinition,
-        positions: Float[np.ndarray, "N 3"],
-        faces: Int[np.ndarray, "F 3"],
-    ):
+    def __init__(self, definition: SoftDefinition, mesh: Mesh):
         """Raises ArgumentError for a mesh, a pin or a collider that cannot be."""
-        self.finding_step = definition.physics.truth_step
-        """The step with which shapes are looked for [s]."""
-        self.movers = list(definition.movers.values())
-        self.rest = np.array([mover.position for mover in self.movers])
-        holding = [number for number, mover in enumerate(self.movers) if mover.pins]
-        if not holding:
+        self.definition = definition
+        self.movers = Movers(definition.movers)
+        holding = [number for number, mover in enumerate(self.movers.tables) if mover.pins]
+        if not holding and not definition.is_solid:
             raise ArgumentError(
                 "movers: nothing holds the cloth, and how it flies is not emulated. Give a mover pins."
             )
-        self.anchor = holding[0]
-        self._holder_of = np.repeat(
-            np.arange(len(self.movers)), [len(mover.pins) for mover in self.movers]
+        self.anchor = holding[0] if holding else FREE
+        if self.anchor == FREE and definition.ground is None:
+            raise ArgumentError(
+                "movers: nothing holds the body, and it falls for ever. Add a [ground], or give a mover pins."
+            )
+        self.mesh = mesh
+        self.body = self._body(mesh)
+        self.finding_step = definition.physics.truth_step
+        self.positions = self.body.positions
+        self.faces = self.body.faces
+        self.masses = self.body.masses
+        self.margin = self.body.margin
+        self.capsules = tuple(
+            RoundCollider(one.mover, one.start, one.along, one.radius + self.margin)
+            for one in self.body.capsules
         )
-        pins = np.array([pin for mover in self.movers for pin in mover.pins], int)
-        material = definition.cloth
-        capsules = [
-            Capsule(collider.radius, collider.friction)
-            for mover in self.movers
-            for collider in mover.colliders
-        ]
-        planes: tuple[Plane, ...] = ()
-        self._points = np.zeros((0, 3))
+        self.boxes = tuple(
+            BoxCollider(one.mover, one.centre, one.half, self.margin) for one in self.body.boxes
+        )
+        self.has_ground = definition.ground is not None
+        self.ground = -np.inf
         if definition.ground is not None:
-            planes = (Plane(friction=definition.ground.friction),)
-            self._points = np.array([[0.0, 0.0, definition.ground.height]])
-        self.body = cloth_body(
-            positions,
-            faces,
-            Cloth(material.density, material.stretch, material.bend, material.damping),
-            pins,
-            air=Air(**definition.air.model_dump()),
-            capsules=tuple(capsules),
-            planes=planes,
-            margin=material.thickness / 2,
+            self.ground = definition.ground.height + self.margin
+        self.wind = self.body.air.wind
+        self._refuse_overlap()
+
+    def _body(self, mesh: Mesh) -> SoftBody:
+        definition = self.definition
+        movers = self.movers
+        holders = np.repeat(
+            np.arange(len(movers.tables)), [len(mover.pins) for mover in movers.tables]
         )
+        pins = np.array([pin for mover in movers.tables for pin in mover.pins], int)
         if len(np.unique(pins)) < len(pins):
             raise ArgumentError("movers: a node is pinned twice. Leave it to one mover.")
-        self._held = positions[pins] - self.rest[self._holder_of]
+        held = np.zeros((0, 3))
+        if len(pins) and pins.max() < len(mesh.positions):
+            rest = np.array([mover.position for mover in movers.tables])
+            held = mesh.positions[pins] - rest[holders]
+        planes: tuple[Plane, ...] = ()
+        if definition.ground is not None:
+            ground = definition.ground
+            point = (0.0, 0.0, ground.height)
+            planes = (Plane(friction=ground.friction, mover=len(movers.tables), point=point),)
+        surroundings = {
+            "air": Air(**definition.air.model_dump()),
+            "capsules": tuple(self._capsules()),
+            "boxes": tuple(self._boxes()),
+            "planes": planes,
+            "margin": definition.margin,
+            "holders": holders,
+            "held": held,
+        }
+        if definition.is_solid:
+            solid = definition.solid
+            material = Solid(solid.density, solid.stretch, solid.bulk, solid.damping)
+            return solid_body(mesh.positions, mesh.elements, material, pins, **surroundings)
+        cloth = definition.cloth
+        material = Cloth(cloth.density, cloth.stretch, cloth.bend, cloth.damping)
+        return cloth_body(mesh.positions, mesh.elements, material, pins, **surroundings)
 
-    @property
-    def has_ground(self) -> bool:
-        """Whether it lies over a plane that is drawn at height zero."""
-        return len(self._points) > 0
+    def _capsules(self) -> list[Capsule]:
+        capsules = []
+        for number, mover in enumerate(self.movers.tables):
+            for collider in mover.colliders:
+                if collider.radius is not None:
+                    x, y, z = np.subtract(collider.end or collider.start, collider.start).tolist()
+                    along = (x, y, z)
+                    capsules.append(
+                        Capsule(collider.radius, collider.friction, number, collider.start, along)
+                    )
+        return capsules
 
-    @property
-    def positions(self) -> Float[np.ndarray, "N 3"]:
-        """Positions of the nodes as the mesh has them [m]."""
-        return self.body.positions
+    def _boxes(self) -> list[Box]:
+        boxes = []
+        for number, mover in enumerate(self.movers.tables):
+            for collider in mover.colliders:
+                if collider.box is not None:
+                    boxes.append(Box(collider.box, collider.friction, number, collider.start))
+        return boxes
 
-    @property
-    def faces(self) -> Int[np.ndarray, "F 3"]:
-        """Corners of the triangles."""
-        return self.body.faces
-
-    @property
-    def margin(self) -> float:
-        """Distance at which nodes touch colliders [m]."""
-        return self.body.margin
-
-    @property
-    def size(self) -> float:
-        """Longest edge of the cloth's bounding box at rest [m]."""
-        return float(np.ptp(self.body.positions, axis=0).max())
+    def _refuse_overlap(self) -> None:
+        """Raise ArgumentError, which names it, for a collider with nodes in it as the body lies in its mesh."""
+        body = self.body
+        free = np.setdiff1d(np.arange(len(body.positions)), body.pins)
+        owners = [self.movers.names[one.mover] for one in (*body.capsules, *body.boxes)]
+        mean = body.positions - self.centre(body.positions)
+        contacts = self.contacts(mean, np.zeros((0, *mean.shape)), tuple(free.tolist()))
+        distances = contacts.distances(self.state_at_rest(self.centre(body.positions)))
+        for number, distance in enumerate(distances):
+            inside = free[distance < -body.margin - WITHIN * self.size]
+            if len(inside) and number < len(owners):
+                raise ArgumentError(
+                    f"movers: nodes {some(inside)} begin inside a collider of '{owners[number]}'. "
+                    "Move it away, or make it smaller."
+                )
+            if len(inside):
+                raise ArgumentError(f"ground: nodes {some(inside)} begin under it. Lower it.")
 
     def play(
-        self, motion: Motion, paths: Float[np.ndarray, "F M 3 ..."], duration: float, steps: int
+        self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
-        """Return positions [m] and velocities [m/s] after each of F - 1 frames; see `SoftProgram.play`.
+        """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
-        `paths` are the movers' positions [m] at the start and at the end of each frame.
+        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame. See
+        `SoftProgram.play`.
         """
-        lanes = paths.shape[3] if paths.ndim > 3 else 1
-        tail = (1,) * (paths.ndim - 3)
-        pins = paths[:, self._holder_of] + self._held.reshape(*self._held.shape, *tail)
+        lanes = paths.shape[2] if paths.ndim > 2 else 1
         return SoftProgram(self.body, lanes).play(
-            motion.positions, motion.velocities, pins, self._collider_paths(paths), duration, steps
+            motion.positions,
+            motion.velocities,
+            self.movers.poses(paths, motion.origin),
+            duration,
+            steps,
         )
-
-    def _collider_paths(
-        self, paths: Float[np.ndarray, "F M 3 ..."]
-    ) -> Float[np.ndarray, "F X ..."]:
-        """Return the rows of colliders as `SoftProgram.play` takes them."""
-        tail = (1,) * (paths.ndim - 3)
-        rows = []
-        for number, mover in enumerate(self.movers):
-            for collider in mover.colliders:
-                start = np.array(collider.start)
-                end = start if collider.end is None else np.array(collider.end)
-                rows.append(paths[:, number] + start.reshape(3, *tail))
-                rows.append(
-                    np.broadcast_to((end - start).reshape(3, *tail), paths[:, number].shape)
-                )
-        for point in self._points:
-            rows.append(np.broadcast_to(point.reshape(3, *tail), paths[:, 0].shape))
-        if not rows:
-            return np.zeros((len(paths), 0, *paths.shape[3:]))
-        return np.concatenate(rows, axis=1)
-
-
-def anchor_of(anchor: int, movers: Float[np.ndarray, "F M 3 ..."]) -> Float[np.ndarray, "F 3 ..."]:
-    """Return the positions, or velocities, of the mover that all nodes go with; zeros if there is none (-1)."""
-    if anchor < 0:
-        return np.zeros_like(movers[:, 0])
-    return movers[:, anchor]
-
-
-class Motion(NamedTuple):
-    """A body at a moment; several side by side have a last axis for them."""
-
-    positions: Float[np.ndarray, "N 3 ..."]
-    """[m]"""
-    velocities: Float[np.ndarray, "N 3 ..."]
-    """[m/s]"""

@@ -1,9 +1,10 @@
-"""The file of a soft body's shapes, made once for a definition and its mesh or model, and kept beside them."""
+"""The file of a soft body's shapes, made once for a definition and its mesh, and kept beside them."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,17 +22,18 @@ from neuroanimator.files.atomic import (
     read_tensors,
     write_tensors,
 )
+from neuroanimator.state.shape_contacts import FREE, first_amplitude, placement_of
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.soft.find_shapes import find_shapes
 from neuroanimator.systems.soft.flex_scene import FlexScene
-from neuroanimator.systems.soft.obj_file import MAX_FILE, read_obj
+from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh, read_mesh
 from neuroanimator.systems.soft.scene import Scene
 
 ENDING = ".shapes.safetensors"
 """Ending of the file's name, after that of the TOML file."""
 
-METHOD = 1
+METHOD = 2
 """Number of the way shapes are found, raised whenever others would be."""
 
 MAX_STARTS = 10_000
@@ -42,10 +44,8 @@ MAX_NUMBER = 1e6
 
 
 class ShapeFile(NamedTuple):
-    """A mesh, its shapes, and states that motions may begin from, the first that of rest."""
+    """The shapes of a body, and states that motions may begin from, the first that of rest."""
 
-    positions: Float[np.ndarray, "N 3"]
-    """As the mesh has them [m]."""
     shapes: Shapes
     starts: Float[np.ndarray, "P S"]
 
@@ -57,12 +57,7 @@ def made_for(toml: Path, definition: SoftDefinition) -> Path:
     values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
     text = canonical_json({"method": METHOD, "definition": values})
     origin = hashlib.sha256(text.encode() + content).hexdigest()
-
-    def scene() -> Scene:
-        positions, faces = read_obj(mesh.name, content)
-        return Scene(definition, positions, faces)
-
-    return _made(toml, definition, origin, scene)
+    return _made(toml, definition, origin, lambda: Scene(definition, read_mesh(mesh.name, content)))
 
 
 def made_for_model(toml: Path, definition: FlexDefinition, files: ModelFiles) -> Path:
@@ -93,39 +88,69 @@ def _made(
     scene = scene_of()
     found = find_shapes(definition, scene)
     tensors = found.shapes.tensors()
-    tensors["positions"] = scene.positions.astype(np.float32)
     tensors["starts"] = found.starts.astype(np.float32)
+    if isinstance(scene, Scene):
+        tensors["positions"] = scene.mesh.positions.astype(np.float32)
+        tensors["elements"] = scene.mesh.elements.astype(np.int32)
     write_tensors(path, tensors, {"kind": "shapes", "origin": origin})
     return path
 
 
-def read_shapes(path: Path, movers: int, anchor: int) -> ShapeFile:
-    """Return what `made_for` wrote, of a body that goes with mover `anchor`; -1 if it goes with none.
-
-    BadFileError names what is wrong with the file.
-    """
+def read_shapes(path: Path, definition: SoftDefinition) -> tuple[ShapeFile, Mesh]:
+    """Return what `made_for` wrote, and the mesh; BadFileError names what is wrong with the file."""
+    turning = tuple(mover.turns for mover in definition.movers.values())
+    holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
+    anchor = holding[0] if holding else FREE
     tensors, _ = read_tensors(path, "shapes")
+    with _faults_named(path):
+        file = _checked(tensors, turning, anchor)
+        return file, _mesh_of(tensors, file.shapes, 3 + definition.is_solid)
+
+
+def read_flex_shapes(path: Path, scene: FlexScene) -> ShapeFile:
+    """Return what `made_for_model` wrote; BadFileError names what is wrong with the file."""
+    tensors, _ = read_tensors(path, "shapes")
+    with _faults_named(path):
+        file = _checked(tensors, scene.movers.turning, scene.anchor)
+        if file.shapes.mean.shape != scene.positions.shape:
+            raise ValueError("another number of nodes in the model than in the shapes")
+        return file
+
+
+@contextmanager
+def _faults_named(path: Path) -> Iterator[None]:
     try:
-        return _checked(tensors, movers, anchor)
+        yield
     except (ValueError, KeyError) as error:
         raise BadFileError(
             f"{path.name}: {one_line(error)}. Remove it; it is made again."
         ) from error
 
 
-def _checked(tensors: dict[str, np.ndarray], movers: int, anchor: int) -> ShapeFile:
-    first = 6 * movers
+def _checked(tensors: dict[str, np.ndarray], turning: tuple[bool, ...], anchor: int) -> ShapeFile:
+    first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
-    count = len(own["modes"])
-    size = first + 2 * count
-    shapes = Shapes.from_tensors(own, first, 3 * anchor if anchor >= 0 else -1, size)
-    positions = tensors["positions"]
+    size = first + 2 * len(own["modes"])
+    shapes = Shapes.from_tensors(own, first, placement_of(turning, anchor), size)
     starts = tensors["starts"]
-    if positions.shape != shapes.mean.shape:
-        raise ValueError("another number of nodes in the mesh than in the shapes")
     if starts.ndim != 2 or starts.shape[1] != size or not 1 <= len(starts) <= MAX_STARTS:
         raise ValueError("states of another size")
-    for array in (positions, starts):
-        if not (np.abs(array) <= MAX_NUMBER).all():
-            raise ValueError("a number that is too large")
-    return ShapeFile(positions.astype(float), shapes, starts.astype(float))
+    _check_numbers(starts)
+    return ShapeFile(shapes, starts.astype(float))
+
+
+def _mesh_of(tensors: dict[str, np.ndarray], shapes: Shapes, corners: int) -> Mesh:
+    positions = tensors["positions"]
+    elements = tensors["elements"]
+    if elements.ndim != 2 or elements.shape[1] != corners:
+        raise ValueError("elements of another kind")
+    if positions.shape != shapes.mean.shape:
+        raise ValueError("another number of nodes in the mesh than in the shapes")
+    _check_numbers(positions)
+    _check_numbers(elements)
+    return Mesh(positions.astype(float), elements.astype(int))
+
+
+def _check_numbers(array: np.ndarray) -> None:
+    if not (np.abs(array) <= MAX_NUMBER).all():
+        raise ValueError("a number that is too large")

@@ -13,10 +13,14 @@ typedef REAL real;
 FORMULAS
 
 typedef struct {
-    long nodes, pairs, pair_colours, tetrahedra, tetrahedron_colours, faces, face_colours, pins, capsules, planes;
-    const int *pair, *pair_colour, *tetrahedron, *tetrahedron_colour, *face, *face_colour, *pin;
+    long nodes, pairs, pair_colours, tetrahedra, tetrahedron_colours, faces, face_colours, pins, movers, capsules, boxes, planes;
+    const int *pair, *pair_colour, *tetrahedron, *tetrahedron_colour, *face, *face_colour;
+    const int *pin, *holder, *capsule_mover, *box_mover, *plane_mover;
     const real *lightness, *length, *compliance, *damping, *volume, *volume_compliance;
-    const real *radius, *capsule_friction, *plane_friction, *normal; /* of capsules and planes */
+    const real *held; /* pins from their movers */
+    const real *radius, *capsule_start, *capsule_along, *capsule_friction;
+    const real *half, *box_centre, *box_friction;
+    const real *normal, *plane_point, *plane_friction;
     double margin, drag, air, air_limit, gravity[3], wind[3];
 } Body;
 
@@ -71,15 +75,43 @@ static void coast(const Body *b, real *restrict x, real *restrict v, real *restr
     END
 }
 
-static void hold_pins(const Body *b, real *restrict x, const real *from, const real *to, real share) {
-    const size_t count = b->nodes;
-    const size_t pins = b->pins;
-    for (size_t e = 0; e < pins; e++)
-        for (int a = 0; a < 3; a++)
-            for (int l = 0; l < LANES; l++) {
-                const size_t place = (3 * e + a) * LANES + l;
-                AT(x, b->pin[e], a) = from[place] + share * (to[place] - from[place]);
+/* A mover's pose: where it is, and the cosine and sine of its heading. */
+#define POSE(poses, mover, k) (poses)[(5 * (size_t)(mover) + (k)) * LANES + l]
+
+static void pose_movers(const Body *b, const real *from, const real *to, real share, real *poses) {
+    for (long m = 0; m < b->movers; m++)
+        for (int l = 0; l < LANES; l++) {
+            real now[4];
+            for (int k = 0; k < 4; k++) {
+                const size_t place = (4 * m + k) * LANES + l;
+                now[k] = from[place] + share * (to[place] - from[place]);
             }
+            for (int a = 0; a < 3; a++) POSE(poses, m, a) = now[a];
+            POSE(poses, m, 3) = (real)cos(now[3]);
+            POSE(poses, m, 4) = (real)sin(now[3]);
+        }
+}
+
+INLINE void turn(const real *poses, int mover, int l, const real *local, real *world) {
+    const real cosine = POSE(poses, mover, 3), sine = POSE(poses, mover, 4);
+    world[0] = cosine * local[0] - sine * local[1];
+    world[1] = sine * local[0] + cosine * local[1];
+    world[2] = local[2];
+}
+
+INLINE void place(const real *poses, int mover, int l, const real *local, real *world) {
+    turn(poses, mover, l, local, world);
+    for (int a = 0; a < 3; a++) world[a] += POSE(poses, mover, a);
+}
+
+static void hold_pins(const Body *b, real *restrict x, const real *poses) {
+    const size_t count = b->nodes;
+    for (long e = 0; e < b->pins; e++)
+        for (int l = 0; l < LANES; l++) {
+            real where[3];
+            place(poses, b->holder[e], l, b->held + 3 * e, where);
+            for (int a = 0; a < 3; a++) AT(x, b->pin[e], a) = where[a];
+        }
 }
 
 static void pull_pairs(const Body *b, real *restrict x, const real *restrict p, real h) {
@@ -124,44 +156,78 @@ static void keep_volumes(const Body *b, real *restrict x, real h) {
     END
 }
 
-/* A capsule is an axis' start and its extent; a plane is a point of it, and `normal` does not change. */
-static void collide(const Body *b, real *restrict x, const real *restrict p, const real *from, const real *to, real share, real part) {
+/* Axis k of a vector that each lane has its own of. */
+#define OF(vector, k) (vector)[(k) * LANES + l]
+#define TAKE(vector) {OF(vector, 0), OF(vector, 1), OF(vector, 2)}
+
+/* Write where a point of a mover is, and by how much it has moved in this small step. */
+static void follow(const real *before, const real *poses, int mover, const real *local, real *where, real *moved) {
+    for (int l = 0; l < LANES; l++) {
+        real last[3], now[3];
+        place(before, mover, l, local, last);
+        place(poses, mover, l, local, now);
+        for (int a = 0; a < 3; a++) {
+            OF(where, a) = now[a];
+            OF(moved, a) = now[a] - last[a];
+        }
+    }
+}
+
+#define NODE \
+    const real position[3] = READ(x, e); \
+    const real moved[3] = {position[0] - AT(p, e, 0), position[1] - AT(p, e, 1), position[2] - AT(p, e, 2)}; \
+    const real is_free = b->lightness[e] > 0; \
+    real push[3];
+#define PUSH for (int a = 0; a < 3; a++) AT(x, e, a) = position[a] + is_free * push[a];
+
+static void collide(const Body *b, real *restrict x, const real *restrict p, const real *before, const real *poses) {
     const size_t count = b->nodes;
-#define PLACE(offset) ((offset) + a) * LANES + l
+    real starts[3 * LANES], starts_moved[3 * LANES], ends[3 * LANES], ends_moved[3 * LANES];
     for (long c = 0; c < b->capsules; c++) {
-        const size_t at = 6 * c;
         const real radius = b->radius[c] + (real)b->margin, friction = b->capsule_friction[c];
+        const real *start_held = b->capsule_start + 3 * c, *along_held = b->capsule_along + 3 * c;
+        const real end_held[3] = {start_held[0] + along_held[0], start_held[1] + along_held[1], start_held[2] + along_held[2]};
+        follow(before, poses, b->capsule_mover[c], start_held, starts, starts_moved);
+        follow(before, poses, b->capsule_mover[c], end_held, ends, ends_moved);
         ELEMENTS(0, b->nodes)
-            real position[3], moved[3], start[3], along[3], start_moved[3], along_moved[3], push[3];
+            NODE
+            const real start[3] = TAKE(starts), start_moved[3] = TAKE(starts_moved);
+            real along[3], along_moved[3];
             for (int a = 0; a < 3; a++) {
-                const real start_change = to[PLACE(at)] - from[PLACE(at)];
-                const real along_change = to[PLACE(at + 3)] - from[PLACE(at + 3)];
-                position[a] = AT(x, e, a);
-                moved[a] = position[a] - AT(p, e, a);
-                start[a] = from[PLACE(at)] + share * start_change;
-                along[a] = from[PLACE(at + 3)] + share * along_change;
-                start_moved[a] = part * start_change;
-                along_moved[a] = part * along_change;
+                along[a] = OF(ends, a) - start[a];
+                along_moved[a] = OF(ends_moved, a) - start_moved[a];
             }
             capsule_push(position, moved, start, along, start_moved, along_moved, radius, friction, push);
-            const real is_free = b->lightness[e] > 0;
-            for (int a = 0; a < 3; a++) AT(x, e, a) = position[a] + is_free * push[a];
+            PUSH
+        END
+    }
+    for (long c = 0; c < b->boxes; c++) {
+        const int mover = b->box_mover[c];
+        const real friction = b->box_friction[c];
+        real headings[3 * LANES], turned[LANES];
+        follow(before, poses, mover, b->box_centre + 3 * c, starts, starts_moved);
+        for (int l = 0; l < LANES; l++) {
+            const real cosine = POSE(poses, mover, 3), sine = POSE(poses, mover, 4);
+            const real last_cosine = POSE(before, mover, 3), last_sine = POSE(before, mover, 4);
+            OF(headings, 0) = cosine;
+            OF(headings, 1) = sine;
+            OF(headings, 2) = 0;
+            turned[l] = sine * last_cosine - cosine * last_sine;
+        }
+        ELEMENTS(0, b->nodes)
+            NODE
+            const real centre[3] = TAKE(starts), centre_moved[3] = TAKE(starts_moved), heading[3] = TAKE(headings);
+            box_push(position, moved, centre, heading, b->half + 3 * c, centre_moved, turned[l], (real)b->margin, friction, push);
+            PUSH
         END
     }
     for (long c = 0; c < b->planes; c++) {
-        const size_t at = 6 * b->capsules + 3 * c;
+        follow(before, poses, b->plane_mover[c], b->plane_point + 3 * c, starts, starts_moved);
         ELEMENTS(0, b->nodes)
-            real position[3], moved[3], point[3], point_moved[3], push[3];
-            for (int a = 0; a < 3; a++) {
-                const real change = to[PLACE(at)] - from[PLACE(at)];
-                position[a] = AT(x, e, a);
-                moved[a] = position[a] - AT(p, e, a);
-                point[a] = from[PLACE(at)] + share * change;
-                point_moved[a] = part * change;
-            }
+            NODE
+            const real point[3] = TAKE(starts), point_moved[3] = TAKE(starts_moved);
             plane_push(position, moved, point, b->normal + 3 * c, point_moved, (real)b->margin, b->plane_friction[c], push);
-            const real is_free = b->lightness[e] > 0;
-            for (int a = 0; a < 3; a++) AT(x, e, a) = position[a] + is_free * push[a];
+            PUSH
         END
     }
 }
@@ -173,25 +239,29 @@ static void settle(const Body *b, const real *restrict x, real *restrict v, cons
 }
 
 /* Write positions and velocities after each of `frames` frames of `steps` small steps of h seconds; 0, or 1 without memory.
-   `paths` holds, for the start and for each frame's end, where pins are, and then colliders. */
+   `paths` holds where movers are and where they head, for the start and for each frame's end. */
 int play(const Body *b, long frames, long steps, double h, const real *start, const real *paths, real *states) {
     const size_t size = 3 * b->nodes * LANES;
-    const size_t pins = 3 * b->pins * LANES;
-    const size_t stride = pins + (6 * b->capsules + 3 * b->planes) * LANES;
-    real *x = malloc(3 * size * sizeof(real));
+    const size_t stride = 4 * b->movers * LANES;
+    const size_t of_poses = 5 * b->movers * LANES;
+    real *x = malloc((3 * size + 2 * of_poses) * sizeof(real));
     if (!x) return 1;
-    real *v = x + size, *p = v + size;
+    real *v = x + size, *p = v + size, *poses = p + size, *before = poses + of_poses;
     memcpy(x, start, 2 * size * sizeof(real));
+    pose_movers(b, paths, paths, 0, poses);
     for (long frame = 0; frame < frames; frame++) {
         const real *from = paths + frame * stride, *to = from + stride;
         for (long step = 0; step < steps; step++) {
-            const real share = (step + 1) / (real)steps;
+            real *spare = before;
+            before = poses;
+            poses = spare;
+            pose_movers(b, from, to, (step + 1) / (real)steps, poses);
             if (b->air > 0) add_air(b, x, v, (real)h);
             coast(b, x, v, p, (real)h);
-            hold_pins(b, x, from, to, share);
+            hold_pins(b, x, poses);
             pull_pairs(b, x, p, (real)h);
             keep_volumes(b, x, (real)h);
-            collide(b, x, p, from + pins, to + pins, share, 1 / (real)steps);
+            collide(b, x, p, before, poses);
             settle(b, x, v, p, (real)h);
         }
         memcpy(states + frame * 2 * size, x, 2 * size * sizeof(real));

@@ -24,6 +24,10 @@ class Air:
     """Velocity of the air [m/s]."""
 
 
+Place = tuple[float, float, float]
+"""Position from that of a mover, along the mover's axes [m]."""
+
+
 @dataclass(frozen=True)
 class Capsule:
     """A collider: all points nearer than a radius to a straight line; to a point, of a sphere."""
@@ -32,6 +36,24 @@ class Capsule:
     """[m]"""
     friction: float = 0.4
     """Largest sideways force over the normal one."""
+    mover: int = 0
+    """Number of the mover it goes with."""
+    start: Place = (0.0, 0.0, 0.0)
+    along: Place = (0.0, 0.0, 0.0)
+    """From its start to its end [m]."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A collider with six faces."""
+
+    half: tuple[float, float, float]
+    """Half its size along each of its mover's axes [m]."""
+    friction: float = 0.4
+    """Largest sideways force over the normal one."""
+    mover: int = 0
+    """Number of the mover it goes with."""
+    centre: Place = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -39,9 +61,12 @@ class Plane:
     """A collider: the half-space under a plane."""
 
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Unit vector away from the half-space."""
+    """Unit vector away from the half-space; it does not turn."""
     friction: float = 0.4
     """Largest sideways force over the normal one."""
+    mover: int = 0
+    """Number of the mover it goes with."""
+    point: Place = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +93,24 @@ class SoftBody:
     """Nodes that are held, and moved, from outside."""
     air: Air = Air()
     capsules: tuple[Capsule, ...] = ()
+    boxes: tuple[Box, ...] = ()
     planes: tuple[Plane, ...] = ()
     margin: float = 0.0
     """Distance at which nodes touch colliders: half a cloth's thickness [m]."""
+    holders: Int[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0, int))
+    """Number of the mover that holds each pin; the first if none is given."""
+    held: Float[np.ndarray, "_ 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    """Positions of the pins from their movers [m]; those at rest if none are given."""
     pair_colours: Int[np.ndarray, " _"] = field(init=False)
     """First spring of each colour, and the number of springs: those of one colour share no node."""
     tetrahedron_colours: Int[np.ndarray, " _"] = field(init=False)
     face_colours: Int[np.ndarray, " _"] = field(init=False)
 
     def __post_init__(self) -> None:
+        if not len(self.holders):
+            object.__setattr__(self, "holders", np.zeros(len(self.pins), int))
+        if not len(self.held):
+            object.__setattr__(self, "held", self.positions[self.pins])
         order, starts = _by_colour(self.pairs)
         self._reorder(order, "pairs", "stiffness", "damping")
         object.__setattr__(self, "pair_colours", starts)

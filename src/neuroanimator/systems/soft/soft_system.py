@@ -1,4 +1,4 @@
-"""Cloths as a System: the state holds what moves them and the amplitudes of their shapes, the physics all their nodes."""
+"""Soft bodies as a System: the state holds what moves them and the amplitudes of their shapes, the physics all their nodes."""
 
 from __future__ import annotations
 
@@ -10,26 +10,23 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.definitions.flex import FlexDefinition
-from neuroanimator.definitions.soft import MoverTable, SoftDefinition
+from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
-from neuroanimator.state.segments import Driven, Lag, Plain
-from neuroanimator.state.shape_contacts import Collider, ShapeContacts
+from neuroanimator.state.placement import turn
+from neuroanimator.state.segments import Driven, Lag, Plain, Position, Quaternion, Segment, Velocity
+from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.soft.flex_bones import scenery, shapes_below
 from neuroanimator.systems.soft.flex_scene import FlexScene
-from neuroanimator.systems.soft.scene import Motion, Scene, anchor_of
+from neuroanimator.systems.soft.own_frame import with_steady_signs
+from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.shape_file import ShapeFile
+from neuroanimator.systems.soft.soft_scene import WORLD, Motion
 from neuroanimator.systems.system import Scheme, System
 
 BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
-
-CONTACT_NODES = 81
-"""Number of nodes whose contacts an emulator is shown."""
-
-CONTACT_REACH = 0.1
-"""Distance from which contacts are shown, over the size of the body."""
 
 MAX_AMPLITUDE = 20.0
 """Amplitude over the size of the body at which a motion has diverged."""
@@ -40,9 +37,20 @@ REST_SHARE = 0.2
 COLOUR = (0.75, 0.75, 0.78, 1.0)
 """Colour of colliders."""
 
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+"""The quaternion of no rotation."""
+
+ROOT_SLICES = (
+    Slice("position", 3, "m"),
+    Slice("orientation", 4, "quaternion"),
+    Slice("velocity", 3, "m/s"),
+    Slice("angular_velocity", 3, "rad/s"),
+)
+"""Parts of the state of a body that nothing holds, before its shapes."""
+
 
 class SoftSystem(System):
-    """A cloth; its state is movers' positions and velocities, then amplitudes of shapes, then their rates.
+    """A cloth or a solid; its state is `state.shape_contacts`': movers, their rates, a free root, shapes, their rates.
 
     Physics starts from nodes put together of the shapes, and then goes on with all nodes; what a state holds of them is
     the part of their motion that the shapes can tell.
@@ -68,74 +76,70 @@ class SoftSystem(System):
         self.scheme = Scheme(scene.integrator, physics.step)
         self.truth = Scheme(scene.integrator, physics.truth_step)
         self.fine = Scheme(scene.integrator, physics.fine_step)
-        names = list(definition.movers)
+        movers = self.scene.movers
         count = len(self.shapes.modes)
         self.state = Layout(
             (
-                *(Slice(name, 3, "m") for name in names),
-                *(Slice(f"{name}_velocity", 3, "m/s") for name in names),
+                *movers.slices(),
+                *movers.slices("rate"),
+                *(ROOT_SLICES if self.is_free else ()),
                 Slice("shapes", count, "m"),
                 Slice("shape_rates", count, "m/s"),
             )
         )
-        self.control = Layout(tuple(Slice(name, 3, "m/s") for name in names))
-        self.bounds = Bounds.symmetric(np.concatenate([mover.speed for mover in self.scene.movers]))
-        self.structure = self._structure()
-        self.skeleton = Skeleton(tuple(self._bones(names)), shapes=self.shapes)
+        self.control = Layout(tuple(movers.controls()))
+        self.bounds = Bounds.symmetric(movers.speed)
+        self.structure = self._structure(definition.contact_nodes)
+        self.skeleton = Skeleton(tuple(self._bones()), shapes=self.shapes)
         self.body_length = self.scene.size
         self.has_ground = scene.has_ground
         self.goals = self.goals_of(definition.goals)
 
-    def _structure(self) -> Structure:
+    @property
+    def is_free(self) -> bool:
+        """Whether no mover holds the body."""
+        return self.scene.anchor == FREE
+
+    def _structure(self, contact_nodes: int) -> Structure:
         first = self.shapes.first
+        size = self.scene.movers.size
         count = len(self.shapes.modes)
         amplitudes = range(first, first + count)
-        rates = tuple((entry, entry + count) for entry in amplitudes)
+        segments: list[Segment] = [Driven(size=size), Lag(size=size)]
+        plain = range(first, first + 2 * count)
+        if self.is_free:
+            velocity = 2 * size + 7
+            segments += [Position(rate=velocity), Quaternion(rate=velocity + 3), Velocity()]
+            segments.append(Plain(size=3))
+            plain = range(first - 3, first + 2 * count)
+        segments.append(Plain(size=2 * count))
+        nodes = _spread_nodes(self.shapes.mean, contact_nodes, self.scene.margin)
         return Structure(
             angles=(),
-            rates=rates,
-            plain=tuple(range(first // 2, first + 2 * count)),
-            segments=(
-                Driven(size=first // 2),
-                Lag(size=first // 2),
-                Plain(size=2 * count),
-            ),
-            has_gravity=False,
-            shape_contacts=self._contacts(),
+            rates=tuple((entry, entry + count) for entry in amplitudes),
+            plain=tuple(plain),
+            segments=tuple(segments),
+            has_gravity=self.is_free,
+            shape_contacts=self.scene.contacts(self.shapes.mean, self.shapes.modes, nodes),
         )
 
-    def _contacts(self) -> ShapeContacts:
-        nodes = _spread_nodes(self.shapes.mean, CONTACT_NODES, 2 * self.scene.margin)
-        margin = self.scene.margin
-        colliders = []
-        for number, mover in enumerate(self.scene.movers):
-            for collider in mover.colliders:
-                end = collider.start if collider.end is None else collider.end
-                along = tuple(float(value) for value in np.subtract(end, collider.start))
-                colliders.append(Collider(number, collider.start, along, collider.radius + margin))
-        return ShapeContacts(
-            movers=len(self.scene.movers),
-            anchor=self.scene.anchor,
-            colliders=tuple(colliders),
-            reach=CONTACT_REACH * self.scene.size,
-            nodes=nodes,
-            mean=self.shapes.mean[list(nodes)],
-            modes=self.shapes.modes[:, list(nodes)],
-        )
-
-    def _bones(self, names: list[str]) -> list[Bone]:
+    def _bones(self) -> list[Bone]:
         bones = []
         if isinstance(self.scene, FlexScene):
             bones += scenery(self.scene.model, self.scene.data)
-        for number, (name, mover) in enumerate(zip(names, self.scene.movers, strict=True)):
+        movers = self.scene.movers
+        for number, (name, mover, place) in enumerate(
+            zip(movers.names, movers.tables, movers.places, strict=True)
+        ):
             axes = np.eye(3).tolist()
-            joints = tuple(
-                Joint("slide", 3 * number + axis, tuple(axes[axis]), (0.0, 0.0, 0.0))
+            joints = [
+                Joint("slide", place.entry + axis, tuple(axes[axis]), (0.0, 0.0, 0.0))
                 for axis in range(3)
-            )
+            ]
+            if place.turns:
+                joints.append(Joint("hinge", place.entry + 3, tuple(axes[2]), (0.0, 0.0, 0.0)))
             shapes = self._drawn(number, mover)
-            upright = (1.0, 0.0, 0.0, 0.0)
-            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), upright, joints, shapes))
+            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), UPRIGHT, tuple(joints), shapes))
         return bones
 
     def _drawn(self, number: int, mover: MoverTable) -> tuple[Shape, ...]:
@@ -143,23 +147,44 @@ class SoftSystem(System):
         scene = self.scene
         if isinstance(scene, FlexScene):
             return shapes_below(scene.model, scene.data, scene.bodies[number])
-        shapes = []
-        for collider in mover.colliders:
-            start = np.array(collider.start)
-            along = np.zeros(3) if collider.end is None else np.array(collider.end) - start
-            shapes.append(_shape(start, along, collider.radius))
-        return tuple(shapes)
+        return tuple(_shape(collider) for collider in mover.colliders)
 
     def motion(self, states: Float[np.ndarray, "L S"]) -> Motion:
-        """Return the nodes of states, side by side: (N, 3, L) each."""
-        positions = self.shapes.decode(states)
+        """Return the nodes of states, side by side: (N, 3, L) each, from their own frames' origins."""
+        size = self.scene.movers.size
         first = self.shapes.first
-        count = len(self.shapes.modes)
-        rates = states[:, first + count :]
+        placement = self.shapes.placement
+        local = self.shapes.unplaced(states)
+        rates = states[:, first + len(self.shapes.modes) :]
         velocities = np.tensordot(rates, self.shapes.modes, axes=1)
-        moving = states[:, first // 2 : first].reshape(len(states), -1, 3)
-        velocities += anchor_of(self.scene.anchor, moving)[:, None]
-        return Motion(np.moveaxis(positions, 0, -1), np.moveaxis(velocities, 0, -1))
+        spin = np.zeros((len(states), 1, 3))
+        velocity = np.zeros((len(states), 3))
+        if self.is_free:
+            velocity = states[:, first - 6 : first - 3]
+            spin[:, 0] = states[:, first - 3 : first]
+        elif placement.position >= 0:
+            velocity = states[:, size + placement.position : size + placement.position + 3]
+            if placement.heading >= 0:
+                spin[:, 0, 2] = states[:, size + placement.heading]
+        rows = placement.rows(states)
+        velocities = turn(rows, velocities + np.cross(spin, local)) + velocity[:, None]
+        positions = np.moveaxis(turn(rows, local), 0, -1)
+        return Motion(positions, np.moveaxis(velocities, 0, -1), placement.origin(states).T)
+
+    def encode(
+        self,
+        positions: Float[np.ndarray, "*B N 3"],
+        velocities: Float[np.ndarray, "*B N 3"],
+        movers: Float[np.ndarray, "*B D"],
+        rates: Float[np.ndarray, "*B D"],
+        origin: Float[np.ndarray, " ..."] = WORLD,
+    ) -> Float[np.ndarray, "*B S"]:
+        """Return the states that are nearest to the motion of all nodes; `positions` are from `origin` [m]."""
+        mean = self.shapes.mean
+        own = self.scene.own_motion(positions, velocities, movers, rates, mean, origin)
+        amplitudes = self.shapes.project(own.positions - mean.astype(own.positions.dtype))
+        changes = self.shapes.project(own.velocities)
+        return np.concatenate([movers, rates, own.root, amplitudes, changes], axis=-1)
 
     def _simulate(
         self,
@@ -193,32 +218,23 @@ class SoftSystem(System):
         lanes, count, size = controls.shape
         changes = dt * np.concatenate([np.zeros((lanes, 1, size)), controls], axis=1)
         movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
-        paths = np.moveaxis(movers, 0, -1).reshape(count + 1, -1, 3, lanes)
-        moving = np.moveaxis(controls, 0, -1).reshape(count, -1, 3, lanes)
+        paths = np.moveaxis(movers, 0, -1)
         motion = self.motion(starts)
         told = []
         for first in range(0, count, BLOCK):
             block = paths[first : first + BLOCK + 1]
-            velocity = moving[first : first + BLOCK]
-            positions, velocities = self.scene.play(motion, block, dt, substeps)
-            motion = Motion(positions[-1], velocities[-1])
-            told.append(self._told(positions, velocities, block[1:], velocity))
-        latent = np.concatenate(told, axis=1)
-        return np.concatenate([movers[:, 1:], controls, latent], axis=2)
-
-    def _told(
-        self,
-        positions: Float[np.ndarray, "F N 3 L"],
-        velocities: Float[np.ndarray, "F N 3 L"],
-        movers: Float[np.ndarray, "F M 3 L"],
-        moving: Float[np.ndarray, "F M 3 L"],
-    ) -> Float[np.ndarray, "L F R"]:
-        """Return the amplitudes and rates of nodes."""
-        anchor = self.scene.anchor
-        away = positions - anchor_of(anchor, movers)[:, None] - self.shapes.mean[..., None]
-        relative = velocities - anchor_of(anchor, moving)[:, None]
-        parts = [np.moveaxis(part, -1, 0) for part in (away, relative)]
-        return np.concatenate([self.shapes.project(part) for part in parts], axis=-1)
+            played = self.scene.play(motion, block, dt, substeps)
+            positions, velocities = (np.moveaxis(part, -1, 0) for part in played)
+            moved = movers[:, first + 1 : first + BLOCK + 1]
+            rates = controls[:, first : first + BLOCK]
+            origin = motion.origin.T[:, None]
+            told.append(self.encode(positions, velocities, moved, rates, origin))
+            motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
+        states = np.concatenate(told, axis=1)
+        if self.is_free:
+            entries = slice(2 * size + 3, 2 * size + 7)
+            states[..., entries] = with_steady_signs(states[..., entries], starts[:, entries])
+        return states
 
     def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
         amplitudes = states[..., self.shapes.amplitudes]
@@ -231,16 +247,39 @@ class SoftSystem(System):
         chosen[rng.random(count) < REST_SHARE] = 0
         return self.starts[chosen]
 
+    def sample_paths(
+        self,
+        rng: np.random.Generator,
+        count: int,
+        steps: int,
+        dt: float,
+        starts: Float[np.ndarray, "B S"] | None = None,
+    ) -> Float[np.ndarray, "B T C"]:
+        """Return controls of `count` runs, each along smooth paths of its movers about their rest; see `Movers.random_paths`.
 
-def _shape(start: Float[np.ndarray, " 3"], along: Float[np.ndarray, " 3"], radius: float) -> Shape:
-    """Return the sphere or capsule that is drawn of a collider."""
+        They begin at the `starts`, at rest if none are given, and come back from wherever those are.
+        """
+        if starts is None:
+            starts = np.repeat(self.rest[None], count, axis=0)
+        movers = self.scene.movers
+        size = movers.size
+        return movers.random_paths(rng, starts[:, :size], starts[:, size : 2 * size], steps, dt)
+
+
+def _shape(collider: ColliderTable) -> Shape:
+    """Return the box, sphere or capsule that is drawn of a collider."""
+    if collider.radius is None:
+        assert collider.box is not None
+        return Shape("box", collider.box, collider.start, UPRIGHT, COLOUR)
+    along = np.subtract(collider.end or collider.start, collider.start)
     length = float(np.linalg.norm(along))
-    middle = tuple((start + along / 2).tolist())
     if length == 0:
-        return Shape("sphere", (radius,), middle, (1.0, 0.0, 0.0, 0.0), COLOUR)
-    turn = np.empty(4)
-    mujoco.mju_quatZ2Vec(turn, along)
-    return Shape("capsule", (radius, length / 2), middle, tuple(turn.tolist()), COLOUR)
+        return Shape("sphere", (collider.radius,), collider.start, UPRIGHT, COLOUR)
+    middle = tuple((np.array(collider.start) + along / 2).tolist())
+    turned = np.empty(4)
+    mujoco.mju_quatZ2Vec(turned, along)
+    sizes = (collider.radius, length / 2)
+    return Shape("capsule", sizes, middle, tuple(turned.tolist()), COLOUR)
 
 
 def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int, apart: float) -> tuple[int, ...]:

@@ -1,0 +1,164 @@
+"""Tetrahedra of a Gmsh file: its nodes and tetrahedra, and nothing else of it, in MSH ASCII 2.2 and 4.1.
+
+$Nodes     2.2: count, then "tag x y z" lines
+           4.1: blocks, count, least tag, most; each block: dimension, entity, parametric, count; its tags; its "x y z"
+$Elements  2.2: count, then "tag type tags... nodes..." lines
+           4.1: the same heads; each block: dimension, entity, type, count; its "tag nodes..." lines
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems.soft.meshes import refuse_size
+from neuroanimator.text import quoted
+
+TETRAHEDRON = 4
+"""Gmsh's number of the element of four nodes."""
+
+CURVED_TETRAHEDRA = (11, 29, 30)
+"""Its numbers of tetrahedra with nodes on their edges, too."""
+
+MAX_ELEMENTS = 2_000_000
+"""Maximum number of elements of all kinds in a file."""
+
+VERSIONS = ("2.2", "4.1")
+"""Versions of the format that are read."""
+
+
+class _Lines:
+    """The lines of a file, and where a reader is."""
+
+    def __init__(self, name: str, content: bytes):
+        self.name = name
+        self._lines = content.decode("utf-8", errors="replace").splitlines()
+        self._next = 0
+
+    def section(self, title: str) -> None:
+        """Go to the line after `$title`."""
+        for number, line in enumerate(self._lines):
+            if line.strip() == f"${title}":
+                self._next = number + 1
+                return
+        raise BadFileError(f"{self.name}: no ${title}. Save it again as Gmsh MSH, ASCII.")
+
+    def words(self, least: int) -> list[str]:
+        """Return the words of the next line, at least so many of them."""
+        words: list[str] = []
+        if self._next < len(self._lines):
+            words = self._lines[self._next].split()
+        self._next += 1
+        if len(words) < least:
+            raise self.fault(f"at least {least} numbers")
+        return words
+
+    def wholes(self, least: int) -> list[int]:
+        """Return the whole numbers of the next line."""
+        try:
+            return [int(word) for word in self.words(least)]
+        except ValueError as error:
+            raise self.fault("whole numbers") from error
+
+    def point(self, words: list[str]) -> list[float]:
+        """Return three of the line's words as coordinates."""
+        try:
+            point = [float(word) for word in words[:3]]
+        except ValueError as error:
+            raise self.fault("three coordinates") from error
+        if not np.isfinite(point).all():
+            raise self.fault("three coordinates")
+        return point
+
+    def fault(self, wanted: str) -> BadFileError:
+        return BadFileError(f"{self.name}: line {self._next}: wanted {wanted}. Save it again.")
+
+
+def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "T 4"]]:
+    """Return (positions of the nodes [m], corners of the tetrahedra), without nodes that no element has.
+
+    Raises BadFileError, naming the file and the line, for what is no such mesh.
+    """
+    lines = _Lines(name, content)
+    lines.section("MeshFormat")
+    version, kind = lines.words(3)[:2]
+    if version not in VERSIONS or kind != "0":
+        raise BadFileError(
+            f"{name}: wanted Gmsh MSH 2.2 or 4.1 in ASCII, came version {quoted(version)}, kind {quoted(kind)}. "
+            "Save it again: gmsh -3 -format msh41 solid.geo"
+        )
+    is_old = version == "2.2"
+    lines.section("Nodes")
+    places, positions = _nodes(lines, is_old)
+    lines.section("Elements")
+    tetrahedra: list[list[int]] = []
+    for element, corners in _old_elements(lines) if is_old else _elements(lines):
+        if element in CURVED_TETRAHEDRA:
+            raise BadFileError(
+                f"{name}: tetrahedra of second order. Save it with straight ones: gmsh -3 -order 1"
+            )
+        if element == TETRAHEDRON:
+            if len(corners) != 4 or not places.keys() >= set(corners):
+                raise lines.fault("four nodes of the file")
+            tetrahedra.append([places[tag] for tag in corners])
+    if not tetrahedra:
+        raise BadFileError(
+            f"{name}: no tetrahedra. Mesh the inside of the body, not its surface alone: gmsh -3"
+        )
+    used, elements = np.unique(np.array(tetrahedra), return_inverse=True)
+    return np.array(positions)[used], elements.reshape(-1, 4)
+
+
+def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float]]]:
+    """Return (the place of each node by its tag, positions)."""
+    head = lines.wholes(1 if is_old else 4)
+    count = head[0] if is_old else head[1]
+    refuse_size(lines.name, count)
+    if count < 1:
+        raise lines.fault("a number of nodes above 0")
+    tags: list[int] = []
+    positions: list[list[float]] = []
+    if is_old:
+        for _ in range(count):
+            tag, *rest = lines.words(4)
+            tags.append(int(tag) if tag.isdecimal() else -1)
+            positions.append(lines.point(rest))
+    for _ in range(0 if is_old else head[0]):
+        own = lines.wholes(4)[3]
+        if not 0 <= own <= count - len(tags):
+            raise lines.fault("no more nodes than the section says")
+        tags += [lines.wholes(1)[0] for _ in range(own)]
+        positions += [lines.point(lines.words(3)) for _ in range(own)]
+    places = {tag: place for place, tag in enumerate(tags)}
+    if len(places) < len(tags) or min(tags, default=0) < 0:
+        raise BadFileError(f"{lines.name}: two nodes have one number, or none has. Save it again.")
+    return places, positions
+
+
+def _old_elements(lines: _Lines) -> Iterator[tuple[int, list[int]]]:
+    """Yield the kind and the nodes of each element of version 2.2."""
+    for _ in range(_count(lines, lines.wholes(1)[0])):
+        _, kind, labels, *rest = lines.wholes(3)
+        yield kind, rest[max(labels, 0) :]
+
+
+def _elements(lines: _Lines) -> Iterator[tuple[int, list[int]]]:
+    """Yield the kind and the nodes of each element of version 4.1."""
+    blocks, total = lines.wholes(4)[:2]
+    left = _count(lines, total)
+    for _ in range(blocks):
+        _, _, kind, own = lines.wholes(4)[:4]
+        if not 0 <= own <= left:
+            raise lines.fault("no more elements than the section says")
+        left -= own
+        for _ in range(own):
+            yield kind, lines.wholes(1)[1:]
+
+
+def _count(lines: _Lines, count: int) -> int:
+    if not 0 <= count <= MAX_ELEMENTS:
+        raise lines.fault(f"0 to {MAX_ELEMENTS:,} elements")
+    return count

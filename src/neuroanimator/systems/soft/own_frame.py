@@ -1,0 +1,98 @@
+"""The motion of nodes in the body's own frame: that of the mover that holds it, or the rigid motion nearest to its own.
+
+A free body's frame has its origin at the centre of mass, and is turned so that the nodes b in it are nearest to the
+mean a: Σ m a × b = 0 (Kabsch, 1976). Its angular velocity is the frame's own, so that rates are the derivatives of
+amplitudes; of a rigid motion that is the one of the angular momentum.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.state.placement import heading_rows, turn_back
+from neuroanimator.state.rotation import quaternions_of
+
+
+class OwnMotion(NamedTuple):
+    """The motion of N nodes seen from their body's own frame."""
+
+    root: Float[np.ndarray, "*B R"]
+    """Position, quaternion, velocity and angular velocity (in its own axes) of a free body's frame; else nothing."""
+    positions: Float[np.ndarray, "*B N 3"]
+    """[m]"""
+    velocities: Float[np.ndarray, "*B N 3"]
+    """Time derivatives of the positions [m/s]."""
+
+
+def seen_from_mover(
+    positions: Float[np.ndarray, "*B N 3"],
+    velocities: Float[np.ndarray, "*B N 3"],
+    position: Float[np.ndarray, "*B P"],
+    rate: Float[np.ndarray, "*B P"],
+) -> OwnMotion:
+    """Return the motion seen from a mover at `position` (and heading), which moves (and turns) at `rate`."""
+    away = positions - position[..., None, :3].astype(positions.dtype)
+    relative = velocities - rate[..., None, :3].astype(positions.dtype)
+    root = np.zeros((*positions.shape[:-2], 0))
+    if position.shape[-1] == 3:
+        return OwnMotion(root, away, relative)
+    turning = rate[..., 3:].astype(positions.dtype)
+    relative[..., 0] += turning * away[..., 1]
+    relative[..., 1] -= turning * away[..., 0]
+    rows = heading_rows(position[..., 3].astype(positions.dtype))
+    return OwnMotion(root, turn_back(rows, away), turn_back(rows, relative))
+
+
+def seen_from_root(
+    positions: Float[np.ndarray, "*B N 3"],
+    velocities: Float[np.ndarray, "*B N 3"],
+    mean: Float[np.ndarray, "N 3"],
+    masses: Float[np.ndarray, " N"],
+) -> OwnMotion:
+    """Return the motion of a free body seen from the rigid motion that is nearest to its own."""
+    shares = masses / masses.sum()
+    centre = np.einsum("n,...nk->...k", shares, positions)
+    velocity = np.einsum("n,...nk->...k", shares, velocities)
+    away = positions - centre[..., None, :].astype(positions.dtype)
+    relative = velocities - velocity[..., None, :].astype(positions.dtype)
+    moments = np.swapaxes(away, -1, -2).astype(float) @ (shares[:, None] * mean)
+    turned = _nearest_rotations(moments)
+    own_axes = turned.astype(positions.dtype)
+    away = away @ own_axes
+    relative = relative @ own_axes
+    # Σ m a × (v - ω × b) = 0, where a × (ω × b) = (a · b) ω - b (a · ω).
+    spread = np.swapaxes(turned, -1, -2) @ moments
+    spread = np.trace(spread, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - spread
+    swept = np.einsum("ni,...nj->...ij", shares[:, None] * mean, relative)
+    spins = [swept[..., i, j] - swept[..., j, i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    spin = np.stack(spins, axis=-1)
+    angular_velocity = np.linalg.solve(_finite(spread), spin[..., None])[..., 0]
+    relative -= np.cross(angular_velocity[..., None, :].astype(positions.dtype), away)
+    root = np.concatenate([centre, quaternions_of(turned), velocity, angular_velocity], axis=-1)
+    return OwnMotion(root, away, relative)
+
+
+def _nearest_rotations(moments: Float[np.ndarray, "*B 3 3"]) -> Float[np.ndarray, "*B 3 3"]:
+    """Return the rotations from the mean to nodes whose moments with it these are."""
+    left, _, right = np.linalg.svd(_finite(moments))
+    left[..., 2] *= np.expand_dims(np.sign(np.linalg.det(left @ right)), -1)
+    return left @ right
+
+
+def _finite(matrices: Float[np.ndarray, "*B 3 3"]) -> Float[np.ndarray, "*B 3 3"]:
+    """Return `matrices`, with the identity for those of a motion that has diverged."""
+    is_finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
+    return np.where(is_finite, matrices, np.eye(3))
+
+
+def with_steady_signs(
+    quaternions: Float[np.ndarray, "L F 4"], before: Float[np.ndarray, "L 4"]
+) -> Float[np.ndarray, "L F 4"]:
+    """Return the same orientations, each quaternion on the side of the one before it."""
+    earlier = np.concatenate([before[:, None], quaternions[:, :-1]], axis=1)
+    is_opposite = (earlier * quaternions).sum(axis=-1) < 0
+    signs = np.cumprod(np.where(is_opposite, -1.0, 1.0), axis=1)
+    return signs[..., None] * quaternions
