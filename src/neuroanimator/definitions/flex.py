@@ -27,7 +27,10 @@ class FlexPhysics(SoftPhysics):
     """The steps of the physics, and its contacts."""
 
     contact_time: NotNegative = 0.0
-    """Time constant of contacts with movers [s], MuJoCo's `solref`: shorter is harder. If 0, what the model says."""
+    """Time constant of contacts with movers, and of ties to them [s], MuJoCo's `solref`; if 0, what the model says.
+
+    What a mover pushes or pulls trails it by twice this, times its speed.
+    """
 
 
 class FlexMoverTable(Table):

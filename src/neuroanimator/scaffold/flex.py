@@ -51,8 +51,8 @@ HALVINGS = 2
 SAFE_STEPS = 2
 """Shortest time constant of contacts, in steps: MuJoCo takes no shorter one."""
 
-DEEP = 0.25
-"""Depth of contacts over the thickness of a geom from which on movers should be slower."""
+DEEP = 0.1
+"""Depth of contacts over the thickness of a geom from which on they should be harder, or movers slower."""
 
 MAX_SHAPES = 64
 """Number of shapes proposed, if the nodes are so many."""
@@ -62,7 +62,7 @@ COMMENTS = {
     "substeps": "steps in a super step",
     "shapes": "numbers the body is told by; more are more exact and slower. Found when they are first needed",
     "physics": "Steps [s]: the model's own, the teacher's, and the reference's. The integrator is the model's.",
-    "physics.contact_time": "MuJoCo's solref of movers [s]; 0 is the model's own",
+    "physics.contact_time": "MuJoCo's solref of contacts with movers, and of ties to them [s]; 0 is the model's own",
 }
 """Comments on the values of the TOML file."""
 
@@ -126,7 +126,7 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
                 f"{path.name}: the soft body flies apart even in steps of {values['physics']['truth_step']:g} s. Give it a "
                 "smaller timestep, more damping or softer material."
             )
-        if trial.worst.share > DEEP:
+        if trial.worst.share > DEEP or tied_bodies(model) - {0}:
             values["physics"]["contact_time"] = SAFE_STEPS * step
             trial = _tried(values, path.name, model)
         halvings = 0

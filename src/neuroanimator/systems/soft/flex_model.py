@@ -245,13 +245,19 @@ def can_strike(model: mujoco.MjModel, geom: int) -> bool:
 
 
 def harden(model: mujoco.MjModel, contact_time: float) -> None:
-    """Give the flex, and what of mocap bodies may strike it, contacts of this time constant [s]; of 0 leave them."""
+    """Give contacts of the flex with mocap bodies, and ties to them, this time constant [s]; of 0 leave them.
+
+    To MuJoCo mocap bodies do not move: what they push or pull trails them by twice the constant times their speed.
+    """
     if contact_time == 0:
         return
     solref = (contact_time, 1.0)  # critically damped, as is MuJoCo's default
     model.flex_solref[0] = solref
     for body in mocap_bodies(model):
         model.geom_solref[geoms_below(model, body)] = solref
+    for equality in range(model.neq):
+        if _bodies_of(model, equality):
+            model.eq_solref[equality] = solref
 
 
 def thicknesses(model: mujoco.MjModel) -> Float[np.ndarray, " G"]:

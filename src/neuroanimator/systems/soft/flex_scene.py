@@ -87,7 +87,7 @@ class FlexScene(SoftScene):
         self.movers = Movers(tables)
         self.anchor = self._anchor()
         self.margin = self.body.margin
-        self.positions = self._drawn(self.body.positions)
+        self.positions = self.drawn_points(self.body.positions)
         self.faces = self.body.faces
         self.masses = self.body.masses
         if len(self.body.pairs):
@@ -147,7 +147,7 @@ class FlexScene(SoftScene):
         """Return how a body with its nodes there touches the geoms of the movers."""
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.body.slides(self._nodes(positions))
-        self._put_movers(data, movers)
+        self.put_movers(data, movers)
         with warnings_counted:
             mujoco.mj_fwdPosition(self.model, data)
         geoms = data.contact.geom.max(axis=1)
@@ -184,15 +184,15 @@ class FlexScene(SoftScene):
             change = path[frame + 1] - path[frame]
             try:
                 for step in range(steps):
-                    self._put_movers(data, path[frame] + step / steps * change)
+                    self.put_movers(data, path[frame] + step / steps * change)
                     mujoco.mj_step(model, data)
             except mujoco.FatalError:
                 break  # what MuJoCo raises where an element is nowhere any more
-            positions[frame] = self._drawn(self.body.placed(data.qpos)) - motion.origin
-            velocities[frame] = self._drawn(self.body.moved(data.qvel))
+            positions[frame] = self.drawn_points(self.body.placed(data.qpos)) - motion.origin
+            velocities[frame] = self.drawn_points(self.body.moved(data.qvel))
         return positions, velocities
 
-    def _put_movers(self, data: mujoco.MjData, entries: Float[np.ndarray, " D"]) -> None:
+    def put_movers(self, data: mujoco.MjData, entries: Float[np.ndarray, " D"]) -> None:
         """Put the mocap bodies where movers are [m], turned by their headings [rad]."""
         for body, place in zip(self.bodies, self.movers.places, strict=True):
             number = self.model.body_mocapid[body]
@@ -208,7 +208,7 @@ class FlexScene(SoftScene):
             return points
         return points.reshape(-1, SIDES, 3).mean(axis=1)
 
-    def _drawn(self, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
+    def drawn_points(self, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
         """Return what is drawn of nodes; of their velocities, those of what is drawn."""
         if not len(self.body.pairs):
             return nodes
