@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.files.numbers import MIN_STEP
-from neuroanimator.systems.rigid.model_xml import refuse
+from neuroanimator.systems.rigid.model_xml import NODE_LIMIT, refuse
 
 BODY_LIMIT = 500
 """Maximum number of a model's bodies."""
@@ -18,9 +18,6 @@ FREEDOM_LIMIT = 200
 
 STEP_LIMIT = 0.1
 """Maximum of a model's time step [s]."""
-
-NODE_LIMIT = 10_000
-"""Maximum number of nodes of a model's soft bodies: a step of one so large takes tens of milliseconds."""
 
 NUMBER_LIMIT = 10_000
 """Maximum number of a model's sensor readings, and of its activations."""
