@@ -14,8 +14,11 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def wavy_shapes(side: int = 40, count: int = 12) -> Shapes:
-    """Return a square of `side` x `side` nodes, 1 m wide, and smooth shapes of it; a state begins with the anchor."""
+def wavy_shapes(side: int = 40, count: int = 12, *, turns: bool = False) -> Shapes:
+    """Return a square of `side` x `side` nodes, 1 m wide, and smooth shapes of it; a state begins with the anchor.
+
+    If that `turns`, its heading is the fourth number.
+    """
     line = np.linspace(0, 1, side)
     across, down = (axis.ravel() for axis in np.meshgrid(line, line))
     mean = np.stack([across - 0.5, 0 * across, -down], axis=1)
@@ -30,7 +33,10 @@ def wavy_shapes(side: int = 40, count: int = 12) -> Shapes:
     node = np.arange(side * side).reshape(side, side)
     first = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:]], axis=-1).reshape(-1, 3)
     second = np.stack([node[:-1, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 3)
-    return Shapes(mean, modes, np.concatenate([first, second]), first=3, placement=Placement(0))
+    faces = np.concatenate([first, second])
+    if turns:
+        return Shapes(mean, modes, faces, first=4, placement=Placement(0, 3))
+    return Shapes(mean, modes, faces, first=3, placement=Placement(0))
 
 
 def soft_clip(
@@ -46,10 +52,14 @@ def soft_clip(
     count = len(shapes.modes)
     swings = 0.15 / (1 + np.arange(count)) ** decay
     rates = rng.uniform(2, 25, count)
-    states = np.zeros((frames, 3 + count))
+    states = np.zeros((frames, shapes.first + count))
     states[:, 0] = 0.3 * np.sin(2 * times + seed)
     states[:, 2] = 1.5
-    states[:, 3:] = swings * np.sin(rates * times[:, None] + rng.uniform(0, 6, count))
+    states[:, shapes.amplitudes] = swings * np.sin(
+        rates * times[:, None] + rng.uniform(0, 6, count)
+    )
+    if shapes.placement.heading >= 0:
+        states[:, shapes.placement.heading] = 3 * times
     return Clip(name, skeleton, times, states)
 
 

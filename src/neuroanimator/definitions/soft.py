@@ -55,12 +55,16 @@ class ClothTable(Table):
     """[m]"""
 
 
+Stiffness = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]
+"""A modulus of elasticity [Pa]."""
+
+
 class SolidTable(Table):
     """The material of a body of tetrahedra; `systems.soft.meshes.Solid` explains the keys."""
 
     density: Positive = 1000.0
-    stretch: Positive = 2e4
-    bulk: Positive = 2e5
+    stretch: Stiffness = 2e4
+    bulk: Stiffness = 2e5
     damping: NotNegative = 2e-3
     margin: NotNegative = 0.0
     """Distance at which nodes touch colliders [m]."""

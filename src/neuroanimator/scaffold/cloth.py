@@ -13,8 +13,7 @@ from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.proposal import Proposal
-from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh
-from neuroanimator.systems.soft.obj_file import read_obj
+from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh, read_mesh
 from neuroanimator.systems.soft.scene import Scene
 
 STEP = 1 / 1200
@@ -52,7 +51,7 @@ def propose_cloth(path: Path) -> Proposal:
 
     Raises BadFileError or ArgumentError for what is no mesh of a cloth.
     """
-    positions, faces = read_obj(path.name, read_bounded(path, MAX_FILE))
+    positions, faces = read_mesh(path.name, read_bounded(path, MAX_FILE))
     low = positions.min(axis=0)
     high = positions.max(axis=0)
     size = float((high - low).max())

@@ -16,6 +16,7 @@ from neuroanimator.scaffold.function import propose_function
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.proposal import Proposal, as_toml
 from neuroanimator.scaffold.recording import propose_recording
+from neuroanimator.scaffold.solid import propose_solid
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.trusted_files import trust_file
 from neuroanimator.text import quoted
@@ -25,6 +26,7 @@ PROPOSERS = {
     ".csv": propose_recording,
     ".npz": propose_recording,
     ".obj": propose_cloth,
+    ".msh": propose_solid,
 }
 """Functions that propose a definition for files with these endings, which are no models."""
 

@@ -13,6 +13,7 @@ from soft_bodies import distances, soft_clip, wavy_shapes
 from neuroanimator import write_glb
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.export.morphs import TOLERANCE, surface_normals
+from neuroanimator.state.rotation import rotate
 
 MAX_FILE = 2_000_000
 """Maximum size of five seconds of a cape of 5,000 nodes with 96 shapes [bytes]."""
@@ -59,12 +60,17 @@ class Drawn:
     def nodes(self, node: int, frames: int) -> np.ndarray:
         scale = np.array(self.document["nodes"][node]["scale"])
         points = scale * self.decode(node, "POSITION", frames)
+        if (node, "rotation") in self.tracks:
+            wxyz = self.tracks[node, "rotation"][:, [3, 0, 1, 2]]
+            points = rotate(np.repeat(wxyz[:, None], points.shape[1], axis=1), points)
         return points + self.tracks[node, "translation"][:, None]
 
 
+@pytest.mark.parametrize("turns", [False, True])
 def test_the_glb_has_every_node_where_the_states_have_it_in_every_frame(
-    shapes: Shapes, tmp_path: Path
+    turns: bool, tmp_path: Path
 ):
+    shapes = wavy_shapes(turns=turns)
     clip = soft_clip(shapes)
     write_glb(clip, tmp_path / "a.glb")
     drawn = Drawn(tmp_path / "a.glb")

@@ -16,8 +16,11 @@ pxr = pytest.importorskip("pxr")
 from pxr import Gf, Usd, UsdGeom, UsdSkel, UsdValidation  # noqa: E402
 
 
-def test_usd_has_blend_shapes_that_bring_nodes_where_the_states_have_them(tmp_path: Path):
-    clip = soft_clip(wavy_shapes(), frames=5)
+@pytest.mark.parametrize("turns", [False, True])
+def test_usd_has_blend_shapes_that_bring_nodes_where_the_states_have_them(
+    turns: bool, tmp_path: Path
+):
+    clip = soft_clip(wavy_shapes(turns=turns), frames=5)
     write_usd(clip, tmp_path / "a.usda", ghost=clip)
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
     every = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -32,7 +35,8 @@ def test_usd_has_blend_shapes_that_bring_nodes_where_the_states_have_them(tmp_pa
         for frame in range(5):
             own = np.array(UsdGeom.Mesh(mesh).GetPointsAttr().Get(frame), float)
             placed = UsdGeom.XformCache(Usd.TimeCode(frame)).GetLocalToWorldTransform(mesh)
-            points.append(own + np.array(placed)[3, :3])
+            rows = np.array(placed)
+            points.append(own @ rows[:3, :3] + rows[3, :3])
         assert distances(np.array(points), clip).max() < TOLERANCE * 1.1
 
 

@@ -34,10 +34,10 @@ BLOCK = 16
 BLOCKS = 3
 """Number of blocks whose snapshots are taken into account at once."""
 
-THROW = 4
+THROW = 3
 """Number of blocks after which a free body is put elsewhere, at rest or thrown."""
 
-REST_SHARE = 1 / 3
+REST_SHARE = 0.25
 """Share of the times it is put at rest."""
 
 TRIES = 8

@@ -8,11 +8,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.definitions.soft import SOLID_ENDING
-from neuroanimator.systems.soft.msh_file import read_msh
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems.soft.meshes import refuse_size
+from neuroanimator.systems.soft.msh_file import nodes_of_msh, read_msh
 from neuroanimator.systems.soft.obj_file import read_obj
 
-MAX_FILE = 64 * 2**20
+MAX_FILE = 256 * 2**20
 """Maximum size of a file [bytes]."""
+
+MAX_LINES = 4_000_000
+"""Maximum number of lines of a file that is read."""
 
 
 class Mesh(NamedTuple):
@@ -26,5 +31,12 @@ class Mesh(NamedTuple):
 
 def read_mesh(name: str, content: bytes) -> Mesh:
     """Return the mesh in a file called `name`; BadFileError names what is wrong with it."""
-    read = read_msh if name.endswith(SOLID_ENDING) else read_obj
-    return Mesh(*read(name, content))
+    is_solid = name.endswith(SOLID_ENDING)
+    told = nodes_of_msh(content) if is_solid else content.count(b"\nv ")
+    refuse_size(name, told)
+    if content.count(b"\n") > MAX_LINES:
+        raise BadFileError(f"{name}: more than {MAX_LINES:,} lines. Make the mesh coarser.")
+    read = read_msh if is_solid else read_obj
+    positions, elements = read(name, content)
+    refuse_size(name, len(positions))
+    return Mesh(positions, elements)

@@ -8,13 +8,13 @@ $Elements  2.2: count, then "tag type tags... nodes..." lines
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.soft.meshes import refuse_size
 from neuroanimator.text import quoted
 
 TETRAHEDRON = 4
@@ -35,7 +35,7 @@ class _Lines:
 
     def __init__(self, name: str, content: bytes):
         self.name = name
-        self._lines = content.decode("utf-8", errors="replace").splitlines()
+        self._lines = content.decode("utf-8", errors="replace").split("\n")
         self._next = 0
 
     def section(self, title: str) -> None:
@@ -77,6 +77,15 @@ class _Lines:
         return BadFileError(f"{self.name}: line {self._next}: wanted {wanted}. Save it again.")
 
 
+def nodes_of_msh(content: bytes) -> int:
+    """Return how many nodes a file says it has; 0 if it does not say."""
+    found = re.search(rb"\$Nodes\s+(\d{1,18})(?:[ \t]+(\d{1,18}))?", content)
+    if found is None:
+        return 0
+    of_blocks, of_nodes = found.groups()
+    return int(of_nodes or of_blocks)
+
+
 def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "T 4"]]:
     """Return (positions of the nodes [m], corners of the tetrahedra), without nodes that no element has.
 
@@ -116,7 +125,6 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
     """Return (the place of each node by its tag, positions)."""
     head = lines.wholes(1 if is_old else 4)
     count = head[0] if is_old else head[1]
-    refuse_size(lines.name, count)
     if count < 1:
         raise lines.fault("a number of nodes above 0")
     tags: list[int] = []

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.soft.meshes import refuse_size
 
 MAX_CORNERS = 16
 """Maximum number of corners of a face."""
@@ -19,10 +18,9 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
 
     A face of more corners becomes a fan of triangles. Raises BadFileError naming the file and the line.
     """
-    refuse_size(name, content.count(b"\nv "))
     positions: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
-    for number, line in enumerate(content.decode("utf-8", errors="replace").splitlines(), start=1):
+    for number, line in enumerate(content.decode("utf-8", errors="replace").split("\n"), start=1):
         kind, *values = line.split() or [""]
         try:
             if kind == "v":

@@ -28,6 +28,9 @@ from neuroanimator.systems.system import Scheme, System
 BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
 
+FREE_BLOCK = 2
+"""The same of bodies that nothing holds: they fly away from an origin, and float32 is exact near it alone."""
+
 MAX_AMPLITUDE = 20.0
 """Amplitude over the size of the body at which a motion has diverged."""
 
@@ -220,13 +223,14 @@ class SoftSystem(System):
         movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
         paths = np.moveaxis(movers, 0, -1)
         motion = self.motion(starts)
+        block_size = FREE_BLOCK if self.is_free else BLOCK
         told = []
-        for first in range(0, count, BLOCK):
-            block = paths[first : first + BLOCK + 1]
+        for first in range(0, count, block_size):
+            block = paths[first : first + block_size + 1]
             played = self.scene.play(motion, block, dt, substeps)
             positions, velocities = (np.moveaxis(part, -1, 0) for part in played)
-            moved = movers[:, first + 1 : first + BLOCK + 1]
-            rates = controls[:, first : first + BLOCK]
+            moved = movers[:, first + 1 : first + block_size + 1]
+            rates = controls[:, first : first + block_size]
             origin = motion.origin.T[:, None]
             told.append(self.encode(positions, velocities, moved, rates, origin))
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
