@@ -17,6 +17,8 @@ from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.shape_contacts import FREE, HELD
 from neuroanimator.systems.loading import from_text, named_model, named_shapes, resolve
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.soft.flex_model import mover_names
 from neuroanimator.systems.soft.flex_scene import SIDES, FlexScene
 from neuroanimator.systems.soft.soft_scene import Motion
@@ -171,6 +173,24 @@ def test_a_mover_turns_about_the_vertical():
     body = scene.bodies[0]
     np.testing.assert_allclose(data.xpos[body], [1, 2, 3])
     np.testing.assert_allclose(data.xmat[body].reshape(3, 3)[:, 0], [0, 1, 0], atol=1e-12)
+
+
+def test_a_flex_of_a_mesh_has_the_nodes_of_its_file(tmp_path: Path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "square.obj").write_text(
+        "v 0 0 1\nv 0.1 0 1\nv 0.1 0 0.9\nv 0 0 0.9\nf 1 4 3\nf 1 3 2\n"
+    )
+    square = (
+        '<flexcomp name="square" type="mesh" file="square.obj" dim="2" mass="0.1" radius="0.01">'
+        '<edge equality="true"/><pin id="0 1"/></flexcomp>'
+    )
+    xml = model_of(square + BALL).replace("<option", '<compiler meshdir="meshes"/><option')
+    (tmp_path / "square.xml").write_text(xml)
+    model = compile_model(read_model_files(tmp_path / "square.xml"))
+    scene = FlexScene(definition_of("square", ["ball"]), "square.xml", model)
+    assert scene.positions.shape == (4, 3)
+    assert len(scene.faces) == 2
+    assert scene.anchor == HELD
 
 
 @pytest.fixture(scope="module")
