@@ -2,19 +2,24 @@
 
 python benchmarks/studio_page.py                   ten minutes; results/studio_page.csv
 python benchmarks/studio_page.py --minutes 0.5     a shorter look at what it keeps; writes no file
+python benchmarks/studio_page.py --soft cape.emulator.safetensors    one soft body, and 100 more; results/studio_soft.csv
 
 Needs Chromium and Playwright. Pictures are drawn by the processor, as where there is no graphics card; work is what the
-page measures around its own calls of WebAssembly, and says on its panel. The server is started from the shell.
+page measures around its own calls of WebAssembly, and says on its panel. The server is started from the shell. Of soft
+bodies drawing is left out, which is a graphics card's: counted is all that the page's script does for an image, the
+emulator's super steps and what is handed to the card among it.
 """
 
 from __future__ import annotations
 
 import argparse
 import gzip
+import json
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -24,7 +29,29 @@ from playwright.sync_api import Page, sync_playwright
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
+from neuroanimator_studio.bundle import make_bundle
+from neuroanimator_studio.catalogue import BUNDLE
 from neuroanimator_studio.run import page_folder
+from neuroanimator_studio.single_file import single_page
+from neuroanimator_studio.studio import page_files
+
+SOFT_RESULTS = Path(__file__).parent / "results" / "studio_soft.csv"
+
+COUNTED = """
+for (const name of ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"]) {
+    WebGL2RenderingContext.prototype[name] = () => undefined;
+}
+const request = window.requestAnimationFrame.bind(window);
+window.images = 0;
+window.milliseconds = 0;
+window.requestAnimationFrame = (draw) => request((time) => {
+    const began = performance.now();
+    draw(time);
+    window.milliseconds += performance.now() - began;
+    window.images += 1;
+});
+"""
+"""Nothing is drawn, and the time that the page's script takes for images is counted."""
 
 RESULTS = Path(__file__).parent / "results" / "studio_page.csv"
 
@@ -111,9 +138,7 @@ def growth(page: Page, minutes: float) -> tuple[float, float]:
 
 def measure(minutes: float) -> list[dict[str, Any]]:
     """Return the rows of the table."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        sys.exit("Chromium is missing: apt-get install chromium")
+    chromium = chromium_path()
     rows = [{"what": "page, gzipped [MB]", "value": page_size() / 1e6, "wanted": "1.5 at most"}]
 
     def add(what: str, value: float, wanted: str = "") -> None:
@@ -155,6 +180,56 @@ def measure(minutes: float) -> list[dict[str, Any]]:
     return rows
 
 
+def measure_soft(file: Path) -> list[dict[str, Any]]:
+    """Return the rows of the table of an emulator of a soft body, alone and with 100 more."""
+    with tempfile.TemporaryDirectory() as folder:
+        bundle = make_bundle(str(file), Path(folder) / "bundle")
+        facts = json.loads((bundle / BUNDLE).read_text(encoding="ascii"))
+        page_file = Path(folder) / "page.html"
+        content = single_page(page_files(page_folder()), bundle, facts["default_motion"])
+        page_file.write_bytes(content)
+        rows = [
+            {"what": "one file with page, emulator and surface [MB]", "value": len(content) / 1e6}
+        ]
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=chromium_path(), args=ARGUMENTS)
+            page = browser.new_page(viewport=WINDOW)
+            page.set_default_timeout(PATIENCE_MS)
+            page.add_init_script(COUNTED)
+            page.goto(page_file.as_uri())
+            page.locator("html[data-frames]").wait_for(state="attached")
+            page.get_by_role("button", name="Live").click()
+            for label, who in (("alone", "one"), ("with 100 more", "101")):
+                page.get_by_label("How many more of them").select_option(label=label)
+                page.wait_for_timeout(3000)
+                rows += script_rows(page, who)
+            browser.close()
+    return rows
+
+
+def script_rows(page: Page, who: str) -> list[dict[str, Any]]:
+    """Return what the page's script takes for an image if there were 60 a second, and of that the emulator's work [ms]."""
+    page.evaluate("window.images = window.milliseconds = 0")
+    began = time.perf_counter()
+    work = work_at_60(page)
+    seconds = time.perf_counter() - began
+    spent = page.evaluate("window.milliseconds") / seconds / 60
+    pace = page.evaluate("window.images") / seconds
+    return [
+        {"what": f"script an image at 60 a second, {who} [ms]", "value": round(spent, 3)},
+        {"what": f"of that the emulator and its amplitudes, {who} [ms]", "value": round(work, 3)},
+        {"what": f"images a second that nothing is drawn of, {who}", "value": round(pace, 1)},
+    ]
+
+
+def chromium_path() -> str:
+    """Return where Chromium is."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        sys.exit("Chromium is missing: apt-get install chromium")
+    return chromium
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
@@ -163,8 +238,14 @@ def main() -> None:
         default=10.0,
         help="how long to watch; other than 10 writes no file",
     )
+    parser.add_argument("--soft", type=Path, help="emulator of a soft body: only that is looked at")
     options = parser.parse_args()
     print(describe_machine())
+    if options.soft is not None:
+        soft_rows = measure_soft(options.soft)
+        print_table(soft_rows)
+        write_csv(SOFT_RESULTS, soft_rows)
+        return
     rows = measure(options.minutes)
     print_table(rows)
     if options.minutes == parser.get_default("minutes"):

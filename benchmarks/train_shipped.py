@@ -3,6 +3,7 @@
 python benchmarks/train_shipped.py                    every one, about two hours on 2 cores
 python benchmarks/train_shipped.py pendulum 50        one of them
 python benchmarks/train_shipped.py pendulum 50 large  the same in its large size
+python benchmarks/train_shipped.py cape               a soft body, about an hour
 python benchmarks/train_shipped.py trust              what those that ship know, measured again by runs they never saw
 python benchmarks/train_shipped.py bounds [NAME...]   how far their rollouts go astray, likewise; after `trust`, half an hour
 """
@@ -19,10 +20,10 @@ from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.files.zoo import LARGE, SHIPPED, emulator_name, shipped_path
+from neuroanimator.files.zoo import LARGE, SHIPPED, SOFT, emulator_name, shipped_path
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.error_fitting import fit_error_bounds
-from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, cook
+from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, cook, cook_soft
 from neuroanimator.training.trust_fitting import fit_trust
 
 WORKPLACE = Path("out/shipped")
@@ -83,7 +84,16 @@ def make_shipped(system: str, substeps: int, size: str) -> None:
     shipped_path(system, substeps, size).write_bytes(made.read_bytes())
 
 
+def make_soft(system: str) -> None:
+    """Train the emulator of a soft body that ships."""
+    made = cook_soft(system, WORKPLACE, on_report=print)
+    shipped_path(system, dict(SOFT)[system]).write_bytes(made.read_bytes())
+
+
 if __name__ == "__main__":
+    if sys.argv[1:] and sys.argv[1] in dict(SOFT):
+        make_soft(sys.argv[1])
+        sys.exit()
     usual = [(system, substeps, "") for system, substeps in SHIPPED]
     large = [(system, substeps, "large") for system, substeps in LARGE]
     chosen = usual + large

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from neuroanimator import Clip
@@ -9,6 +11,7 @@ from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import Placement
+from neuroanimator.systems.soft.soft_system import SoftSystem
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -68,3 +71,15 @@ def distances(points: np.ndarray, clip: Clip) -> np.ndarray:
     assert clip.skeleton.shapes is not None
     away = points - clip.skeleton.shapes.decode(clip.states)
     return np.sqrt((away**2).sum(axis=2).mean(axis=1))
+
+
+@cache
+def moving_states(system: SoftSystem) -> np.ndarray:
+    """Return states (N, S) of random runs, in random order."""
+    rng = np.random.default_rng(5)
+    count, steps = 48, 16
+    starts = system.sample_starts(rng, count)
+    dt = 40 * system.physics_dt
+    controls = system.sample_paths(rng, count, steps, dt, starts)
+    states = system.simulate(starts, controls, dt).states
+    return rng.permutation(states[:, 1:].reshape(count * steps, -1))

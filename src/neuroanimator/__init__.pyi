@@ -3,6 +3,10 @@
 from neuroanimator.animation.clip import Clip as Clip
 from neuroanimator.animation.clip import make_clip as make_clip
 from neuroanimator.animation.gauges import as_gauges as as_gauges
+from neuroanimator.animation.path_drive import path_drive as path_drive
+from neuroanimator.animation.push_out import push_out as push_out
+from neuroanimator.animation.recorded_path import RecordedPath as RecordedPath
+from neuroanimator.animation.recorded_path import read_path as read_path
 from neuroanimator.codegen.backend import set_backend as set_backend
 from neuroanimator.control.descent.descend import descend as descend
 from neuroanimator.control.descent.options import DescentOptions as DescentOptions

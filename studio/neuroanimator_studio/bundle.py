@@ -170,8 +170,11 @@ def bundle_facts(
     facts["licence"] = licence_of(source)
     facts["policy"] = None if policy is None else describe_policy(policy)
     if drive is None:
-        start, controls = opening_drive(emulator, system)
-        drive = {"start": short_numbers(start), "controls": short_numbers(controls)}
+        opening = opening_drive(emulator, system)
+        drive = {
+            "start": short_numbers(opening.start),
+            "controls": short_numbers(opening.controls),
+        }
     facts["default_motion"] = drive
     facts["emulator"] = EMULATOR_WASM
     facts["physics"] = PHYSICS_WASM if isinstance(system, DeformableSystem) else None

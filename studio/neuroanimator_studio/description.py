@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from neuroanimator.control.policies.policy import COMMAND
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.emulator.verdict import Verdict
+from neuroanimator.export.morphs import CLOTH_RGBA
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
@@ -24,6 +26,7 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import System
 
 DIGITS = 9
@@ -91,6 +94,8 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
         "orientations": [list(pair) for pair in structure.orientations],
         "skeleton": spec.skeleton.bones_to_json(),
         "skin": describe_skin(spec.skeleton),
+        "surface": describe_surface(spec.skeleton),
+        "movers": describe_movers(spec),
         "root": describe_root(structure),
         "size": body_size(spec),
         "scene": describe_scene(spec, system),
@@ -137,6 +142,47 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
     }
 
 
+def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
+    """Return the nodes and shapes of a soft body, each array in base64 of little-endian numbers; None of another body.
+
+    Float32 of `mean` (N, 3) [m] and of `scales` (K,); int16 of `modes` (K, N, 3), in units of their own scale; uint32 of
+    `faces` (F, 3). Amplitudes [m] begin at the state entry `first`; `placement` says where the frame of all nodes is, -1
+    where it does not. The `colour` is sRGB.
+    """
+    shapes = skeleton.shapes
+    if shapes is None:
+        return None
+    tensors = shapes.tensors()
+    return {
+        "mean": packed(tensors["mean"], "<f4"),
+        "modes": packed(tensors["modes"], "<i2"),
+        "scales": packed(tensors["scales"], "<f4"),
+        "faces": packed(tensors["faces"], "<u4"),
+        "first": shapes.first,
+        "placement": asdict(shapes.placement),
+        "colour": list(CLOTH_RGBA[:3]),
+    }
+
+
+def describe_movers(spec: EmulatorSpec) -> list[list[Any]]:
+    """Return [name, entry, control entry, size] of each mover of a soft body.
+
+    So many numbers of a state are its position [m] and, of one that turns, its heading [rad]; so many controls are their
+    rates.
+    """
+    if spec.skeleton.shapes is None:
+        return []
+    positions = [part.name for part in spec.state.slices if part.unit == "m" and part.size == 3]
+    rows = []
+    for part in spec.control.slices:
+        if part.unit == "rad/s" and rows:
+            rows[-1][3] += part.size
+        elif part.name in positions:
+            entry = spec.state.index(part.name).start
+            rows.append([part.name, entry, spec.control.index(part.name).start, part.size])
+    return rows
+
+
 def short_numbers(numbers: np.ndarray) -> Any:
     """Return `numbers` as lists, with the digits that float32 has."""
     if numbers.ndim > 1:
@@ -155,8 +201,13 @@ def unpacked(text: str, kind: str) -> np.ndarray:
 
 
 def body_size(spec: EmulatorSpec) -> float:
-    """Return the longest side [m] of the box around what moves, at rest; 1 where nothing is drawn."""
+    """Return the longest side [m] of the box around what moves, at rest; 1 where nothing is drawn.
+
+    Of a soft body it is that of its surface alone: what strikes it may be far away.
+    """
     skeleton = spec.skeleton
+    if skeleton.shapes is not None:
+        return float(np.ptp(skeleton.shapes.mean, axis=0).max())
     if skeleton.skin is not None:
         return float(np.ptp(skin_mesh(skeleton).points, axis=0).max())
     positions, _ = skeleton.world_poses(np.array(spec.rest)[None])
@@ -190,6 +241,8 @@ def is_in_water(structure: Structure) -> bool:
 
 def _floor(system: System) -> float | None:
     """Return the height of the ground [m]; None where there is none."""
+    if isinstance(system, SoftSystem):
+        return system.ground_height
     if not isinstance(system, MujocoSystem):
         return 0.0 if system.has_ground else None
     import mujoco

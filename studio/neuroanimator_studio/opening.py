@@ -3,19 +3,44 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator import Emulator, NeuroAnimatorError, is_reached
 from neuroanimator.animation.motion import Drive, random_drive, shipped_drive
 from neuroanimator.control.objective.goals import goal_start
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.systems.system import System
+from neuroanimator_studio.description import body_size
+
+PERIOD = 12.0
+"""Time after which the movers of a soft body are where they began [s]: the motion goes on without a jump."""
+
+VISITS = 3
+"""How often in that time what strikes a soft body comes to its middle."""
+
+SWAY = 0.12
+"""How far movers sway with each of their waves, at most, over the size of the body."""
+
+TURN = 0.3
+"""How far those that turn do so with each of their waves, at most [rad]."""
+
+WAVES = (1, 2, 3)
+"""How often the waves of swaying come in `PERIOD`."""
+
+MIXTURE = 1.9
+"""Difference between axes in what they have of each wave, so that no two move alike [rad]."""
+
+WELL_WITHIN = 0.8
+"""Share of its bounds that a mover's velocity has at most."""
 
 
 def opening_drive(emulator: Emulator, system: System) -> Drive:
     """Return what `animate` shows of what ships and of a body with a gait; of another what reaches a goal of `system`.
 
-    A goal with a start of its own comes first: its motion goes somewhere.
+    A goal with a start of its own comes first: its motion goes somewhere. Of a soft body movers wander.
     """
+    if emulator.frame.shape_contacts is not None:
+        return wander(emulator)
     shipped = shipped_drive(emulator)
     if shipped is not None:
         return shipped
@@ -32,6 +57,41 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
                 if is_reached(system, name, states[-1]):
                     return Drive(start, np.array(controls, float))
     return random_drive(emulator, None, 0)
+
+
+def wander(emulator: Emulator) -> Drive:
+    """Return smooth paths of movers, all of which end where they began: colliders come to the body, what holds it sways."""
+    contacts = emulator.frame.shape_contacts
+    shapes = emulator.skeleton.shapes
+    assert contacts is not None
+    assert shapes is not None
+    rest = np.array(emulator.rest, float)
+    middle = shapes.decode(rest).mean(axis=0)
+    size = body_size(emulator.spec)
+    steps = round(PERIOD / emulator.dt)
+    turns = np.linspace(0, 2 * np.pi, steps + 1)[:, None]
+    nearness = (1 - np.cos(VISITS * turns)) / 2
+    striking = {collider.mover for collider in (*contacts.capsules, *contacts.boxes)}
+    paths = np.zeros((steps + 1, contacts.mover_size))
+    for number, mover in enumerate(contacts.movers):
+        axes = mover.entry + np.arange(mover.size)
+        reach = np.full(mover.size, SWAY * size)
+        reach[3:] = TURN
+        for waves in WAVES:
+            paths[:, axes] += reach * np.cos(MIXTURE * axes + waves) * np.sin(waves * turns)
+        if number in striking and number != contacts.anchor:
+            paths[:, axes[:3]] += nearness * (middle - rest[axes[:3]])
+    velocities = np.diff(paths, axis=0) / emulator.dt
+    return Drive(rest, _well_within(emulator, velocities))
+
+
+def _well_within(
+    emulator: Emulator, velocities: Float[np.ndarray, "T C"]
+) -> Float[np.ndarray, "T C"]:
+    """Return `velocities`, made smaller along each axis so that the largest is well within the bounds."""
+    allowed = WELL_WITHIN * np.minimum(np.abs(emulator.bounds.low), np.abs(emulator.bounds.high))
+    largest = np.maximum(np.abs(velocities).max(axis=0), 1e-9)
+    return velocities * np.minimum(1, allowed / largest)
 
 
 def _goals_away_from_start(system: System) -> list[str]:

@@ -22,7 +22,7 @@ from neuroanimator import (
 )
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.trust_summary import summary_of
-from neuroanimator.emulator.verdict import judge
+from neuroanimator.emulator.verdict import WindowErrors, judge
 from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.evaluation.report import write_report
@@ -96,6 +96,31 @@ def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_targe
     assert found.verdict.word in ("usable", "good")
     assert emulator.verdict is not None
     assert emulator.verdict.word in ("usable", "good")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "error", "kept", "word"),
+    [
+        (1.0, 0.28, 0.4, "useless"),
+        (0.5, 0.14, 0.4, "useless"),
+        (1.0, 0.1, 0.09, "useless"),
+        (1.0, 0.1, 0.4, "poor"),
+        (1.0, 0.04, 0.07, "poor"),
+        (1.0, 0.05, 0.4, "usable"),
+        (0.5, 0.025, 0.4, "usable"),
+        (2.0, 0.013, 0.4, "good"),
+    ],
+)
+def test_a_soft_body_is_judged_by_where_its_nodes_are_after_a_while_too(
+    seconds: float, error: float, kept: float, word: str
+):
+    window = WindowErrors(*(np.float32(number) for number in (seconds, error, kept)))
+    good = judge(0.01, {NO_CHANGE: 1.0})
+    verdict = window.judged(good)
+    assert verdict.word == word
+    assert f"its nodes are off by {error:.1%} of the body's size" in str(verdict)
+    poor = judge(0.6, {NO_CHANGE: 1.0})
+    assert window.judged(poor).word == (word if word == "useless" else "poor")
 
 
 def test_what_never_moves_stands_still_whatever_the_network_says(with_target):

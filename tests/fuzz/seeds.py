@@ -94,6 +94,33 @@ REQUESTS = {
 }
 
 
+CHARACTER = {
+    "nodes": [
+        {"name": "root", "children": [1], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]},
+        {"name": "hips", "translation": [0, 1, 0]},
+    ],
+    "animations": [
+        {
+            "channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}}],
+            "samplers": [{"input": 0, "output": 1, "interpolation": "LINEAR"}],
+        }
+    ],
+    "accessors": [
+        {"bufferView": 0, "componentType": 5126, "count": 2, "type": "SCALAR"},
+        {"bufferView": 1, "componentType": 5126, "count": 2, "type": "VEC3"},
+    ],
+    "bufferViews": [
+        {"buffer": 0, "byteOffset": 0, "byteLength": 8},
+        {"buffer": 0, "byteOffset": 8, "byteLength": 24},
+    ],
+    "buffers": [{"byteLength": 32}],
+}
+"""A character's document: two nodes, of which one goes along."""
+
+WALK = b"time [s],x [m],y [m],z [m],heading [rad]\n0,0,0,1,0\n0.5,1,0,1,0.2\n1,2,0,1,0.4\n"
+TURN = b"time,x,y,z,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n1,2,0,1,0.8,0,0,0.6\n"
+
+
 def seeds() -> dict[str, dict[str, bytes]]:
     """Return per parser its seeds by name."""
     table = np.array([[0.0, 0.1], [0.02, 0.2], [0.04, 0.3]])
@@ -142,10 +169,12 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "dataset": {"good": json.dumps(shard).encode()},
         "definition": {"model": text.encode()},
         "emulator": {key: json.dumps({key: value}).encode() for key, value in parts.items()},
+        "glb": {"good": json.dumps(CHARACTER).encode()},
         "model": {"mjcf": MODEL.encode(), "urdf": ROBOT.encode()},
         "npz": {"plain": plain.getvalue(), "packed": packed.getvalue()},
         "numbers": {"good": b"96,64"},
         "objective": {"good": OBJECTIVE.encode()},
+        "path": {"walk": WALK, "turn": TURN},
         "request": {key: json.dumps(value).encode() for key, value in REQUESTS.items()},
         "state": {"good": b"[[0.1, 2, -3e4], [1, 2, 3]]"},
         "tensors": {"good": sealed},

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.animation.recorded_path import read_path
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.control.synthesis.objective_file import read_objective
 from neuroanimator.data.config import DatasetConfig
@@ -20,6 +21,7 @@ from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.csv_file import read_table
+from neuroanimator.export.gltf.buffers import glb_bytes
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.files.zoo import shipped_path
@@ -96,6 +98,21 @@ def npz(content: bytes) -> None:
 def clip(content: bytes) -> None:
     """A clip's table."""
     read_table(_file("a.csv", content), LAYOUT)
+
+
+def path(content: bytes) -> None:
+    """A mover's path as a table."""
+    _file("walk.csv", content)
+    read_path(FOLDER / "walk.csv")
+
+
+def glb(content: bytes) -> None:
+    """A character's document, about two key frames at 0 and 1 s; or the whole file, where it is no JSON."""
+    document = _json(content)
+    if isinstance(document, dict):
+        content = glb_bytes(document, np.arange(8, dtype="<f4").tobytes())
+    _file("walk.glb", content)
+    read_path(f"{FOLDER}/walk.glb:hips")
 
 
 def tensors(content: bytes) -> None:
@@ -177,10 +194,12 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "dataset": dataset,
     "definition": definition,
     "emulator": emulator,
+    "glb": glb,
     "model": model,
     "npz": npz,
     "numbers": numbers,
     "objective": objective,
+    "path": path,
     "request": request,
     "state": state,
     "tensors": tensors,

@@ -22,6 +22,7 @@ class Improvement:
     seconds: float
     physics_steps: int
     cost: float
+    z: Float[np.ndarray, " Z"]
 
 
 class BudgetedCost:
@@ -66,7 +67,9 @@ class BudgetedCost:
         best = int(costs.argmin())
         if not self.curve or costs[best] < self.curve[-1].cost:
             self.best = np.array(zs[best], float)
-            improvement = Improvement(self.seconds, self.physics_steps, float(costs[best]))
+            improvement = Improvement(
+                self.seconds, self.physics_steps, float(costs[best]), self.best
+            )
             self.curve.append(improvement)
         self.spend(0)
         return costs

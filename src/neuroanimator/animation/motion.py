@@ -38,6 +38,8 @@ class Drive(NamedTuple):
 
     start: Float[np.ndarray, " S"]
     controls: Float[np.ndarray, "T C"]
+    remarks: tuple[str, ...] = ()
+    """Sentences for people on what they should know of it."""
 
     def motion(self, emulator: Emulator) -> Float[np.ndarray, "K S"]:
         """Return the trajectory (K = T+1 states) that the emulator makes of it."""

@@ -1,6 +1,6 @@
 """A surface of thousands of nodes in few numbers: a mean, and shapes that are added to it by their amplitudes.
 
-An emulator carries both in 16 bits, so that its motions are drawn without physics; its states hold the amplitudes.
+An emulator carries both in few bits, so that its motions are drawn without physics; its states hold the amplitudes.
 """
 
 from __future__ import annotations
@@ -25,10 +25,16 @@ MAX_SHAPES = 256
 LARGEST = 2**15 - 1
 """Largest number of 16 bits with a sign."""
 
+LARGEST_FINE = 2**7 - 1
+"""Largest number of 8 bits with a sign."""
+
+COARSE_MODES = 16
+"""Number of modes kept in 16 bits: those after them move nodes by a few percent of the body's size, and are kept in 8."""
+
 MAX_DISTANCE = 1e6
 """Largest coordinate drawn [m]."""
 
-TENSORS = ("mean", "modes", "scales", "faces")
+TENSORS = ("mean", "modes", "fine_modes", "scales", "faces")
 """Names of the arrays of a file's shapes."""
 
 
@@ -81,16 +87,25 @@ class Shapes:
 
     def project(self, vectors: Float[np.ndarray, "*B N 3"]) -> Float[np.ndarray, "*B K"]:
         """Return the amplitudes, or their rates, of displacements [m], or velocities [m/s], of all nodes."""
-        count = len(self.mean)
-        return np.tensordot(vectors, self.modes, axes=((-2, -1), (1, 2))) / count
+        along = np.tensordot(vectors, self.modes, axes=((-2, -1), (1, 2))) / len(self.mean)
+        return along @ self._inverse_overlaps
+
+    @cached_property
+    def _inverse_overlaps(self) -> Float[np.ndarray, "K K"]:
+        """Inverse of the modes' products with each other: nearly the identity, for modes are rounded."""
+        rows = self.modes.reshape(len(self.modes), -1)
+        return np.linalg.inv(rows @ rows.T / len(self.mean))
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """Return the arrays as files hold them: modes as 16-bit numbers, each in units of its own scale."""
-        scales = np.abs(self.modes).max(axis=(1, 2)) / LARGEST
+        """Return the arrays as files hold them: modes as numbers of 16 and 8 bits, each in units of its own scale."""
+        largest = np.full(len(self.modes), LARGEST)
+        largest[COARSE_MODES:] = LARGEST_FINE
+        scales = np.abs(self.modes).max(axis=(1, 2)) / largest
         whole = np.round(self.modes / scales[:, None, None])
         return {
             "mean": self.mean.astype(np.float32),
-            "modes": whole.astype(np.int16),
+            "modes": whole[:COARSE_MODES].astype(np.int16),
+            "fine_modes": whole[COARSE_MODES:].astype(np.int8),
             "scales": scales.astype(np.float32),
             "faces": self.faces.astype(np.int32),
         }
@@ -102,12 +117,14 @@ class Shapes:
         """Return the shapes `tensors` wrote; ValueError names what is wrong with them."""
         if set(tensors) != set(TENSORS):
             raise ValueError(f"shapes: wanted {', '.join(TENSORS)}")
-        mean, modes, scales, faces = (tensors[name] for name in TENSORS)
+        mean, modes, fine_modes, scales, faces = (tensors[name] for name in TENSORS)
         nodes = len(mean) if mean.ndim else 0
-        count = len(modes) if modes.ndim else 0
+        count = len(scales) if scales.ndim else 0
+        coarse = min(count, COARSE_MODES)
         wanted = {
             "mean": ((nodes, 3), np.float32),
-            "modes": ((count, nodes, 3), np.int16),
+            "modes": ((coarse, nodes, 3), np.int16),
+            "fine_modes": ((count - coarse, nodes, 3), np.int8),
             "scales": ((count,), np.float32),
         }
         for name, (shape, dtype) in wanted.items():
@@ -126,5 +143,5 @@ class Shapes:
         ends = (placement.position + 3, placement.heading + 1, placement.orientation + 4)
         if max(ends) > state_size or not 0 <= first <= state_size - count:
             raise ValueError("shapes: they read beyond the state")
-        whole = modes * scales[:, None, None]
+        whole = np.concatenate([modes, fine_modes]) * scales[:, None, None]
         return cls(mean.astype(float), whole.astype(float), faces.astype(int), first, placement)

@@ -14,6 +14,7 @@ from neuroanimator.animation.motion import (
     named_start,
     random_drive,
 )
+from neuroanimator.animation.path_drive import path_drive
 from neuroanimator.control.policies.school import school_clips
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 from neuroanimator.errors import ArgumentError
@@ -22,6 +23,7 @@ from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE, read_film
 from neuroanimator.export.formats import emulator_for, export_clip, export_school
 from neuroanimator.state.start import read_starts
 from neuroanimator.terminal import phase, print_rows
+from neuroanimator.text import print_line, quoted
 
 if TYPE_CHECKING:
     from neuroanimator.evaluation.hybrid_shares import HybridGain
@@ -49,6 +51,20 @@ THRESHOLD_HELP = "With --hybrid: the score from which on the physics takes over;
 SYSTEM_HELP = "With --hybrid: your TOML file, whose model or step function is then used."
 """The help of `--system`."""
 
+PATH_HELP = (
+    "Of a soft body: a mover and the path it follows, MOVER=FILE.csv (columns time, x, y, z), MOVER=FILE.csv:PART or "
+    "MOVER=FILE.glb:NODE; may be given several times."
+)
+"""The help of `--path`."""
+
+PUSH_OUT_HELP = (
+    "Draw a soft body's surface outside of what strikes it, or where the emulator has it."
+)
+"""The help of `--push-out`."""
+
+PATH_SPEED_HELP = "With --path: how fast it is played; 0.5 is half as fast."
+"""The help of `--path-speed`."""
+
 START_HELP = (
     "Part of the state to start with, such as root.position=3,-2,8; may be given several times."
 )
@@ -70,6 +86,8 @@ def run(
         Path | None,
         typer.Option(help="CSV of controls, as 'control' writes; from rest, or --start."),
     ] = None,
+    path: Annotated[list[str] | None, typer.Option(help=PATH_HELP)] = None,
+    path_speed: Annotated[float | None, typer.Option(help=PATH_SPEED_HELP)] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
     school: Annotated[
@@ -87,16 +105,18 @@ def run(
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
     trust: Annotated[bool, typer.Option("--trust", help=TRUST_HELP)] = False,
     hybrid: Annotated[bool, typer.Option("--hybrid", help=HYBRID_HELP)] = False,
+    push_out: Annotated[bool, typer.Option("--push-out/--no-push-out", help=PUSH_OUT_HELP)] = True,
     threshold: Annotated[float | None, typer.Option(help=THRESHOLD_HELP)] = None,
     system: Annotated[Path | None, typer.Option(help=SYSTEM_HELP)] = None,
 ) -> None:
     """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
     film = read_film(size, camera)
     _refuse_without_hybrid(hybrid, threshold, system)
+    _refuse_beside_a_path(path, path_speed, controls, start, seed)
     with phase("loading"):
         model = emulator_for(out, emulator)
     if school is not None:
-        _refuse_in_a_school(controls, start, interpolation, trust, hybrid)
+        _refuse_in_a_school(controls, path, start, interpolation, trust, hybrid)
         with phase("emulating"):
             clips = school_clips(model, school, seconds=seconds, seed=seed or 0, rate=rate)
         with phase("drawing"):
@@ -106,7 +126,14 @@ def run(
         start_state = None
         if start:
             start_state = named_start(model, read_starts(start))
-        if controls:
+        if path:
+            drive = path_drive(
+                model,
+                _paths(path),
+                speed=1.0 if path_speed is None else path_speed,
+                seconds=seconds,
+            )
+        elif controls:
             _, control_rows = read_table(controls, model.control)
             drive = controlled_drive(model, control_rows, start_state)
         elif seconds is None and seed is None and start_state is None:
@@ -122,6 +149,8 @@ def run(
             scores = motion.scores
         else:
             states, scores = drive.trusted_motion(model)
+    for remark in drive.remarks:
+        print_line(f"neuroanimator: {remark}", to_stderr=True)
     clip = make_clip(
         model,
         states,
@@ -131,7 +160,7 @@ def run(
         trust=scores if trust else None,
     )
     with phase("drawing"):
-        export_clip(clip, model, out, film)
+        export_clip(clip, model, out, film, is_pushed_out=push_out)
     return print_rows(_rows(clip, out, summary_of(model, scores), gain))
 
 
@@ -162,12 +191,50 @@ def _refuse_without_hybrid(hybrid: bool, threshold: float | None, system: Path |
             )
 
 
+def _paths(texts: list[str]) -> dict[str, str]:
+    """Return the source of each mover's path, by the mover's name."""
+    paths: dict[str, str] = {}
+    for text in texts:
+        name, equals, source = text.partition("=")
+        if not equals or not name or not source:
+            raise ArgumentError(
+                f"path: wanted MOVER=FILE such as torso=walk.csv, came {quoted(text)}."
+            )
+        if name in paths:
+            raise ArgumentError(f"path: {quoted(name)} has two. Give it one.")
+        paths[name] = source
+    return paths
+
+
+def _refuse_beside_a_path(
+    path: list[str] | None,
+    path_speed: float | None,
+    controls: Path | None,
+    start: list[str] | None,
+    seed: int | None,
+) -> None:
+    """Refuse the options that a motion along a path has no use for, and the speed of none."""
+    if not path:
+        if path_speed is not None:
+            raise ArgumentError("path-speed: it is of motions along a path. Give --path, too.")
+        return
+    for name, value in {"controls": controls, "start": start, "seed": seed}.items():
+        if value is not None:
+            raise ArgumentError(f"{name}: a motion along a path begins and moves as the path does.")
+
+
 def _refuse_in_a_school(
-    controls: Path | None, start: list[str] | None, interpolation: str, trust: bool, hybrid: bool
+    controls: Path | None,
+    path: list[str] | None,
+    start: list[str] | None,
+    interpolation: str,
+    trust: bool,
+    hybrid: bool,
 ) -> None:
     """Refuse the options that a school has no use for."""
     given = {
         "controls": controls,
+        "path": path,
         "start": start,
         "interpolation": interpolation != "hermite",
         "trust": trust,

@@ -33,10 +33,15 @@ def run(
     substeps: Annotated[
         int | None, typer.Option(help="Physics steps n in a super step; the system's own, or 50.")
     ] = None,
-    count: Annotated[int, typer.Option(help="Transitions to make.")] = 300_000,
+    count: Annotated[
+        int | None, typer.Option(help="Transitions to make: 300,000, or 12,288 of a soft body.")
+    ] = None,
     samples_per_run: Annotated[
-        int, typer.Option(help="How many of each simulated run: 12, 18, 24 or 36.")
-    ] = 36,
+        int | None,
+        typer.Option(
+            help="How many of each simulated run: 12, 18, 24, or 36, as usual; 12 of a soft body."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
     threads: Annotated[
         int | None,
@@ -60,15 +65,10 @@ def run(
         )
     if substeps is None:
         substeps = usual_substeps
-    settings: dict[str, Any] = {
-        "system": name,
-        "definition": definition,
-        "substeps": substeps,
-        "count": count,
-        "samples_per_run": samples_per_run,
-        "seed": seed,
-    }
-    config = DatasetConfig(**settings)
+    settings: dict[str, Any] = {"seed": seed}
+    if samples_per_run is not None:
+        settings["samples_per_run"] = samples_per_run
+    config = DatasetConfig.usual(name, definition, substeps, count=count, **settings)
     config = limited_to_recordings(config)
     with chosen_executor(executor, workers, threads) as spread:
         diverged = generate_with_bar(config, place, spread)

@@ -6,6 +6,7 @@ from neuroanimator.files.zoo import (
     LARGE,
     POLICIES,
     SHIPPED,
+    SOFT,
     WITHOUT_EMULATOR,
     shipped_path,
     shipped_policy,
@@ -25,7 +26,7 @@ def run() -> None:
     print_rows((f"  {name}", ", ".join(named)) for name, named in goals.items() if named)
     print("\nReady-made emulators")
     emulator_rows = []
-    for system, substeps in sorted(SHIPPED):
+    for system, substeps in sorted([*SHIPPED, *SOFT]):
         if shipped_path(system, substeps).is_file():
             emulator_rows.append(
                 (f"  {system}-{substeps}", f"leaps {substeps} physics steps at a time")

@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from neuroanimator.definitions.carried import data_identity
+from neuroanimator.definitions.carried import data_identity, read_definition_text
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.json_text import MAX_DEFINITION
 from neuroanimator.files.names import SystemName
 from neuroanimator.files.places import Place
 from neuroanimator.files.tables import Settings, Table
+from neuroanimator.files.zoo import SOFT
 from neuroanimator.systems import carried_system
+from neuroanimator.systems.system import System
 
-RUN_STEPS = 40
-"""A simulated run lasts this many super steps."""
+RUN_STEPS = System.run_steps
+"""Number of super steps in a simulated run, unless its system says otherwise."""
 
 SAMPLES_PER_RUN = 12
 """Default number of super steps of a run that become training examples: on average every third."""
@@ -30,11 +32,14 @@ USUAL_COUNT = 300_000
 USUAL_SAMPLES_PER_RUN = 36
 """Number of transitions of each run: simulating costs more than storing, and robots with contacts learn from every example."""
 
+SOFT_COUNT = 12_288
+"""Default number of transitions made of a soft body, each the first of a window of `LONG_WINDOW` super steps: 1,024 runs."""
+
 MAX_GAP = 5
 """Maximum distance, in super steps, of neighbouring examples where there are `SAMPLES_PER_RUN` (eq. 8); with more, less."""
 
-MAX_UNROLL = 4
-"""Number of super steps that follow every example within its run, so that training can unroll over them."""
+MAX_UNROLL = System.window_steps
+"""Number of super steps that follow every example within its run, unless its system says otherwise."""
 
 RUNS_PER_SHARD = 256
 """A file of the dataset holds this many runs: large enough to be few, small enough to be made again quickly."""
@@ -95,16 +100,19 @@ class DatasetConfig(Settings, DatasetTable):
         definition: str,
         substeps: int,
         *,
-        count: int = USUAL_COUNT,
+        count: int | None = None,
+        **settings: Any,
     ) -> DatasetConfig:
-        """Return the dataset that is made of a system if nothing else is said."""
-        return cls(
-            system=system,
-            definition=definition,
-            substeps=substeps,
-            count=count,
-            samples_per_run=USUAL_SAMPLES_PER_RUN,
-        )
+        """Return the dataset that is made of a system if nothing but `settings` is said."""
+        is_soft = _is_soft(system, definition)
+        usual: dict[str, Any] = {
+            "count": SOFT_COUNT if is_soft else USUAL_COUNT,
+            "samples_per_run": SAMPLES_PER_RUN if is_soft else USUAL_SAMPLES_PER_RUN,
+        }
+        if count is not None:
+            usual["count"] = count
+        usual |= settings
+        return cls(system=system, definition=definition, substeps=substeps, **usual)
 
     @property
     def runs(self) -> int:
@@ -125,6 +133,13 @@ class DatasetConfig(Settings, DatasetTable):
     def shard_path(self, folder: Place, shard: int) -> Place:
         """Return where shard number `shard` lies."""
         return folder / f"shard-{shard:05d}.safetensors"
+
+
+def _is_soft(system: str, definition: str) -> bool:
+    """Return whether a system is a soft body, whose physics is dear and whose runs are long."""
+    if definition:
+        return read_definition_text(definition).kind in ("soft", "flex")
+    return system in dict(SOFT)
 
 
 def window_length(substeps: int) -> int:

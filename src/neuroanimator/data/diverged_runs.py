@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.config import RUN_STEPS, DatasetConfig
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.shard_checks import TensorSpec, check_tensors
 from neuroanimator.data.store import read_config
 from neuroanimator.errors import BadFileError
@@ -97,7 +97,7 @@ def diverged_by_shard(folder: str | Place) -> Iterator[DivergedRuns]:
     system = load_system(config.system, config.definition)
     specs = {
         "starts": TensorSpec(np.float64, (None, system.state.size)),
-        "controls": TensorSpec(np.float64, (None, RUN_STEPS, system.control.size)),
+        "controls": TensorSpec(np.float64, (None, system.run_steps, system.control.size)),
     }
     for shard in range(config.shards):
         path = _path(folder, shard)

@@ -106,7 +106,11 @@ def _warmed_up(
 def sample_control_runs(
     rng: np.random.Generator, count: int, steps: int, dt: float, driven: Driven
 ) -> Float[np.ndarray, "B T C"]:
-    """Return the controls of `count` runs of `driven` over `steps` super steps, see `sample_controls`."""
+    """Return the controls of `count` runs of `driven` over `steps` super steps: its own paths, or see `sample_controls`."""
+    if isinstance(driven, System):
+        paths = driven.sample_paths(rng, count, steps, dt)
+        if paths is not None:
+            return paths
     runs = [sample_controls(rng, steps, dt, driven.bounds, driven.gait) for _ in range(count)]
     return np.stack(runs)
 

@@ -45,23 +45,31 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     count = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
     starts = sample_starts(system, rng, count, threads)
-    controls = sample_control_runs(rng, count, RUN_STEPS, dt, system)
-    samples = np.stack([sample_steps(rng, config.samples_per_run) for _ in range(count)])
+    controls = sample_control_runs(rng, count, system.run_steps, dt, system)
+    examples = config.samples_per_run
+    samples = [
+        sample_steps(rng, examples, system.run_steps, system.window_steps) for _ in range(count)
+    ]
     controls = with_idle_runs(rng, controls, system.bounds, config.idle_share)
     runs = system.simulate(starts, controls, dt, threads=threads)
     is_whole = ~runs.has_diverged
     tensors = {
         "states": runs.states[is_whole].astype(np.float32),
         "controls": controls[is_whole].astype(np.float32),
-        "samples": samples[is_whole].astype(np.int32),
+        "samples": np.stack(samples)[is_whole].astype(np.int32),
     }
     return Shard(tensors, starts[runs.has_diverged], controls[runs.has_diverged])
 
 
-def sample_steps(rng: np.random.Generator, count: int) -> Int[np.ndarray, " K"]:
-    """Return the `count` super steps of one run that become examples, 1 to 5 apart (eq. 8)."""
-    last = RUN_STEPS - MAX_UNROLL
-    largest_gap = MAX_GAP * SAMPLES_PER_RUN // count
+def sample_steps(
+    rng: np.random.Generator,
+    count: int,
+    run_steps: int = RUN_STEPS,
+    window_steps: int = MAX_UNROLL,
+) -> Int[np.ndarray, " K"]:
+    """Return the `count` super steps of one run that become examples: of usual runs 1 to 5 apart (eq. 8)."""
+    last = run_steps - window_steps
+    largest_gap = MAX_GAP * SAMPLES_PER_RUN * run_steps // (RUN_STEPS * count)
     while True:
         gaps = rng.integers(1, largest_gap + 1, count)
         steps = np.cumsum(gaps) - 1

@@ -191,8 +191,8 @@ class Dataset(abc.ABC):
         """Number of parts."""
 
     @abc.abstractmethod
-    def read_part(self, number: int, unroll: int = MAX_UNROLL) -> Transitions:
-        """Return part `number`, the same at every call, in windows of `unroll` super steps.
+    def read_part(self, number: int, unroll: int | None = None) -> Transitions:
+        """Return part `number`, the same at every call, in windows of `unroll` super steps, by default as long as there are.
 
         Raises BadFileError if that is impossible.
         """
@@ -202,8 +202,8 @@ class Dataset(abc.ABC):
     def fingerprint(self) -> str:
         """Hex digits that name the contents, once every part has been read."""
 
-    def parts(self, unroll: int = MAX_UNROLL) -> Iterator[Transitions]:
-        """Yield the parts in their order, in windows of `unroll` super steps."""
+    def parts(self, unroll: int | None = None) -> Iterator[Transitions]:
+        """Yield the parts in their order, in windows of `unroll` super steps; see `read_part`."""
         for number in range(self.part_count):
             yield self.read_part(number, unroll)
 
@@ -213,7 +213,7 @@ class Dataset(abc.ABC):
 class Transitions(Dataset):
     """A dataset in memory, in one part: windows of consecutive super steps, one per example.
 
-    A window spans H = `MAX_UNROLL` super steps, so it holds T = H + 1 states; its first step is the training example.
+    A window spans H = `system.window_steps` super steps, so it holds T = H + 1 states; its first step is the training example.
     """
 
     config: DatasetConfig
@@ -234,7 +234,9 @@ class Transitions(Dataset):
     def part_count(self) -> int:
         return 1
 
-    def read_part(self, number: int, unroll: int = MAX_UNROLL) -> Transitions:
+    def read_part(self, number: int, unroll: int | None = None) -> Transitions:
+        if unroll is None:
+            return self
         states = self.states[:, : unroll + 1]
         return replace(self, states=states, controls=self.controls[:, :unroll])
 
@@ -311,10 +313,10 @@ def shard_transitions(
     system: System,
     tensors: dict[str, np.ndarray],
     metadata: dict[str, Any],
-    unroll: int = MAX_UNROLL,
+    unroll: int | None = None,
 ) -> Transitions:
-    """Return the transitions in a shard's (tensors, metadata), in windows of `unroll` super steps."""
-    windows = windows_of(tensors, metadata["shard"], unroll)
+    """Return the transitions in a shard's (tensors, metadata), in windows of `unroll` super steps; see `Dataset.read_part`."""
+    windows = windows_of(tensors, metadata["shard"], unroll or system.window_steps)
     return Transitions(
         config, system, windows.states, windows.controls, windows.run, metadata["diverged"]
     )
@@ -352,7 +354,7 @@ def read_shard(
     present = check_tensors(path, tensors, specs)
     if present + diverged != rows:
         refuse(path, f"{present:,} rows and {diverged:,} diverged; wanted {rows:,} together")
-    last_sample = tensors["controls"].shape[1] - MAX_UNROLL
+    last_sample = tensors["controls"].shape[1] - system.window_steps
     check_range(path, "samples", tensors["samples"], 0, last_sample)
     return tensors, metadata
 
@@ -360,8 +362,8 @@ def read_shard(
 def simulated_shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
     """Return what a shard of simulated runs holds."""
     return {
-        "states": TensorSpec(np.float32, (None, RUN_STEPS + 1, system.state.size)),
-        "controls": TensorSpec(np.float32, (None, RUN_STEPS, system.control.size)),
+        "states": TensorSpec(np.float32, (None, system.run_steps + 1, system.state.size)),
+        "controls": TensorSpec(np.float32, (None, system.run_steps, system.control.size)),
         "samples": TensorSpec(np.int32, (None, config.samples_per_run)),
     }
 
@@ -376,7 +378,7 @@ def recorded_shard_specs(system: System) -> dict[str, TensorSpec]:
     }
 
 
-def windows_of(tensors: dict[str, np.ndarray], shard: int, unroll: int = MAX_UNROLL) -> Windows:
+def windows_of(tensors: dict[str, np.ndarray], shard: int, unroll: int) -> Windows:
     """Return the windows of `unroll` super steps that begin at a shard's samples.
 
     Simulated runs are numbered through all shards.

@@ -15,7 +15,7 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.store import (
     Dataset,
     Transitions,
@@ -65,7 +65,7 @@ class StoredTransitions(Dataset):
     def part_count(self) -> int:
         return self.config.shards
 
-    def read_part(self, number: int, unroll: int = MAX_UNROLL) -> Transitions:
+    def read_part(self, number: int, unroll: int | None = None) -> Transitions:
         """Return shard `number`; BadFileError if it is missing, damaged, of another dataset or not what it was before."""
         tensors, metadata = read_shard(self.folder, self.config, self.system, number)
         if self._seals.setdefault(number, metadata["sha256"]) != metadata["sha256"]:
@@ -163,10 +163,10 @@ def first_windows(data: Dataset, count: int) -> Transitions:
 def memory_taken(config: DatasetConfig, system: System) -> int:
     """Return how much memory training takes for this dataset if all of it is read [bytes]."""
     windows = config.runs * config.samples_per_run
-    return windows * memory_per_window(system.state.size, system.control.size)
+    return windows * memory_per_window(system.state.size, system.control.size, system.window_steps)
 
 
-def memory_per_window(state_size: int, control_size: int) -> int:
-    """Return how much memory training takes for each window that is in memory, copies included [bytes]."""
-    numbers = (MAX_UNROLL + 1) * state_size + MAX_UNROLL * control_size
+def memory_per_window(state_size: int, control_size: int, steps: int) -> int:
+    """Return how much memory training takes for each window of `steps` super steps, copies included [bytes]."""
+    numbers = (steps + 1) * state_size + steps * control_size
     return COPIES * NUMBER_SIZE * numbers

@@ -29,7 +29,8 @@ class FlexPhysics(SoftPhysics):
     contact_time: NotNegative = 0.0
     """Time constant of contacts with movers, and of ties to them [s], MuJoCo's `solref`; if 0, what the model says.
 
-    What a mover pushes or pulls trails it by twice this, times its speed.
+    What a mover pushes trails it by about twice this, times its speed; what a tie pulls trails it too, by how much hangs
+    on the masses.
     """
 
 

@@ -103,6 +103,8 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
         described["errors"] = _describe_errors(emulator.calibration)
     if emulator.validation is not None:
         described["validation"] = True
+        if emulator.validation.window is not None:
+            described["validation_window"] = True
     return described
 
 
@@ -204,7 +206,10 @@ def blank(
     meter = None
     if "trust" in metadata:
         meter = _meter(metadata["trust"], network)
-    has_validation = flag(metadata.get("validation", False), "validation")
+    validation = None
+    if flag(metadata.get("validation", False), "validation"):
+        has_window = flag(metadata.get("validation_window", False), "validation_window")
+        validation = blank_errors(has_window=has_window)
     return kind(
         frame=frame,
         features=features,
@@ -215,7 +220,7 @@ def blank(
         encoding=encoding,
         meter=meter,
         calibration=_errors(metadata["errors"]) if "errors" in metadata else None,
-        validation=blank_errors() if has_validation else None,
+        validation=validation,
     )
 
 

@@ -57,11 +57,73 @@ BOUND_LEVEL = 0.8
 LOST = 1.0
 """Rollout error, in how far a run gets, at which one may as well say that the run stays where it began."""
 
+LOST_SHARE = 0.15
+"""Error a second, over the body's size, above which a soft body goes its own way: nobody would take it for the physics."""
+
+STRAY_SHARE = 0.08
+"""The same above which an emulator of a soft body is poor: folds are others than the physics'."""
+
+FAITHFUL_SHARE = 0.03
+"""The same up to which an emulator of a soft body is good."""
+
 IN_WORDS = {
     NO_CHANGE: "predicting no change",
     CONSTANT_VELOCITY: "predicting that velocities stay as they are",
 }
 """The cheap predictors that need no data, as reasons name them."""
+
+
+class WindowErrors(eqx.Module):
+    """How far nodes of a soft body are from the physics' after the longest windows where training validated.
+
+    At root mean square, over the body's size.
+    """
+
+    seconds: Float[AnyArray, ""]
+    """Length of the windows [s]."""
+    emulator: Float[AnyArray, ""]
+    no_change: Float[AnyArray, ""]
+    """Of predicting that it keeps its shape, and goes along with what moves it."""
+
+    def leaves(self) -> dict[str, AnyArray]:
+        """Return the numbers by their names in files."""
+        return {"seconds": self.seconds, "emulator": self.emulator, "no_change": self.no_change}
+
+    @property
+    def in_words(self) -> str:
+        """Half a sentence on the error."""
+        return (
+            f"after {float(self.seconds):.2g} s its nodes are off by {float(self.emulator):.1%} "
+            "of the body's size"
+        )
+
+    def judged(self, verdict: Verdict) -> Verdict:
+        """Return the worse of `verdict`, on one super step, and what the windows say."""
+        # Errors grow about as time does, up to a second; then they are as large as motions are.
+        seconds = min(float(self.seconds), 1.0)
+        error = float(self.emulator)
+        cheap = float(self.no_change)
+        if error >= cheap:
+            word = USELESS
+            reason = f"{self.in_words}, and by {cheap:.1%} if it just kept its shape"
+        elif error > LOST_SHARE * seconds:
+            word = USELESS
+            reason = self.in_words
+        elif error > USABLE_SHARE * cheap or error > STRAY_SHARE * seconds:
+            word = POOR
+            reason = f"{self.in_words}, by {cheap:.1%} if it just kept its shape"
+        elif error > FAITHFUL_SHARE * seconds:
+            word = USABLE
+            reason = self.in_words
+        else:
+            word = GOOD
+            reason = self.in_words
+        ranks = (USELESS, POOR, USABLE, GOOD)
+        if ranks.index(word) < ranks.index(verdict.word):
+            return Verdict(word, (reason,))
+        if word == verdict.word:
+            return Verdict(word, (*verdict.reasons, reason))
+        return verdict
 
 
 class ValidationErrors(eqx.Module):
@@ -74,21 +136,30 @@ class ValidationErrors(eqx.Module):
     """Of predicting that velocities stay."""
     noise: Float[AnyArray, ""]
     """What a perfect emulator's would be, by the noise of the recordings; 0 where there is none."""
+    window: WindowErrors | None = None
+    """How far a soft body goes astray in longer windows; None of all else."""
 
     @property
     def verdict(self) -> Verdict:
         """Whether the emulator is of any use there, and why."""
         cheap = {NO_CHANGE: float(self.no_change), CONSTANT_VELOCITY: float(self.constant_velocity)}
-        return judge(float(self.emulator), cheap, noise=float(self.noise))
+        verdict = judge(float(self.emulator), cheap, noise=float(self.noise))
+        if self.window is None:
+            return verdict
+        return self.window.judged(verdict)
 
     def leaves(self) -> dict[str, AnyArray]:
         """Return the errors by their names in files."""
-        return {
+        leaves = {
             "emulator": self.emulator,
             "no_change": self.no_change,
             "constant_velocity": self.constant_velocity,
             "noise": self.noise,
         }
+        if self.window is not None:
+            for name, leaf in self.window.leaves().items():
+                leaves[f"window.{name}"] = leaf
+        return leaves
 
     def check(self) -> None:
         """Refuse what no error comes to; ValueError says so."""
@@ -96,9 +167,12 @@ class ValidationErrors(eqx.Module):
             raise ValueError("validation: wanted errors of at least 0")
 
 
-def blank_errors() -> ValidationErrors:
+def blank_errors(*, has_window: bool) -> ValidationErrors:
     """Return errors whose numbers a file brings."""
-    return ValidationErrors(zeros(), zeros(), zeros(), zeros())
+    window = None
+    if has_window:
+        window = WindowErrors(zeros(), zeros(), zeros())
+    return ValidationErrors(zeros(), zeros(), zeros(), zeros(), window)
 
 
 @dataclass(frozen=True)

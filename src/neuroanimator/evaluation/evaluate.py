@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.verdict import NOISE_TOLD, Verdict, beyond_noise, judge
+from neuroanimator.emulator.verdict import NOISE_TOLD, Verdict, WindowErrors, beyond_noise, judge
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
     emulate,
@@ -128,6 +128,8 @@ class Evaluation:
     """Where it is good and where it is weak; None if that was not looked for."""
     bounded: BoundedErrors | None = None
     """Whether bounds of errors keep what they promise; None where nobody measured any."""
+    window: WindowErrors | None = None
+    """How far a soft body goes astray in the windows of training's validation; None of all else."""
     hybrid: Mapping[float, HybridGain] = field(default_factory=dict)
     """What turns with the physics are worth by the score from which it takes over; empty if that was not looked at."""
 
@@ -139,7 +141,7 @@ class Evaluation:
     @property
     def verdict(self) -> Verdict:
         """Whether the emulator is of any use, and why."""
-        return judge(
+        verdict = judge(
             self.one_step_error,
             self.baselines,
             diverged=self.diverged,
@@ -147,6 +149,9 @@ class Evaluation:
             error_after_second=self.rollout_error_at(1.0),
             noise=self.noise_error or 0.0,
         )
+        if self.window is None:
+            return verdict
+        return self.window.judged(verdict)
 
     @property
     def equal_error_text(self) -> str:
@@ -338,5 +343,6 @@ def evaluate(
         noise_by_entry=noise_error(emulator, test),
         inspection=inspect(emulator, data=data, runs=budget.inspected, seed=seed),
         bounded=bounded_errors(emulator, test, emulated),
+        window=None if emulator.validation is None else emulator.validation.window,
         hybrid=hybrid,
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.gauges import drawable
+from neuroanimator.animation.push_out import push_out
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import write_clip
@@ -35,14 +36,22 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
 
 
 def export_clip(
-    clip: Clip, emulator: Emulator, outs: list[Path], film: Film = DEFAULT_FILM
+    clip: Clip,
+    emulator: Emulator,
+    outs: list[Path],
+    film: Film = DEFAULT_FILM,
+    *,
+    is_pushed_out: bool = True,
 ) -> None:
     """Write `clip` to each path as .csv, .glb, USD or .mp4 (a `film`); nothing is written if one of them is refused.
 
-    A system without bodies is drawn as gauges: see `drawable`.
+    A system without bodies is drawn as gauges: see `drawable`. The surface of a soft body is drawn outside of what
+    strikes it, if that `is_pushed_out`: see `push_out`.
     """
     _check_formats(outs)
     drawn = drawable(clip, emulator)
+    if is_pushed_out and any(path.suffix != ".csv" for path in outs):
+        drawn = push_out(drawn, emulator)
     for path in outs:
         if path.suffix == ".glb":
             write_glb(drawn, path)

@@ -121,10 +121,12 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
 def surface_normals(
     shapes: Shapes, points: Float[np.ndarray, "*F N 3"]
 ) -> Float[np.ndarray, "*F N 3"]:
-    """Return the unit normals of a surface with its nodes at `points`."""
+    """Return the unit normals of a surface with its nodes at `points`; of nodes within a solid, which have none, any."""
     frames = points.reshape(-1, *shapes.mean.shape)
-    normals = [normals_of(Surface(frame, shapes.faces)) for frame in frames]
-    return np.reshape(normals, points.shape)
+    normals = np.array([normals_of(Surface(frame, shapes.faces)) for frame in frames])
+    within = np.setdiff1d(np.arange(len(shapes.mean)), shapes.faces)
+    normals[:, within] = (0.0, 0.0, 1.0)
+    return normals.reshape(points.shape)
 
 
 def _moving_targets(

@@ -52,6 +52,7 @@ MAX_ID_DIGITS = 20
 DTYPES = {
     "F32": np.dtype("<f4"),
     "F64": np.dtype("<f8"),
+    "I8": np.dtype("i1"),
     "I16": np.dtype("<i2"),
     "I32": np.dtype("<i4"),
 }

@@ -29,6 +29,8 @@ class ShippedSystem:
     scenery: str = "plain"
     """Surroundings in the studio, where they are no water."""
     has_policy: bool = False
+    is_soft: bool = False
+    """Whether it is of thousands of nodes, emulated by the amplitudes of shapes."""
     recipe: Mapping[str, Any] = field(default_factory=dict)
     """Recipe of its emulators: see `training.recipes`."""
     large: Mapping[str, Any] = field(default_factory=dict)
@@ -53,8 +55,16 @@ def _with_tuples(table: dict[str, Any]) -> dict[str, Any]:
 SHIPPED_SYSTEMS = _read_shipped()
 """Every system of the package by its name."""
 
-SHIPPED = [(name, n) for name, system in SHIPPED_SYSTEMS.items() for n in system.substeps]
-"""(system, substeps) of each emulator in its usual size."""
+SHIPPED = [
+    (name, n)
+    for name, system in SHIPPED_SYSTEMS.items()
+    for n in system.substeps
+    if not system.is_soft
+]
+"""(system, substeps) of each emulator in its usual size, but of soft bodies."""
+
+SOFT = [(name, system.substeps[0]) for name, system in SHIPPED_SYSTEMS.items() if system.is_soft]
+"""(system, substeps) of each emulator of a soft body."""
 
 WITHOUT_EMULATOR = tuple(name for name, system in SHIPPED_SYSTEMS.items() if not system.substeps)
 """Systems no emulator ships of: their physics costs less than one as exact (docs/decisions/0017-strides.md)."""
@@ -85,7 +95,7 @@ def default_motion_path(system: str) -> Path:
 
 def shipped_emulators() -> dict[str, Path]:
     """Return where every emulator that ships lies, by its name."""
-    usual = {emulator_name(*row): shipped_path(*row) for row in SHIPPED}
+    usual = {emulator_name(*row): shipped_path(*row) for row in [*SHIPPED, *SOFT]}
     large = {emulator_name(*row, "large"): shipped_path(*row, "large") for row in LARGE}
     return usual | large
 
@@ -102,6 +112,7 @@ def find_emulator(name: str) -> Path:
         return path
     shipped = shipped_emulators()
     usual = {system: shipped_path(system) for system, _ in SHIPPED}
+    usual |= {system: shipped_path(system, substeps) for system, substeps in SOFT}
     found = (shipped | usual).get(name)
     if found is not None and found.is_file():
         return found

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -36,6 +36,9 @@ MAX_MOVERS = 64
 
 MAX_DISTANCE = 1e6
 """Largest coordinate, radius or reach [m]."""
+
+ROUNDS = 8
+"""Times that nodes are pushed out of what they are deepest in: out of one collider, a node may come into another."""
 
 TINY = 1e-9
 """Added to squares of lengths [m²] before their root is divided by."""
@@ -78,6 +81,9 @@ class BoxCollider(NamedTuple):
     """Half its size along each axis [m]."""
     radius: float
     """By how much it is rounded outwards [m]."""
+
+
+AnyCollider = TypeVar("AnyCollider", RoundCollider, BoxCollider)
 
 
 class Mover(NamedTuple):
@@ -210,7 +216,13 @@ class ShapeContacts:
 
     @property
     def _has_colliders(self) -> bool:
-        return bool(self.capsules or self.boxes) or self.ground is not None
+        return (
+            bool(self._moving(self.capsules) or self._moving(self.boxes)) or self.ground is not None
+        )
+
+    def _moving(self, colliders: tuple[AnyCollider, ...]) -> tuple[AnyCollider, ...]:
+        """Return the colliders that move in the body's own frame: where the others are follows from the shape alone."""
+        return tuple(collider for collider in colliders if collider.mover != self.anchor)
 
     def common_scale(self, scale: Float[np.ndarray, " V"]) -> Float[np.ndarray, " V"]:
         """Return the scales of the numbers of a change, so that an error of any of them is as large as of the nodes.
@@ -236,7 +248,7 @@ class ShapeContacts:
         """Return pieces of what a network is shown of a state (..., S) and the movers' rates to come (..., C).
 
         All in the body's own frame: the movers' rates, present and to come; where they are from its origin, and where
-        those head that are not round; the wind; then, summed over all colliders, how near the nodes come (0 from
+        those head that are not round; the wind; then, summed over all colliders that move in it, how near the nodes come (0 from
         `reach` on, 1 at the surface, more in it) after `dt` [s], and that times the direction away.
         """
         size = self.mover_size
@@ -333,7 +345,7 @@ class ShapeContacts:
     ) -> list[Float[AnyArray, "... P"]]:
         """Return the sum over colliders of how near the nodes come, and of that times each axis of the direction."""
         xp = later.origin.__array_namespace__()
-        found = self._surfaces(nodes, later)
+        found = self._surfaces(nodes, later, self._moving(self.capsules), self._moving(self.boxes))
         sums = [xp.zeros_like(nodes[0])] * 4
         for distance, direction in found:
             near = xp.maximum(1 - distance / self.reach, xp.zeros_like(distance))
@@ -342,19 +354,44 @@ class ShapeContacts:
         return sums
 
     def _surfaces(
-        self, nodes: list[Float[AnyArray, "... P"]], moment: _Moment
+        self,
+        nodes: list[Float[AnyArray, "... P"]],
+        moment: _Moment,
+        capsules: tuple[RoundCollider, ...],
+        boxes: tuple[BoxCollider, ...],
     ) -> list[tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]]:
         """Return how far nodes are from each capsule, each box and the ground [m], and the direction away from it."""
-        found = [self._from_capsule(nodes, moment, capsule) for capsule in self.capsules]
-        found += [self._from_box(nodes, moment, box) for box in self.boxes]
+        found = [self._from_capsule(nodes, moment, capsule) for capsule in capsules]
+        found += [self._from_box(nodes, moment, box) for box in boxes]
         if self.ground is not None:
             found.append(self._from_ground(nodes, moment, self.ground))
         return found
 
     def distances(self, state: Float[AnyArray, "... S"]) -> list[Float[AnyArray, "... P"]]:
         """Return how far the nodes are from each capsule, each box and the ground [m]; less than 0 in it."""
-        found = self._surfaces(self._nodes_later(state, 0.0), self._now(state))
+        nodes = self._nodes_later(state, 0.0)
+        found = self._surfaces(nodes, self._now(state), self.capsules, self.boxes)
         return [distance for distance, _ in found]
+
+    def pushed_out(
+        self, points: Float[AnyArray, "... N 3"], states: Float[AnyArray, "... S"]
+    ) -> Float[AnyArray, "... N 3"]:
+        """Return `points` of the body's own frame [m], those inside of what it may touch brought to its surface."""
+        xp = points.__array_namespace__()
+        moment = self._now(states)
+        nodes = [points[..., axis] for axis in range(3)]
+        for _ in range(ROUNDS):
+            depth = xp.zeros_like(nodes[0])
+            outward = [xp.zeros_like(nodes[0])] * 3
+            for distance, direction in self._surfaces(nodes, moment, self.capsules, self.boxes):
+                is_deeper = -distance > depth
+                depth = xp.where(is_deeper, -distance, depth)
+                outward = [
+                    xp.where(is_deeper, new, old)
+                    for new, old in zip(direction, outward, strict=True)
+                ]
+            nodes = [node + depth * along for node, along in zip(nodes, outward, strict=True)]
+        return xp.stack(nodes, axis=-1)
 
     def _from_capsule(
         self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, capsule: RoundCollider

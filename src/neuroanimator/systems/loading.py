@@ -28,6 +28,7 @@ from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.files.zoo import SOFT, shipped_path
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
@@ -36,8 +37,10 @@ from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
+from neuroanimator.systems.soft.mesh_file import read_mesh
 from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.shape_file import (
+    ShapeFile,
     flex_scene,
     made_for,
     made_for_model,
@@ -60,10 +63,23 @@ def packaged(name: str) -> System:
     """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
     with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
         values = read_toml(folder / f"{name}.toml")
-    definition = check_table(values, f"{name}.toml", TABLES[kind_of(values)])
+        definition = check_table(values, f"{name}.toml", TABLES[kind_of(values)])
+        if isinstance(definition, SoftDefinition):
+            return _packaged_soft(definition, folder)
     if isinstance(definition, BodyDefinition):
         return DeformableSystem(definition)
     return ModelSystem(definition, load_model(definition.model))
+
+
+def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
+    """Return the soft body whose mesh lies in `folder`; its shapes, and where it rests, are those of its emulator."""
+    from neuroanimator.emulator.emulator import load_emulator
+
+    mesh = read_mesh(definition.mesh, (folder / definition.mesh).read_bytes())
+    emulator = load_emulator(shipped_path(definition.name, definition.substeps))
+    shapes = emulator.skeleton.shapes
+    assert shapes is not None
+    return SoftSystem(definition, Scene(definition, mesh), ShapeFile(shapes, emulator.rest))
 
 
 class Loader(NamedTuple):
@@ -297,7 +313,7 @@ def resolve(reference: str) -> tuple[str, str, int]:
     of the package. Raises ArgumentError or BadFileError for a wrong definition.
     """
     if not reference.endswith(".toml"):
-        return reference, "", USUAL_SUBSTEPS
+        return reference, "", dict(SOFT).get(reference, USUAL_SUBSTEPS)
     path = Path(reference)
     loader, definition = _read_definition(path)
     files = loader.pack(path, definition)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.errors import ArgumentError
@@ -62,6 +63,10 @@ class Runs(NamedTuple):
     """(B,): True where the physics diverged; such a row holds no usable numbers."""
 
 
+LONG_WINDOW = 16
+"""Number of super steps that the loss of training spans for bodies whose errors show late: soft ones."""
+
+
 class System(abc.ABC):
     """A true, slow physics model: (s, u) → s a moment later.
 
@@ -97,6 +102,10 @@ class System(abc.ABC):
     """(S,) a state of rest, where motions begin if nothing else is said."""
     warm_up: float = 0.0
     """Random starts are taken from this first stretch of random driving [s]: contacts have settled in most."""
+    run_steps: int = 40
+    """Number of super steps in a run of a dataset."""
+    window_steps: int = 4
+    """Maximum number of super steps that the loss of training spans: those after each example within its run."""
     reset_share: float = 0.0
     """Share of the runs of a dataset that begin at one of the states `sample_resets` returns, without warm-up."""
     goals: Mapping[str, Goal] = {}
@@ -123,6 +132,12 @@ class System(abc.ABC):
     def physics_dt(self) -> float:
         """The step δt that `substeps` counts [s]."""
         return self.scheme.dt
+
+    def sample_paths(
+        self, rng: np.random.Generator, count: int, steps: int, dt: float
+    ) -> Float[np.ndarray, "B T C"] | None:
+        """Return the controls of random runs (count, steps, C) along paths that suit it; None where any in bounds do."""
+        return None
 
     def symmetries(self, states: np.ndarray, controls: np.ndarray) -> tuple[Symmetry, ...]:
         """Return what makes of every motion another one that is as true, tried from `states` (N, S) under `controls` (N, C)."""

@@ -119,4 +119,4 @@ def _batch_loss(
         states, controls = seen_by(problem.symmetries, view_key, states, controls)
     if structure.symmetry_order > 1:
         states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
-    return unrolled_loss(emulator, states, controls, weights)
+    return unrolled_loss(emulator, states, controls, weights, problem.config.error_growth)

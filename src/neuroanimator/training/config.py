@@ -15,6 +15,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import Settings
 from neuroanimator.state.structure import Structure
+from neuroanimator.systems.system import LONG_WINDOW
 from neuroanimator.text import quoted
 
 UPDATES_PER_CHUNK = 250
@@ -34,8 +35,17 @@ ON_GROUND = LARGE_BATCHES | {"widths": (256, 192), "updates": 16_000}
 WITH_STOPS = LARGE_BATCHES | {"widths": (128, 96), "updates": 32_000}
 """Bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
 
-SOFT = LARGE_BATCHES | {"widths": (256, 256), "updates": 16_000}
-"""Soft bodies, which are told of contacts by hundreds of numbers."""
+SOFT: dict[str, Any] = {
+    "network": "linear-glu",
+    "widths": (256, 256),
+    "batch": 2048,
+    "orthogonalisation_steps": 3,
+    "updates": 8_000,
+    "unroll": LONG_WINDOW,
+    "unroll_share": 1.0,
+    "error_growth": 1.0,
+}
+"""Soft bodies: they are damped, so that errors grow slowly at last, and what they are off by then is what counts."""
 
 MIN_MEMORY = 16 * 10**6
 """With less, not even one shard of the smallest system would fit [bytes]."""
@@ -85,8 +95,10 @@ class TrainingConfig(Settings):
     velocity_modes: int = Field(default=0, ge=0, le=256)
     local_modes: int = Field(default=4, ge=1, le=64)
     """The same per segment, besides where it is; of hierarchies."""
-    unroll: int = Field(default=MAX_UNROLL, ge=1, le=MAX_UNROLL)
+    unroll: int = Field(default=MAX_UNROLL, ge=1, le=LONG_WINDOW)
     unroll_share: float = Field(default=0.2, ge=0, le=1)
+    error_growth: float = Field(default=2.0, ge=0, le=4)
+    """Power of the number of super steps by which squared errors are expected to grow: the loss divides them by it."""
     validation_share: float = Field(default=0.05, gt=0, lt=0.9)
     patience: int = Field(default=80, ge=1)
     seed: int = Field(default=0, ge=0, lt=2**31)

@@ -9,6 +9,7 @@ import numpy as np
 from neuroanimator.data.store import Dataset, Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import digest
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.system import System
@@ -16,6 +17,7 @@ from neuroanimator.training.chunk import TrainingProblem
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.feed import Feed
 from neuroanimator.training.initialise import build_emulator
+from neuroanimator.training.linear_start import with_linear_start
 from neuroanimator.training.pools import Pools
 from neuroanimator.training.survey import Survey, base_windows, sample_of
 
@@ -39,10 +41,16 @@ class Lesson(NamedTuple):
 
 def lesson_of(data: Dataset, config: TrainingConfig, start_from: Emulator | None) -> Lesson:
     """Return what is learnt from `data`, beginning with a fresh emulator or `start_from`."""
+    longest = data.system.window_steps
+    if config.unroll > longest:
+        raise ArgumentError(
+            f"unroll: wanted at most {longest} super steps, of {data.system.name}; came {config.unroll}."
+        )
     sample = sample_of(data, config)
     survey = Survey(data, config)
     if start_from is None:
-        base = build_emulator(sample, config, survey.parts())
+        fresh = build_emulator(sample, config, survey.parts())
+        base = with_linear_start(fresh, base_windows(fresh, sample))
     else:
         base = start_from
         for _ in survey.parts():
@@ -77,8 +85,10 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     """Return whether the physics stays where it is at rest without control, measured over one super step.
 
     Recordings and users' functions are not asked: what is trained must not depend on whether they are there or allowed to run.
+    A soft body's physics is always there.
     """
-    if not system.is_self_contained:
+    is_soft = system.structure.shape_contacts is not None
+    if not system.is_self_contained and not is_soft:
         return False
     rest = system.rest[None]
     idle = np.tile(system.bounds.idle, (1, 1, 1))

@@ -39,13 +39,14 @@ def unrolled_loss(
     states: Float[Array, "N T I"],
     controls: Float[Array, "N H C"],
     weights: Float[Array, " N"] | None = None,
+    growth: float = 2.0,
 ) -> Float[Array, ""]:
-    """Return the squared error averaged over the super steps k of the windows, weighted by 1/k².
+    """Return the squared error averaged over the super steps k of the windows, weighted by k to the minus `growth`.
 
     For H = 1 this is the seminar paper's eq. 5; a longer window teaches the network to take its
-    own output as input, which is how it will be used. Errors grow about as k, so the weights give
+    own output as input, which is how it will be used. Errors mostly grow as k, so that a growth of 2 gives
     every step an equal say.
     """
-    decay = jnp.arange(1, controls.shape[1] + 1) ** -2.0
+    decay = jnp.arange(1, controls.shape[1] + 1) ** -growth
     by_step = jnp.mean(squared_error(emulator, states, controls, weights), axis=1)
     return by_step @ (decay / decay.sum())

@@ -55,7 +55,9 @@ class Pools:
         if self.data.part_count == 1:
             return self.epoch
         state_size = self.base.encode(np.asarray(self.base.rest, float)).shape[-1]
-        window = memory_per_window(state_size, self.base.control.size)
+        window = memory_per_window(
+            state_size, self.base.control.size, self.data.system.window_steps
+        )
         room = self.config.memory // window
         largest = int(self.counts.max())
         if room < largest:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib import resources
 from pathlib import Path
 from typing import Literal
 
-from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.config import SAMPLES_PER_RUN, DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
-from neuroanimator.systems.loading import USUAL_SUBSTEPS
+from neuroanimator.systems import load_system
+from neuroanimator.systems.loading import USUAL_SUBSTEPS, resolve, trust_files
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import Report, train
 
@@ -72,8 +75,23 @@ class Recipe:
         )
 
 
+@dataclass(frozen=True)
+class SoftRecipe:
+    """The data and the length of training of a soft body's emulator; all else is as for anybody's soft body."""
+
+    runs: int
+    """Number of simulated runs."""
+    updates: int
+
+
+SOFT_RECIPES = {
+    name: SoftRecipe(**system.recipe) for name, system in SHIPPED_SYSTEMS.items() if system.is_soft
+}
+
 RECIPES = {
-    name: Recipe(**system.recipe) for name, system in SHIPPED_SYSTEMS.items() if system.recipe
+    name: Recipe(**system.recipe)
+    for name, system in SHIPPED_SYSTEMS.items()
+    if system.recipe and not system.is_soft
 }
 """Those of the usual size, by system."""
 
@@ -115,3 +133,44 @@ def cook(
         emulator = emulator.in_strides(strides)
         save(emulator, out, read_metadata(of_stride)["provenance"])
     return emulator, out
+
+
+def cook_soft(
+    name: str,
+    folder: Path,
+    *,
+    on_report: Callable[[Report], None] = lambda report: None,
+) -> Path:
+    """Return the file of the emulator that the recipe of a soft body makes in `folder`; a killed run goes on where it stopped.
+
+    It is made of copies of the packaged TOML file and mesh, as one makes an emulator of a body of one's own.
+    """
+    assets = resources.files("neuroanimator.systems") / "assets"
+    folder.mkdir(parents=True, exist_ok=True)
+    toml = folder / f"{name}.toml"
+    toml.write_bytes((assets / toml.name).read_bytes())
+    mesh = tomllib.loads(toml.read_text(encoding="utf-8"))["mesh"]
+    (folder / mesh).write_bytes((assets / mesh).read_bytes())
+    trust_files(toml)
+    _, definition, substeps = resolve(str(toml))
+    recipe = SOFT_RECIPES[name]
+    config = DatasetConfig(
+        system=name,
+        definition=definition,
+        substeps=substeps,
+        count=SAMPLES_PER_RUN * recipe.runs,
+    )
+    data = folder / emulator_name(name, substeps)
+    generate(config, data)
+    own = data.with_name(f"own-{data.name}.emulator.safetensors")
+    training = TrainingConfig.usual(
+        load_system(str(toml)).structure,
+        updates=recipe.updates,
+    )
+    emulator = train(read_transitions(data), training, own, on_report=on_report)
+    out = folder / shipped_path(name, substeps).name
+    packaged = replace(emulator, spec=replace(emulator.spec, definition=""))
+    provenance = read_metadata(own)["provenance"]
+    provenance["dataset"]["definition"] = ""
+    save(packaged, out, provenance)
+    return out

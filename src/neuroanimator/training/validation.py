@@ -12,11 +12,18 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.verdict import ValidationErrors
+from neuroanimator.emulator.super_step import rollout_latent
+from neuroanimator.emulator.verdict import ValidationErrors, WindowErrors
 from neuroanimator.state.body_frame import Frame
 
 NOISE_SEED = 3
 """Seed of the noise that is added to states."""
+
+MAX_WINDOWS = 1024
+"""Maximum number of windows whose ends are looked at: their nodes take memory."""
+
+MAX_NODES = 256
+"""Maximum number of nodes looked at, spread over the body."""
 
 LARGEST_ERROR = 1e6
 """Errors above this count as much as it, and so do those that are not finite: files hold finite numbers."""
@@ -56,7 +63,52 @@ def validation_errors(
         no_change=size(frame.difference(ends, starts)),
         constant_velocity=size(frame.difference(ends, coasted(frame, rates, starts))),
         noise=by_noise,
+        window=window_errors(emulator, states, controls),
     )
+
+
+def window_errors(
+    emulator: Emulator,
+    states: Float[np.ndarray, "N T I"],
+    controls: Float[np.ndarray, "N H C"],
+) -> WindowErrors | None:
+    """Return how far a soft body is astray at the ends of windows of T = H + 1 latent states; None of other bodies."""
+    shapes = emulator.skeleton.shapes
+    if shapes is None:
+        return None
+    chosen = np.linspace(0, len(states) - 1, min(len(states), MAX_WINDOWS)).round().astype(int)
+    count = len(shapes.mean)
+    nodes = np.linspace(0, count - 1, min(count, MAX_NODES)).round().astype(int)
+    size = np.ptp(shapes.mean, axis=0).max()
+    starts = states[chosen, 0]
+    driven = controls[chosen]
+    frame = replace(emulator.frame, dt=emulator.dt)
+    kept = starts
+    no_change = np.zeros((len(starts), frame.change_size(starts.shape[-1])))
+    for step in range(driven.shape[1]):
+        kept = frame.apply(kept, no_change, driven[:, step])
+    emulated = np.asarray(_ends(emulator, as_jax(starts), as_jax(driven)))
+    truth = shapes.decode(emulator.decode(states[chosen, -1]), nodes)
+
+    def share(latent: Float[np.ndarray, "N I"]) -> Float[np.ndarray, ""]:
+        away = shapes.decode(emulator.decode(latent), nodes) - truth
+        error = np.sqrt((away**2).sum(axis=-1).mean()) / size
+        return np.asarray(np.nan_to_num(np.fmin(error, LARGEST_ERROR)), np.float32)
+
+    seconds = np.asarray(driven.shape[1] * emulator.dt, np.float32)
+    return WindowErrors(seconds, share(emulated), share(kept))
+
+
+@eqx.filter_jit
+def _ends(
+    emulator: Emulator, states: Float[Array, "N I"], controls: Float[Array, "N H C"]
+) -> Float[Array, "N I"]:
+    """Return the latent states at the ends of windows."""
+
+    def end(state: Float[Array, " I"], held: Float[Array, "H C"]) -> Float[Array, " I"]:
+        return rollout_latent(emulator, state, held)[-1]
+
+    return jax.vmap(end)(states, controls)
 
 
 @eqx.filter_jit

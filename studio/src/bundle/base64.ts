@@ -25,6 +25,11 @@ export function uint16Of(text: string): Uint16Array<ArrayBuffer> {
   return new Uint16Array(bytesOf(text).buffer);
 }
 
+/** Return int16 numbers written as base64. */
+export function int16Of(text: string): Int16Array<ArrayBuffer> {
+  return new Int16Array(bytesOf(text).buffer);
+}
+
 /** Return float32 numbers as base64. */
 export function base64Of(numbers: Float32Array): string {
   const bytes = new Uint8Array(numbers.buffer, numbers.byteOffset, numbers.byteLength);

@@ -52,6 +52,36 @@ export interface SkinArrays {
   readonly weights: string;
 }
 
+/** State entries that say where a frame is and how it is turned; -1 where they do not say (state/placement.py). */
+export interface Placement {
+  /** Where its origin begins [m]. */
+  readonly position: number;
+  /** How far it is turned about Z [rad]. */
+  readonly heading: number;
+  /** Where its quaternion begins. */
+  readonly orientation: number;
+}
+
+/** The surface of a soft body: nodes, and shapes that are added to them by their amplitudes; each array in base64. */
+export interface SurfaceArrays {
+  /** Float32 (N, 3): where the nodes are, in their own frame, if every amplitude is zero [m]. */
+  readonly mean: string;
+  /** Int16 (K, N, 3): displacement of the nodes by each amplitude, in units of its scale. */
+  readonly modes: string;
+  /** Float32 (K). */
+  readonly scales: string;
+  /** Uint32 (F, 3): corners of the triangles, counterclockwise from outside. */
+  readonly faces: string;
+  /** State entry of the first amplitude [m]. */
+  readonly first: number;
+  readonly placement: Placement;
+  /** sRGB. */
+  readonly colour: Vector3;
+}
+
+/** What a user moves: `size` numbers from `entry` on are its position [m] and, if it turns, its heading [rad]; as many controls their rates. */
+export type MoverFacts = readonly [name: string, entry: number, control: number, size: number];
+
 export type SceneKind = "water" | "lot" | "moon" | "plain";
 
 export interface SceneFacts {
@@ -130,6 +160,10 @@ export interface Bundle {
   readonly orientations: Pairs;
   readonly skeleton: readonly Bone[];
   readonly skin: SkinArrays | null;
+  /** Of a soft body; null or undefined of anything else. */
+  readonly surface?: SurfaceArrays | null;
+  /** What moves a soft body, and strikes it. */
+  readonly movers?: readonly MoverFacts[];
   readonly root: Root | null;
   readonly scene: SceneFacts;
   readonly policy: PolicyFacts | null;

@@ -31,6 +31,8 @@ export class Player {
   isPlaying = false;
   /** Whether the emulator goes on where the motion ends; else it stands there, and the default motion begins again. */
   isLive = false;
+  /** Whether the emulator goes on live where the default motion ends, rather than that it begins again. */
+  goesOn = false;
   /** Whether more of the motion comes from elsewhere: at its end the playhead waits. */
   isHeld = false;
   /** What steers while the emulator runs live. */
@@ -200,6 +202,10 @@ export class Player {
     if (this.isHeld || this.motion !== this.#default) {
       this.time = duration;
       this.isPlaying &&= this.isHeld;
+      return;
+    }
+    if (this.goesOn) {
+      this.goLive();
       return;
     }
     this.time = duration > 0 ? this.time % duration : 0;

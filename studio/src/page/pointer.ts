@@ -6,6 +6,8 @@ export interface Grabbable {
   grab(x: number, y: number): boolean;
   /** The pointer that was grabbed moved; `isLevel` asks to stay at one height. */
   drag(x: number, y: number, isLevel: boolean): void;
+  /** The wheel was turned by so many pixels, toward the user, while it was held. */
+  wheel?(pixels: number): void;
   release(): void;
 }
 
@@ -21,6 +23,7 @@ export class Pointer {
     // Before the camera's own listeners: what takes hold of a body does not turn the camera.
     canvas.addEventListener("pointerdown", (event) => this.#down(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this.#held?.drag(...this.#place(event), event.shiftKey));
+    canvas.addEventListener("wheel", (event) => this.#wheel(event), { capture: true, passive: false });
     canvas.addEventListener("pointerup", () => this.release());
     canvas.addEventListener("pointercancel", () => this.release());
   }
@@ -46,6 +49,14 @@ export class Pointer {
       this.canvas.setPointerCapture(event.pointerId);
       this.canvas.classList.add("pushing");
       this.onHold(true);
+    }
+  }
+
+  #wheel(event: WheelEvent): void {
+    if (this.#held?.wheel) {
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      this.#held.wheel(event.deltaY);
     }
   }
 

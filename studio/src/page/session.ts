@@ -10,6 +10,8 @@ import { Player } from "../motion/player";
 import { World } from "../scene/world";
 import type { Stage } from "../scene/stage";
 import { PolicyPilot, SliderPilot } from "../steering/pilots";
+import { Crowd } from "../steering/crowd";
+import { MoverPilot, WanderPath } from "../steering/movers";
 import { School } from "../steering/school";
 
 /** Time in which a browser shows what a page says, before a new stage keeps it busy [ms]. */
@@ -22,10 +24,14 @@ export class Session {
   readonly player: Player;
   readonly sliders: SliderPilot;
   readonly swimmer: PolicyPilot | null;
+  /** What leads the movers of a soft body, and the paths they wander along. */
+  readonly movers: { readonly pilot: MoverPilot; readonly path: WanderPath } | null;
   /** What the emulator needs for a super step [s], measured when it was loaded. */
   readonly secondsPerStep: number;
   readonly world: World;
   school: School | null = null;
+  crowd: Crowd | null = null;
+  #wantedCrowd = 0;
 
   private constructor(
     readonly entry: CatalogueEntry,
@@ -40,7 +46,14 @@ export class Session {
     this.player = new Player(emulator, facts);
     this.sliders = new SliderPilot(facts);
     this.swimmer = policy && new PolicyPilot(policy, facts);
-    this.player.pilot = this.swimmer ?? this.sliders;
+    this.movers = null;
+    if (facts.surface) {
+      const path = new WanderPath(this.player.motion, facts);
+      this.movers = { path, pilot: new MoverPilot(facts, path) };
+      // A cloth would jump where its motion begins again.
+      this.player.goesOn = true;
+    }
+    this.player.pilot = this.swimmer ?? this.movers?.pilot ?? this.sliders;
     this.secondsPerStep = timeSteps(emulator, facts);
     this.world = new World(stage, facts, this.player.motion.state(0), isDark);
   }
@@ -88,6 +101,23 @@ export class Session {
     const { world } = this;
     this.school = new School(emulator, this.policy, this.facts, world.size, world.room, world.middle, count);
     world.showSchool(this.school);
+  }
+
+  /** Show so many more soft bodies of its kind around the body; none takes them away. */
+  async keepCrowd(count: number): Promise<void> {
+    this.world.showCrowd(null);
+    this.crowd = null;
+    this.#wantedCrowd = count;
+    if (count === 0 || !this.movers) {
+      return;
+    }
+    // A module of its own: its memory goes when the crowd goes.
+    const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
+    // Another one may have been asked for since.
+    if (count === this.#wantedCrowd) {
+      this.crowd = new Crowd(emulator, this.facts, this.movers.path, count);
+      this.world.showCrowd(this.crowd);
+    }
   }
 
   dispose(): void {

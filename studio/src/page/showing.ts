@@ -3,6 +3,7 @@
 import { isPhysics } from "../bundle/bundle";
 import { EDGE } from "../motion/motion";
 import { controlPanel, steerPanel, type Panel } from "../panels/controls";
+import { moverPanel } from "../panels/movers";
 import { MeasurePanel } from "../panels/measure";
 import { takePanel } from "../panels/take";
 import type { CameraMode } from "../scene/cameras";
@@ -11,6 +12,7 @@ import { physicsOf, type Physics } from "../physics/physics";
 import { Twin } from "../physics/twin";
 import type { Live } from "../server/live";
 import type { KeySteering } from "../steering/keys";
+import { MoverDrag } from "../steering/drag";
 import { BodyPull } from "../steering/pull";
 import { SwimTarget } from "../steering/target";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
@@ -43,7 +45,8 @@ export class Showing {
   readonly #panels: Panel[];
   readonly #synthesis: Synthesis;
   readonly #target: SwimTarget;
-  readonly #pull: BodyPull;
+  /** A hand on the body: it pulls at it, or drags what moves it. */
+  readonly #hand: BodyPull | MoverDrag;
   readonly #ghostState: Float32Array;
   #handOver: HandOver | null = null;
   #sceneTime = 0;
@@ -68,9 +71,10 @@ export class Showing {
     player.onEvent = (event) => this.#happened(event);
     player.isPlaying = !isMotionReduced();
     this.#target = new SwimTarget(session);
-    this.#pull = new BodyPull(session, () => this.goLive());
+    const goLive = (): void => this.goLive();
+    this.#hand = session.movers ? new MoverDrag(session, session.movers.pilot, goLive) : new BodyPull(session, goLive);
     this.#measure = new MeasurePanel(session, this.#twin, () => this.toggleGhost());
-    const steer = steerPanel(session, () => this.goLive(), () => this.toggleTarget());
+    const steer = moverPanel(session, goLive) ?? steerPanel(session, goLive, () => this.toggleTarget());
     const goal = panel("Reach a goal", steer === null);
     const controls = controlPanel(session, () => this.goLive());
     const take = takePanel(session, live, banners, (onProgress, signal) => this.#film(onProgress, signal));
@@ -85,7 +89,7 @@ export class Showing {
       banners,
       body: goal.body,
     });
-    this.grabbables = [this.#synthesis, this.#target, this.#pull];
+    this.grabbables = [this.#synthesis, this.#target, this.#hand];
     const about = element("div", "about", [element("h1", "", [facts.id]), element("p", "", [facts.about])]);
     const elements = [about, steer?.element, goal.details, controls.element, this.#measure.element, take.element];
     this.side = elements.filter((one) => one !== undefined);
@@ -100,6 +104,7 @@ export class Showing {
     this.#handOver?.stop();
     this.#synthesis.dispose();
     this.#target.hide();
+    this.#hand.dispose();
     this.session.dispose();
   }
 
@@ -124,6 +129,9 @@ export class Showing {
       session.school.target = session.swimmer?.target ?? null;
       session.school.advance(seconds * player.speed);
     }
+    if (session.crowd && player.isPlaying) {
+      session.crowd.advance(seconds * player.speed, (number, state) => world.showInCrowd(number, state));
+    }
     if (!isMotionReduced()) {
       this.#sceneTime += seconds * (player.isPlaying ? player.speed : IDLE_SPEED);
     }
@@ -134,7 +142,7 @@ export class Showing {
     this.#showPhysics();
     this.#showTrust();
     this.#synthesis.update(seconds);
-    this.#pull.update();
+    this.#hand.update();
     world.draw(seconds, this.#sceneTime, this.#controlShares());
     this.#panels.forEach((one) => one.update());
   }

@@ -9,8 +9,8 @@ const KEYS: readonly (readonly [keys: string, does: string])[] = [
   ["[  ]", "slower, faster"],
   ["L", "live: the emulator goes on from where the playhead stands"],
   ["R", "live from the start"],
-  ["↑ ↓ ← →", "steer a swimmer: faster, slower, left, right; other systems: the first two controls"],
-  ["Page Up  Page Down", "steer a swimmer: climb, dive"],
+  ["↑ ↓ ← →", "steer a swimmer: faster, slower, left, right; what moves a cloth: away, nearer, left, right; other systems: the first two controls"],
+  ["Page Up  Page Down", "steer a swimmer: climb, dive; what moves a cloth: up, down"],
   ["G", "physics beside the emulator, as a ghost"],
   ["T", "target: swim to it, drag it"],
   ["C", "camera: follow, chase, stay"],
@@ -25,6 +25,7 @@ const KEYS: readonly (readonly [keys: string, does: string])[] = [
 const MOUSE: readonly (readonly [keys: string, does: string])[] = [
   ["Drag the background", "turn the camera; with the right button move it; wheel: nearer, further"],
   ["Drag the body", "push it"],
+  ["Drag what moves a cloth", "lead it: it goes as fast as it may; with Shift at its height, with the wheel nearer or away"],
   ["Drag the target", "move it"],
   ["Drop a file", "an emulator of your own, where there is a server"],
 ];

@@ -1,6 +1,7 @@
 // What the emulator costs, how far it is from physics, and how far to believe it.
 
 import { emptyPose, poseBones } from "../body/pose";
+import { surfaceGap, surfaceOf } from "../body/surface";
 import { isPhysics } from "../bundle/bundle";
 import { EDGE, type Motion } from "../motion/motion";
 import { button, element, fact, panel, shortNumber, type Fact } from "../page/dom";
@@ -18,8 +19,12 @@ const TOP_SCORE = 3;
 /** Numbers and curves are written anew so often at most [ms]. */
 const INTERVAL = 250;
 
-/** Return how far apart two motions' bones are on average [m], super step by super step. */
+/** Return how far apart two motions' bones are on average [m], of a surface its nodes at root mean square, super step by super step. */
 export function gapsBetween(session: Session, one: Motion, other: Motion, from: number, to: number): number[] {
+  if (session.facts.surface) {
+    const surface = surfaceOf(session.facts.surface);
+    return Array.from({ length: to - from }, (_, i) => surfaceGap(surface, one.state(from + i), other.state(from + i)));
+  }
   const { skeleton } = session.facts;
   const { bones } = session.world;
   const a = emptyPose(skeleton.length);
@@ -120,9 +125,9 @@ export class MeasurePanel implements Panel {
     const top = this.#scores.reduce((most, score) => Math.max(most, score), 1.5 * EDGE);
     this.#trust.draw([edge, { values: this.#scores, colour: "--accent" }], length, 0, Math.min(top, TOP_SCORE), at);
     this.#trust.note = this.score.toFixed(2);
-    const { school } = this.session;
-    const work = player.workPerImage + (school?.workPerImage ?? 0);
-    this.#work.value.textContent = player.isLive || school ? `${work.toFixed(2)} ms` : "–";
+    const { school, crowd } = this.session;
+    const work = player.workPerImage + (school?.workPerImage ?? 0) + (crowd?.workPerImage ?? 0);
+    this.#work.value.textContent = player.isLive || school || crowd ? `${work.toFixed(2)} ms` : "–";
     const cost = this.twin?.cost;
     if (cost) {
       const own = this.session.secondsPerStep / this.session.facts.dt;

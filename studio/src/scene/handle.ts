@@ -68,6 +68,29 @@ export function makeTarget(size: number, reach = 0.12 * size): TargetHandle {
   };
 }
 
+export interface Knob {
+  readonly object: Object3D;
+  /** Put it at a place [m], in physics' axes. */
+  moveTo(place: ArrayLike<number>): void;
+  dispose(): void;
+}
+
+/** Return a knob for what may be dragged and is not to be seen itself, of a body of `size` [m]. */
+export function makeKnob(size: number): Knob {
+  const geometry = new SphereGeometry(0.022 * size, 20, 14);
+  const material = new MeshBasicMaterial({ color: TARGET_COLOUR, transparent: true, opacity: 0.85, toneMapped: false });
+  const object = new Mesh(geometry, material);
+  object.name = "knob";
+  return {
+    object,
+    moveTo: (place) => void object.position.set(place[0]!, place[1]!, place[2]!),
+    dispose() {
+      geometry.dispose();
+      material.dispose();
+    },
+  };
+}
+
 export interface PathLine {
   readonly object: Object3D;
   /** Show a line through points [m] (n * 3), in physics' axes. */

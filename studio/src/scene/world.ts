@@ -1,8 +1,10 @@
 // All that is seen of one system: scenery, the body, its ghost, and the camera in front of them.
 
 import { Plane, Quaternion, Raycaster, Vector2, Vector3, type Object3D } from "three";
+import { collidersOf, endsOf, type Collider } from "../body/colliders";
 import { extentOf, movingBones, reachOf, sizeOfBody } from "../body/extent";
 import { emptyPose, poseBones, type Pose } from "../body/pose";
+import { cornersOf, facing, inWorld, surfaceFrame, surfaceOf, type Box, type Frame, type Surface } from "../body/surface";
 import { isTumbling, type Bundle } from "../bundle/bundle";
 import { toPhysics, toQuaternion, toThree } from "./axes";
 import { makeBody, makeGhost, type BodyView } from "./body/body";
@@ -11,11 +13,13 @@ import { CameraRig } from "./cameras";
 import { makeLot } from "./lot";
 import { makeMoon } from "./moon";
 import { makePlain } from "./plain";
+import { makeCrowdView, type CrowdView } from "./crowd";
 import { makeSchoolView, type SchoolView } from "./school";
 import type { ShadowGround } from "./school_shadows";
+import type { Crowd } from "../steering/crowd";
 import type { Room, School } from "../steering/school";
 import type { Measure, Scenery } from "./scenery";
-import type { PictureSize, Stage } from "./stage";
+import type { Atmosphere, PictureSize, Stage } from "./stage";
 import { makeWater } from "./water/water";
 
 /** Half the width of where shadows fall, over the body's size. */
@@ -43,6 +47,19 @@ const HUNG_VIEW: View = { ...VIEWS.plain, distance: 3 };
 const THROWN_VIEW: View = { azimuth: -1.1, elevation: 0.2, distance: 5.2 };
 const THROWN_HEIGHT = 1.1;
 
+/** A cloth is seen from the side of its face [rad], and from a little above. */
+const CLOTH_VIEW: View = { azimuth: -0.7, elevation: 0.18, distance: 2.4 };
+
+/** The sun stands to the other side of a cloth's face, so that folds are seen: where [rad]. */
+const CLOTH_SUN = { azimuth: 0.75, elevation: 0.75 };
+
+/** Where nothing is said of a ground, it lies so far under a cloth, over its size: what strikes it may come lower. */
+const UNDER_CLOTH = 0.25;
+
+/** A crowd is seen from this far, over how far its outermost stand, and from higher up [rad]. */
+const CROWD_DISTANCE = 1.8;
+const CROWD_ELEVATION = 0.42;
+
 /** A state is never drawn if one of its numbers is larger [m, rad, …]: it is lost. */
 const MAX_NUMBER = 1e5;
 
@@ -52,6 +69,9 @@ const OVER_WATER = 0.3;
 
 /** How near to a bone a swimmer is taken hold of, over its size. */
 const GRIP = 0.12;
+
+/** However small a mover is, it is taken hold of so near to it, over the body's size: a finger is no needle. */
+const MOVER_GRIP = 0.06;
 
 /** A point of a body that is held: [m], in the world. */
 export interface Grip {
@@ -63,19 +83,29 @@ export class World {
   readonly size: number;
   readonly camera: CameraRig;
   readonly pose: Pose;
+  /** Whether the camera stays where it is: who drags what it goes after would otherwise never catch up. */
+  isCameraHeld = false;
   /** The bones that move. */
   readonly bones: number[];
   readonly #body: BodyView;
   readonly #ghost: BodyView;
   readonly ghostPose: Pose;
   readonly #scenery: Scenery;
+  readonly #atmosphere: Atmosphere;
+  /** Where a surface shows its face [rad]. */
+  readonly #face: number;
   readonly #focus = new Vector3();
   /** What the camera looks at: the body, or for one that bounces where it is along the ground. */
   readonly #lookAt = new Vector3();
   readonly #isTumbling: boolean;
+  readonly #surface: Surface | null;
+  readonly #colliders: readonly Collider[];
+  /** Where the surface's own frame is. */
+  #frame: Frame = { origin: [0, 0, 0], turn: [1, 0, 0, 0] };
   readonly #objects: Object3D[];
   #fixedFocus: Vector3 | null = null;
   #school: SchoolView | null = null;
+  #crowd: CrowdView | null = null;
   readonly #groundHeight = { value: 0 };
   #low = 0;
   #high = 0;
@@ -90,19 +120,21 @@ export class World {
   ) {
     const bones = facts.skeleton;
     this.#isTumbling = isTumbling(facts);
+    this.#surface = facts.surface ? surfaceOf(facts.surface) : null;
+    this.#colliders = collidersOf(bones);
     this.bones = movingBones(bones);
     this.pose = emptyPose(bones.length);
     this.ghostPose = emptyPose(bones.length);
     poseBones(bones, facts.rest, this.pose);
-    this.size = sizeOfBody(bones, this.bones, this.pose);
+    this.size = this.#surface ? longestSide(this.#surface.box) : sizeOfBody(bones, this.bones, this.pose);
     const lowAtRest = extentOf(bones, this.bones, this.pose).low;
-    poseBones(bones, start, this.pose);
+    this.#pose(start);
     this.#locate();
     const measure: Measure = {
       size: this.size,
       middle: this.#focus.clone(),
       // What hangs may begin higher than it will ever be again.
-      low: facts.scene.kind === "plain" ? Math.min(this.#low, lowAtRest) : this.#low,
+      low: facts.scene.kind === "plain" ? Math.min(this.#low, lowAtRest) - this.#depthBelow : this.#low,
       high: this.#high,
     };
     this.#scenery = makeScenery(stage, facts, measure, isDark);
@@ -123,7 +155,9 @@ export class World {
       }
     }
     stage.root.add(...this.#objects);
-    stage.light(this.#scenery.atmosphere, SHADOW_REACH * this.size);
+    this.#face = this.#surface ? this.#faceOf(this.#surface) : 0;
+    this.#atmosphere = this.#surface ? { ...this.#scenery.atmosphere, sunDirection: sunFor(this.#face) } : this.#scenery.atmosphere;
+    stage.light(this.#atmosphere, SHADOW_REACH * this.size);
     this.camera = new CameraRig(stage.camera, stage.canvas);
     this.home();
   }
@@ -135,7 +169,19 @@ export class World {
     this.camera.frame(this.#lookAt, this.size, this.#heading, view.azimuth, view.elevation, view.distance);
   }
 
+  /** How far under the body at rest a ground lies that nothing says where it is [m], beside what it keeps of any body. */
+  get #depthBelow(): number {
+    return this.#surface ? UNDER_CLOTH * this.size : 0;
+  }
+
   #view(): View {
+    if (this.#surface) {
+      const azimuth = this.#face + CLOTH_VIEW.azimuth;
+      if (this.#crowd) {
+        return { azimuth, elevation: CROWD_ELEVATION, distance: (CROWD_DISTANCE * this.#crowd.radius) / this.size };
+      }
+      return { ...CLOTH_VIEW, azimuth };
+    }
     if (this.#isTumbling) {
       return THROWN_VIEW;
     }
@@ -147,8 +193,8 @@ export class World {
     if (!isDrawable(state)) {
       return false;
     }
-    poseBones(this.facts.skeleton, state, this.pose);
-    this.#body.update(this.pose);
+    this.#pose(state);
+    this.#body.update(this.pose, state);
     return true;
   }
 
@@ -158,7 +204,7 @@ export class World {
     this.#ghost.object.visible = isShown;
     if (isShown) {
       poseBones(this.facts.skeleton, state, this.ghostPose);
-      this.#ghost.update(this.ghostPose);
+      this.#ghost.update(this.ghostPose, state);
     }
   }
 
@@ -187,6 +233,26 @@ export class World {
     if (this.#school) {
       this.stage.root.add(this.#school.object);
     }
+  }
+
+  /** Draw a crowd around the body, or none, and look at all of it. */
+  showCrowd(crowd: Crowd | null): void {
+    if (this.#crowd) {
+      this.stage.root.remove(this.#crowd.object);
+      this.#crowd.dispose();
+    }
+    this.#crowd = crowd && makeCrowdView(this.facts, crowd, this.size, this.#scenery.bodyPatches);
+    if (this.#crowd) {
+      crowd!.show((number, state) => this.showInCrowd(number, state));
+      this.stage.root.add(this.#crowd.object);
+    }
+    this.stage.light(this.#atmosphere, SHADOW_REACH * this.size + (this.#crowd?.radius ?? 0));
+    this.home();
+  }
+
+  /** Show one of the crowd in `state` (S). */
+  showInCrowd(number: number, state: Float32Array): void {
+    this.#crowd?.show(number, state);
   }
 
   /** Draw an image. `controls` are shares of their bounds, 0 to 1; scenery stands still where motion is to be reduced. */
@@ -220,7 +286,7 @@ export class World {
     this.camera.ground = this.#scenery.ground;
     this.camera.lookFrom = this.#heightForLeap();
     this.#aim();
-    this.camera.update(this.#lookAt, turned, seconds);
+    this.camera.update(this.isCameraHeld ? this.camera.controls.target.clone() : this.#lookAt, turned, seconds);
   }
 
   get canvas(): HTMLCanvasElement {
@@ -249,6 +315,50 @@ export class World {
       }
     }
     return nearest;
+  }
+
+  /** The mover under the pointer, by the number of its bone among `bones`; null if there is none. The foremost is taken. */
+  pickMover(x: number, y: number, bones: readonly number[]): Grip | null {
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2(x, y), this.stage.camera);
+    let nearest: Grip | null = null;
+    let least = Infinity;
+    for (const bone of bones) {
+      const point = this.#pointOfMover(ray, bone);
+      const distance = point?.distanceTo(ray.ray.origin) ?? Infinity;
+      if (point && distance < least) {
+        least = distance;
+        nearest = { bone, point: toPhysics(point) };
+      }
+    }
+    return nearest;
+  }
+
+  // Where a ray comes nearest to a bone's spheres and capsules, or to the bone if it has none; null if that is beside them.
+  #pointOfMover(ray: Raycaster, bone: number): Vector3 | null {
+    const colliders = this.#colliders.filter((collider) => collider.bone === bone);
+    const itself: Collider = { bone, ends: [[0, 0, 0], [0, 0, 0]], radius: 0 };
+    for (const collider of colliders.length > 0 ? colliders : [itself]) {
+      const [start, end] = endsOf(collider, this.pose);
+      const point = new Vector3();
+      const square = ray.ray.distanceSqToSegment(toThree(start), toThree(end), point);
+      if (Math.sqrt(square) < Math.max(collider.radius, MOVER_GRIP * this.size)) {
+        return point;
+      }
+    }
+    return null;
+  }
+
+  /** Unit vectors of the camera along the ground [m]: away from it, and to its left; in physics' axes. */
+  get bearings(): { readonly ahead: [number, number, number]; readonly left: [number, number, number] } {
+    const [x, y] = this.lookingAlong;
+    const length = Math.hypot(x, y) || 1;
+    return { ahead: [x / length, y / length, 0], left: [-y / length, x / length, 0] };
+  }
+
+  /** Unit vector in which the camera looks, in physics' axes. */
+  get lookingAlong(): [number, number, number] {
+    return toPhysics(this.stage.camera.getWorldDirection(new Vector3()));
   }
 
   /** Where the pointer is on the plane through `point` [m] that faces the camera, or lies level. */
@@ -305,6 +415,10 @@ export class World {
 
   dispose(): void {
     this.showSchool(null);
+    if (this.#crowd) {
+      this.stage.root.remove(this.#crowd.object);
+      this.#crowd.dispose();
+    }
     this.stage.root.remove(...this.#objects);
     this.#body.dispose();
     this.#ghost.dispose();
@@ -332,12 +446,46 @@ export class World {
     return new Quaternion(turn.x, turn.z, -turn.y, turn.w);
   }
 
+  // The side of a cloth that is struck [rad]: what strikes it should be seen.
+  #faceOf(surface: Surface): number {
+    const face = facing(surface);
+    const striking = this.bones.find((bone) => this.facts.skeleton[bone]!.shapes.length > 0);
+    if (striking === undefined) {
+      return face;
+    }
+    const [x, y] = toPhysics(this.#focus);
+    const [strikerX, strikerY] = this.bonePoint(striking);
+    const ahead = Math.cos(face) * (strikerX - x) + Math.sin(face) * (strikerY - y);
+    return ahead < 0 ? face + Math.PI : face;
+  }
+
+  #pose(state: ArrayLike<number>): void {
+    poseBones(this.facts.skeleton, state, this.pose);
+    if (this.#surface) {
+      this.#frame = surfaceFrame(this.#surface, state);
+    }
+  }
+
   #locate(): void {
+    if (this.#surface) {
+      this.#locateSurface(this.#surface.box);
+      return;
+    }
     const extent = extentOf(this.facts.skeleton, this.bones, this.pose);
     this.#focus.copy(this.#fixedFocus ?? toThree(extent.middle));
     this.#low = extent.low;
     this.#high = extent.high;
     this.#heading = this.#headingOf();
+  }
+
+  // What strikes a cloth comes and goes; the cloth is looked at where it hangs.
+  #locateSurface(box: Box): void {
+    const corners = cornersOf(box).map((corner) => inWorld(this.#frame, corner));
+    const heights = corners.map((corner) => corner[2]);
+    const middle = [0, 1, 2].map((axis) => corners.reduce((sum, corner) => sum + corner[axis]! / 8, 0));
+    this.#focus.copy(toThree(middle));
+    this.#low = Math.min(...heights);
+    this.#high = Math.max(...heights);
   }
 
   // A camera that went up and down with what bounces would show it standing still.
@@ -373,6 +521,17 @@ function makeScenery(stage: Stage, facts: Bundle, measure: Measure, isDark: bool
     case "plain":
       return makePlain(stage, measure, facts.scene.floor, isDark);
   }
+}
+
+/** Return where the sun stands for a cloth that shows its face to an azimuth [rad], in three.js' axes. */
+function sunFor(face: number): Vector3 {
+  const { azimuth, elevation } = CLOTH_SUN;
+  const level = Math.cos(elevation);
+  return toThree([level * Math.cos(face + azimuth), level * Math.sin(face + azimuth), Math.sin(elevation)]);
+}
+
+function longestSide({ low, high }: Box): number {
+  return Math.max(...low.map((value, axis) => high[axis]! - value));
 }
 
 /** Return whether a state is one to be drawn: all numbers finite, and none beyond reason. */

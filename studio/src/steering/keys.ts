@@ -1,6 +1,7 @@
 // Steering by keys that are held: what a swimmer is told, or the first controls of anything else.
 
 import type { Session } from "../page/session";
+import type { MoverPilot } from "./movers";
 import { clamp } from "./pilots";
 
 /** Keys change a swimmer's speed by so much of its fastest in a second. */
@@ -23,6 +24,8 @@ export class KeySteering {
       const shares = [this.#axis("ArrowUp", "ArrowDown"), this.#axis("ArrowLeft", "ArrowRight"), this.#axis("PageUp", "PageDown")] as const;
       if (session.swimmer) {
         steerSwimmer(session, shares, seconds);
+      } else if (session.movers) {
+        steerMover(session, session.movers.pilot, isSteering ? shares : null);
       } else {
         steerControls(session, shares);
       }
@@ -45,6 +48,17 @@ function steerSwimmer(session: Session, [forward, left, up]: Shares, seconds: nu
   pilot.command.speed = clamp(pilot.command.speed + faster, 0, pilot.maxSpeed);
   pilot.command.turn = TURN * left;
   pilot.command.climb = CLIMB * up;
+}
+
+// As the camera sees it: away from it, to its left, and up.
+function steerMover(session: Session, pilot: MoverPilot, shares: Shares | null): void {
+  session.player.pilot = pilot;
+  if (!shares) {
+    pilot.push(null);
+    return;
+  }
+  const { ahead, left } = session.world.bearings;
+  pilot.push([0, 1, 2].map((axis) => shares[0] * ahead[axis]! + shares[1] * left[axis]! + (axis === 2 ? shares[2] : 0)));
 }
 
 // All of a control or none of it: keys know no more.

@@ -63,6 +63,10 @@ export class BodyPull implements Grabbable {
     this.#goal = null;
   }
 
+  dispose(): void {
+    this.release();
+  }
+
   #pull(state: Float32Array): Float32Array {
     const { world, facts } = this.session;
     const { bone } = this.#grip!;

@@ -37,7 +37,7 @@ export class Siblings {
     this.#results.forEach((result, i) => {
       result.motion.sample(time, this.#state);
       poseBones(this.facts.skeleton, this.#state, this.#pose);
-      this.#bodies[i]!.update(this.#pose);
+      this.#bodies[i]!.update(this.#pose, this.#state);
     });
   }
 

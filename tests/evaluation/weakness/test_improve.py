@@ -29,6 +29,7 @@ from neuroanimator import (
     load_system,
     train,
 )
+from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.tensors import emulator_tensors
@@ -294,7 +295,9 @@ def test_a_run_is_validated_on_in_every_round_or_in_none(transitions: Transition
     samples = Runs(states, np.zeros((90, 15, 3), np.float32), np.zeros(90, int))
     groups = []
     for count in (60, 90):
-        data = mix_windows(transitions, cut_windows(samples.rows(np.arange(count))), CONFIG)
+        data = mix_windows(
+            transitions, cut_windows(samples.rows(np.arange(count)), MAX_UNROLL), CONFIG
+        )
         assert len(data.states) % GROUPS == 0
         assert len(set(np.bincount(data.run))) == 1
         groups.append(
@@ -313,7 +316,7 @@ def test_a_wider_range_changes_nothing_within_the_old_one(
     _, shifted = distributions_of(system, shipped.dt)
     pool = draw_runs([shifted], rng, transitions.states[:, 0].astype(float), 60)
     runs = system.simulate(pool.states[:, 0], 1.0 * pool.controls, shipped.dt)
-    wider = widen(shipped, cut_windows(pool._replace(states=runs.states)))
+    wider = widen(shipped, cut_windows(pool._replace(states=runs.states), MAX_UNROLL))
     assert (np.asarray(wider.domain.high) > np.asarray(shipped.domain.high)).any()
     assert jax.numpy.array_equal(wider.domain.low, -wider.domain.high)
     states = transitions.states[:100, 0].astype(float)

@@ -6,14 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from soft_bodies import moving_states
 
 import neuroanimator as na
+from neuroanimator.control.policies import train_policy
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.soft.find_shapes import Sketch
 from neuroanimator.systems.soft.obj_file import read_obj
+from neuroanimator.training.validation import window_errors
 
 SIDE = 12
 """Number of nodes along an edge of the cloth."""
@@ -61,7 +64,7 @@ def test_modes_are_orthogonal_and_of_one_size(cloth):
 
 
 def test_a_state_put_together_and_taken_apart_is_the_same(cloth):
-    states = cloth.starts[:5]
+    states = moving_states(cloth)[:5]
     np.testing.assert_allclose(taken_apart(cloth, states), states, atol=1e-3)
 
 
@@ -85,7 +88,7 @@ def test_rest_stays_rest(cloth):
 def test_moving_everything_moves_the_motion(cloth):
     """Where the cloth hangs matters to nothing but where it is."""
     rng = np.random.default_rng(0)
-    start = cloth.starts[40:41]
+    start = moving_states(cloth)[40:41]
     shifted = start.copy()
     shift = np.array([0.5, -0.25, 0.125])
     shifted[:, :6] += np.tile(shift, 2)
@@ -116,7 +119,7 @@ def test_the_ball_strikes_the_cloth_and_is_shown_beforehand(cloth):
 
 def test_results_do_not_depend_on_threads_or_on_the_rows_beside(cloth):
     controls = np.random.default_rng(1).uniform(-0.3, 0.3, (20, 4, cloth.control.size))
-    starts = cloth.starts[:20]
+    starts = moving_states(cloth)[:20]
     one = cloth.simulate(starts, controls, 1 / 30).states
     two = cloth.simulate(starts, controls, 1 / 30, threads=2).states
     few = cloth.simulate(starts[3:5], controls[3:5], 1 / 30).states
@@ -180,6 +183,78 @@ def test_an_emulator_of_a_cloth_knows_its_movers_exactly_and_carries_its_shapes(
     np.testing.assert_allclose(path[-1, 6:12], controls[-1], rtol=1e-5)
 
 
+def test_a_hasty_emulator_of_a_cloth_is_called_what_it_is(cloth, trained):
+    """One super step alone says little of it: errors grow."""
+    emulator, file = trained
+    again = na.Emulator.load(file)
+    assert again.validation is not None
+    assert str(again.verdict) == str(emulator.verdict)
+    window = again.validation.window
+    assert window is not None
+    assert 0 < float(window.emulator) < 0.2
+    assert 0 < float(window.no_change) < 0.2
+    assert window.in_words in str(again.verdict)
+    rest = np.repeat(cloth.rest[None, None], 9, axis=1)
+    held = np.zeros((1, 8, cloth.control.size))
+    keeping = window_errors(emulator, rest, held)
+    assert keeping is not None
+    assert float(keeping.no_change) < 1e-6
+
+
+def test_a_mover_is_where_its_path_is_and_the_others_stay(trained):
+    emulator, _ = trained
+    times = np.arange(0, 1.01, 0.01)
+    places = np.stack([5 + 0.3 * np.sin(2 * times), 0 * times, 0.2 * times], axis=1)
+    drive = na.path_drive(emulator, {"holder": na.RecordedPath("walk", times, places)}, speed=0.5)
+    motion = drive.motion(emulator)
+    assert not drive.remarks
+    assert len(motion) == 61
+    at = 0.5 * emulator.dt * np.arange(61)
+    expected = np.stack([np.interp(at, times, column) for column in places.T], axis=1)
+    np.testing.assert_allclose(motion[:, 3:6], expected, atol=1e-4)
+    beside = emulator.rest[:3] - emulator.rest[3:6]
+    away = motion[0, :3] - motion[0, 3:6] - beside
+    assert np.linalg.norm(away) < 0.2  # the run-in moves the holder away from the ball
+    np.testing.assert_allclose(motion[:, :3], np.broadcast_to(motion[0, :3], (61, 3)), atol=1e-4)
+
+
+def test_a_mover_comes_to_where_its_path_begins_before_the_motion_does(trained):
+    emulator, _ = trained
+    times = np.array([0.0, 1.0])
+    path = na.RecordedPath("ball", times, np.array([[0.5, 0.5, 1.0], [0.5, 0.3, 1.0]]))
+    drive = na.path_drive(emulator, {"ball": path}, seconds=0.5)
+    np.testing.assert_allclose(drive.start[:3], path.positions[0], atol=1e-6)
+    np.testing.assert_allclose(drive.start[3:6], emulator.rest[3:6], atol=1e-5)
+    np.testing.assert_allclose(drive.controls[:, :3], [[0, -0.2, 0]] * 15, atol=1e-6)
+
+
+def test_a_path_faster_than_training_is_told_of_and_one_that_jumps_is_refused(trained):
+    emulator, _ = trained
+    times = np.array([0.0, 1.0])
+    fast = na.RecordedPath("walk", times, np.array([[0.0, 0, 0], [2, 0, 0]]))
+    drive = na.path_drive(emulator, {"ball": fast})
+    (remark,) = drive.remarks
+    assert "ball moves at up to 2 m/s along x, 2 times" in remark
+    assert "--path-speed 0.5" in remark
+    assert not na.path_drive(emulator, {"ball": fast}, speed=0.5).remarks
+    moved = drive.motion(emulator)[-1, :3] - drive.start[:3]
+    np.testing.assert_allclose(moved, [2, 0, 0], atol=1e-4)
+    jump = na.RecordedPath("walk", times, np.array([[0.0, 0, 0], [200, 0, 0]]))
+    with pytest.raises(NeuroAnimatorError, match="200 times as fast as in training"):
+        na.path_drive(emulator, {"ball": jump})
+    with pytest.raises(NeuroAnimatorError, match="no mover called 'bal'. Did you mean ball"):
+        na.path_drive(emulator, {"bal": fast})
+    with pytest.raises(NeuroAnimatorError, match=r"wanted at least 3\.33333 s"):
+        na.path_drive(emulator, {"ball": fast}, speed=100)
+
+
+def test_a_policy_of_a_cloth_is_refused_before_it_is_learnt(cloth, trained, tmp_path: Path):
+    emulator, _ = trained
+    with pytest.raises(NeuroAnimatorError, match="cloth is a soft body"):
+        train_policy(emulator, cloth, tmp_path / "cloth.policy.safetensors")
+    assert not list(tmp_path.iterdir())
+
+
 FORGED = {
     "no faces": lambda tensors, _: tensors.pop("shapes.faces"),
     "a face of nodes that are not there": lambda tensors, _: tensors["shapes.faces"].fill(10**6),
@@ -202,6 +277,9 @@ FORGED = {
     "a collider of no mover": lambda _, metadata: metadata["shape_contacts"]["capsules"][
         0
     ].__setitem__(0, 7),
+    "a window that is no truth": lambda _, metadata: metadata.update(validation_window=3),
+    "a window without numbers": lambda tensors, _: tensors.pop("validation.window.seconds"),
+    "an error below nothing": lambda tensors, _: tensors["validation.window.emulator"].fill(-1),
     "a mover that turns": lambda _, metadata: metadata["shape_contacts"].update(
         turning=[False, True]
     ),
@@ -234,6 +312,7 @@ def test_a_forged_emulator_of_a_cloth_is_refused(trained, tmp_path: Path, name: 
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4: wanted 3 to 16 vertices"),
         ("v 0 0 0\nv 1 0 0\nf 1 2\n", "line 3: wanted 3 to 16 vertices"),
         ("v 0 0 0\n", "no faces"),
+        ("#\n" + "v 0 0 0\n" * 100_001, "100,001 nodes, for which 6 GB would be needed"),
         ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "line 1: wanted three numbers"),
     ],
 )
@@ -253,8 +332,10 @@ def test_an_obj_counts_from_one_and_backwards_and_splits_polygons():
 def test_a_cost_of_a_node_is_of_where_the_node_is(cloth):
     node = SIDE * SIDE - 1
     term = na.reach_node(cloth, node, [0.1, 0.2, 0.3], within=0.5)
-    seen = term.observe(cloth.starts[:4])
-    np.testing.assert_allclose(seen, cloth.shapes.decode(cloth.starts[:4], [node])[:, 0], atol=1e-5)
+    seen = term.observe(moving_states(cloth)[:4])
+    np.testing.assert_allclose(
+        seen, cloth.shapes.decode(moving_states(cloth)[:4], [node])[:, 0], atol=1e-5
+    )
     with pytest.raises(NeuroAnimatorError, match="wanted 0 to 143, came 144"):
         na.reach_node(cloth, SIDE * SIDE, [0, 0, 0], within=1)
 

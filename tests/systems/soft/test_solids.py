@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jelly_mesh import cube, msh_2, msh_4
+from soft_bodies import moving_states
 
 import neuroanimator as na
+from neuroanimator.control.policies import train_policy
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.export.morphs import surface_normals
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.rotation import facing, multiply, rotate, rotation_between
 from neuroanimator.systems.loading import resolve
@@ -17,6 +20,8 @@ from neuroanimator.systems.soft.mesh_file import read_mesh
 from neuroanimator.systems.soft.own_frame import seen_from_root, with_steady_signs
 from neuroanimator.systems.soft.program import SoftProgram
 from neuroanimator.systems.soft.scene import Scene
+from neuroanimator.systems.soft.shape_file import ShapeFile
+from neuroanimator.systems.soft.soft_system import SoftSystem
 
 DT = 1 / 30
 
@@ -40,7 +45,7 @@ def jelly(toml: Path):
 
 def flying(jelly, count: int = 4) -> np.ndarray:
     """Return states of the body 5 m above the ground, moving and spinning, far from the paddle."""
-    states = jelly.starts[20 : 20 + count].copy()
+    states = moving_states(jelly)[20 : 20 + count].copy()
     rng = np.random.default_rng(4)
     states[:, jelly.state.index("position")] = [3.0, 0.0, 5.0]
     states[:, jelly.state.index("velocity")] = rng.normal(size=(count, 3))
@@ -108,7 +113,7 @@ def test_the_state_has_a_root(jelly):
 
 
 def test_a_state_put_together_and_taken_apart_is_the_same(jelly):
-    states = jelly.starts[::40]
+    states = moving_states(jelly)[::40]
     again = taken_apart(jelly, states)
     root = jelly.state.index("orientation")
     states[:, root] *= np.sign((states[:, root] * again[:, root]).sum(axis=1))[:, None]
@@ -179,7 +184,7 @@ def test_rest_stays_rest(jelly):
 
 
 def test_moving_and_turning_the_world_does_not_change_the_physics(jelly):
-    starts = jelly.starts[60:64]
+    starts = moving_states(jelly)[60:64]
     controls = jelly.sample_paths(np.random.default_rng(0), 4, 6, DT, starts)
     here = jelly.simulate(starts, controls, DT).states
     moved = elsewhere(jelly, starts, SHIFT, ANGLE)
@@ -192,7 +197,7 @@ def test_moving_and_turning_the_world_does_not_change_the_physics(jelly):
 
 def test_moving_and_turning_the_world_does_not_change_what_is_shown(jelly):
     contacts = jelly.structure.shape_contacts
-    states = jelly.starts[::20]
+    states = moving_states(jelly)[::20]
     controls = jelly.sample_paths(np.random.default_rng(1), len(states), 1, DT, states)[:, 0]
     here = np.concatenate(contacts.shown(states, controls, DT), axis=-1)
     assert here.shape[-1] == contacts.size
@@ -271,7 +276,7 @@ def emulator(toml: Path, tmp_path_factory: pytest.TempPathFactory) -> na.Emulato
 
 
 def test_the_prediction_of_a_turned_world_is_the_turned_prediction(jelly, emulator):
-    starts = jelly.starts[60:63].astype(np.float32)
+    starts = moving_states(jelly)[60:63].astype(np.float32)
     controls = jelly.sample_paths(np.random.default_rng(2), 3, 5, emulator.dt, starts)
     here = np.asarray(emulator.rollout(starts, controls.astype(np.float32)))
     moved = elsewhere(jelly, starts, SHIFT / 20, ANGLE).astype(np.float32)
@@ -280,8 +285,42 @@ def test_the_prediction_of_a_turned_world_is_the_turned_prediction(jelly, emulat
     np.testing.assert_allclose(there, elsewhere(jelly, here, SHIFT / 20, ANGLE), atol=5e-3)
 
 
+def test_the_paddle_follows_a_path_and_what_is_drawn_is_outside_of_it_and_above_the_ground(
+    jelly, emulator
+):
+    times = np.linspace(0, 1, 31)
+    rest = jelly.rest[:3]
+    aim = jelly.shapes.decode(jelly.rest).mean(axis=0)
+    places = rest + times[:, None] * (aim - rest)
+    path = na.RecordedPath("swing", times, places, 0 * times)
+    drive = na.path_drive(emulator, {"paddle": path}, speed=0.5)
+    motion = drive.motion(emulator)
+    paddle = motion[:, jelly.state.index("paddle")]
+    np.testing.assert_allclose(paddle[-1], places[-1], atol=1e-4)
+    clip = na.make_clip(emulator, motion)
+    drawn = na.push_out(clip, emulator)
+    contacts = emulator.frame.shape_contacts
+    shapes = drawn.skeleton.shapes
+    assert contacts is not None
+    assert shapes is not None
+    nodes = shapes.unplaced(drawn.states)
+    before = clip.skeleton.shapes.unplaced(clip.states)
+    pushed = [
+        np.linalg.norm(contacts.pushed_out(part, clip.states) - part, axis=-1).max()
+        for part in (before, nodes)
+    ]
+    assert pushed[0] > 0.01
+    assert pushed[1] <= 1e-3
+    assert shapes.decode(drawn.states)[..., 2].min() >= contacts.ground - 1e-3
+
+
+def test_a_policy_of_a_jelly_is_refused(jelly, emulator, tmp_path: Path):
+    with pytest.raises(NeuroAnimatorError, match="jelly is a soft body"):
+        train_policy(emulator, jelly, tmp_path / "jelly.policy.safetensors")
+
+
 def test_the_emulator_in_c_is_that_in_jax(jelly, emulator):
-    start = jelly.starts[60].astype(np.float32)
+    start = moving_states(jelly)[60].astype(np.float32)
     controls = jelly.sample_paths(np.random.default_rng(2), 1, 5, emulator.dt, start[None])[0]
     controls = controls.astype(np.float32)
     in_c = np.asarray(emulator.rollout(start, controls))
@@ -293,8 +332,8 @@ def test_the_emulator_in_c_is_that_in_jax(jelly, emulator):
 
 def test_a_cost_of_a_node_follows_the_root(jelly):
     term = na.reach_node(jelly, 5, [0.1, 0.2, 0.3], within=0.5)
-    seen = term.observe(jelly.starts[60:64])
-    wanted = jelly.shapes.decode(jelly.starts[60:64], [5])[:, 0]
+    seen = term.observe(moving_states(jelly)[60:64])
+    wanted = jelly.shapes.decode(moving_states(jelly)[60:64], [5])[:, 0]
     np.testing.assert_allclose(seen, wanted, atol=1e-5)
 
 
@@ -368,6 +407,24 @@ def test_a_scene_that_cannot_be_is_refused_by_name(toml: Path, old: str, new: st
     other.write_text(toml.read_text().replace(old, new))
     with pytest.raises(NeuroAnimatorError, match=message):
         resolve(str(other))
+
+
+def test_a_mover_that_is_called_as_a_part_of_the_root_is_refused(jelly):
+    definition = jelly.scene.definition
+    movers = {"velocity": definition.movers["paddle"]}
+    named = definition.model_copy(update={"movers": movers})
+    scene = Scene(named, jelly.scene.mesh)
+    with pytest.raises(NeuroAnimatorError, match="two parts are called 'velocity'. Rename a mover"):
+        SoftSystem(named, scene, ShapeFile(jelly.shapes, jelly.rest))
+
+
+def test_a_solid_is_drawn_with_normals_at_all_nodes(jelly, tmp_path: Path):
+    states = moving_states(jelly)[60:70]
+    normals = surface_normals(jelly.shapes, jelly.shapes.unplaced(states))
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1, atol=1e-9)
+    clip = na.Clip("jelly", jelly.skeleton, DT * np.arange(10), states)
+    na.write_glb(clip, tmp_path / "jelly.glb")
+    assert (tmp_path / "jelly.glb").stat().st_size > 0
 
 
 def test_a_body_over_no_ground_is_refused(jelly):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from soft_bodies import moving_states
 
 import neuroanimator as na
 from neuroanimator.state.rotation import rotate_in_plane
@@ -99,7 +100,7 @@ def test_the_state_has_headings_and_their_rates(cape):
 
 
 def test_a_state_put_together_and_taken_apart_is_the_same(cape):
-    states = cape.starts[5:15]
+    states = moving_states(cape)[5:15]
     motion = cape.motion(states)
     positions, velocities = (np.moveaxis(part, -1, 0) for part in motion[:2])
     size = cape.control.size
@@ -112,7 +113,7 @@ def test_a_state_put_together_and_taken_apart_is_the_same(cape):
 
 def test_rates_are_the_derivatives_of_amplitudes(cape):
     """Where the anchor turns, too: all that moves goes on straight, or turns on, for a moment."""
-    states = cape.starts[5:15]
+    states = moving_states(cape)[5:15]
     size = cape.control.size
     motion = cape.motion(states)
     step = 1e-6
@@ -129,7 +130,7 @@ def test_rates_are_the_derivatives_of_amplitudes(cape):
 
 def test_moving_and_turning_the_world_does_not_change_the_physics(cape):
     rng = np.random.default_rng(0)
-    starts = cape.starts[20:24]
+    starts = moving_states(cape)[20:24]
     controls = cape.sample_paths(rng, 4, 6, 1 / 30, starts)
     here = cape.simulate(starts, controls, 1 / 30).states
     there = cape.simulate(
@@ -140,7 +141,7 @@ def test_moving_and_turning_the_world_does_not_change_the_physics(cape):
 
 def test_moving_and_turning_the_world_does_not_change_what_is_shown(cape):
     contacts = cape.structure.shape_contacts
-    states = cape.starts[20:30]
+    states = moving_states(cape)[20:30]
     controls = cape.sample_paths(np.random.default_rng(1), 10, 1, 1 / 30, states)[:, 0]
     here = np.concatenate(contacts.shown(states, controls, 1 / 30), axis=-1)
     assert here.shape[-1] == contacts.size
@@ -202,7 +203,7 @@ def emulator(toml: Path, tmp_path_factory: pytest.TempPathFactory) -> na.Emulato
 
 
 def test_the_prediction_of_a_turned_world_is_the_turned_prediction(cape, emulator):
-    starts = cape.starts[20:23].astype(np.float32)
+    starts = moving_states(cape)[20:23].astype(np.float32)
     controls = cape.sample_paths(np.random.default_rng(2), 3, 5, emulator.dt, starts)
     here = np.asarray(emulator.rollout(starts, controls.astype(np.float32)))
     moved = elsewhere(cape, starts, SHIFT / 10, ANGLE).astype(np.float32)
@@ -212,7 +213,7 @@ def test_the_prediction_of_a_turned_world_is_the_turned_prediction(cape, emulato
 
 
 def test_the_emulator_in_c_is_that_in_jax(cape, emulator):
-    starts = cape.starts[20:21].astype(np.float32)
+    starts = moving_states(cape)[20:21].astype(np.float32)
     controls = cape.sample_paths(np.random.default_rng(2), 1, 5, emulator.dt, starts)
     controls = controls.astype(np.float32)
     in_c = np.asarray(emulator.rollout(starts[0], controls[0]))
@@ -224,8 +225,8 @@ def test_the_emulator_in_c_is_that_in_jax(cape, emulator):
 
 def test_a_cost_of_a_node_follows_the_heading(cape):
     term = na.reach_node(cape, SIDE * SIDE - 1, [0.1, 0.2, 0.3], within=0.5)
-    seen = term.observe(cape.starts[:4])
-    wanted = cape.shapes.decode(cape.starts[:4], [SIDE * SIDE - 1])[:, 0]
+    seen = term.observe(moving_states(cape)[:4])
+    wanted = cape.shapes.decode(moving_states(cape)[:4], [SIDE * SIDE - 1])[:, 0]
     np.testing.assert_allclose(seen, wanted, atol=1e-5)
 
 
@@ -235,3 +236,20 @@ def test_the_bones_of_movers_turn_about_where_they_are(cape):
     positions, orientations = cape.skeleton.world_poses(state[None])
     np.testing.assert_allclose(positions[0, 0], [0, 0.4, 0.7], atol=1e-9)
     np.testing.assert_allclose(orientations[0, 0], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-9)
+
+
+def test_a_path_in_a_turned_world_gives_the_turned_motion(cape, emulator):
+    times = np.linspace(0, 1, 31)
+    places = np.stack([0.3 * np.sin(times), 0.2 * times, 1 + 0 * times], axis=1)
+    headings = 0.8 * times**2
+    turned = np.array(places)
+    angles = np.full((31, 1), ANGLE)
+    turned[:, :2] = rotate_in_plane(angles, places[:, :2])
+    here = na.path_drive(emulator, {"torso": na.RecordedPath("walk", times, places, headings)})
+    there = na.path_drive(
+        emulator, {"torso": na.RecordedPath("walk", times, turned, headings + ANGLE)}
+    )
+    motion = here.motion(emulator)
+    np.testing.assert_allclose(motion[:, cape.state.index("torso_heading")][:, 0], headings, atol=1e-4)  # fmt: skip
+    expected = elsewhere(cape, motion, np.zeros(3), ANGLE)
+    np.testing.assert_allclose(there.motion(emulator), expected, atol=5e-3)

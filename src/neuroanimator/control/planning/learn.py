@@ -9,7 +9,6 @@ import numpy as np
 
 from neuroanimator.control.planning.environments import Episode
 from neuroanimator.control.synthesis.finetune import REFINING_UPDATES, train_on
-from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -34,17 +33,18 @@ def with_episodes(data: Transitions, episodes: Sequence[Episode]) -> Transitions
 
     A super step that the environment ended early is left out. Raises ArgumentError if no episode is as long as a window.
     """
+    length = data.system.window_steps
     states = []
     controls = []
     runs = []
     for number, episode in enumerate(episodes):
-        firsts = np.arange(episode.whole_steps - MAX_UNROLL + 1)
-        states.append(episode.states[firsts[:, None] + np.arange(MAX_UNROLL + 1)])
-        controls.append(episode.controls[firsts[:, None] + np.arange(MAX_UNROLL)])
+        firsts = np.arange(episode.whole_steps - length + 1)
+        states.append(episode.states[firsts[:, None] + np.arange(length + 1)])
+        controls.append(episode.controls[firsts[:, None] + np.arange(length)])
         runs.append(np.full(len(firsts), number))
     count = sum(map(len, runs))
     if not count:
-        raise ArgumentError(f"episodes: wanted one of at least {MAX_UNROLL} super steps.")
+        raise ArgumentError(f"episodes: wanted one of at least {length} super steps.")
     wanted = SEEN_SHARE / (1 - SEEN_SHARE) * len(data.states)
     times = max(1, round(wanted / count))
     seen_states = np.concatenate(states).astype(np.float32)

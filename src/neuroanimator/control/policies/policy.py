@@ -32,7 +32,7 @@ from neuroanimator.emulator.tensors import (
     to_numpy,
     with_tensors,
 )
-from neuroanimator.errors import BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import digest, read_tensors, write_tensors
 from neuroanimator.files.numbers import listed, whole
 from neuroanimator.files.zoo import find_policy
@@ -206,9 +206,9 @@ def make_policy(
     emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], key: PRNGKeyArray | None
 ) -> Policy:
     """Return `fresh_policy` by a random key; without one its weights are zeros."""
+    check_steerable(emulator)
     rhythm = Rhythm.from_emulator(emulator)
     size = emulator.control.size
-    _check_pose(emulator)
     others = emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
     odd, even = emulator.features.sizes(others)
     if emulator.encoding.is_mirrored:
@@ -226,8 +226,13 @@ def make_policy(
     return Policy(emulator, network, ranges, rhythm)
 
 
-def _check_pose(emulator: Emulator) -> None:
-    """Raise ArgumentError for a system that cannot point anywhere."""
+def check_steerable(emulator: Emulator) -> None:
+    """Raise ArgumentError for a soft body, and for a system that cannot point anywhere."""
+    if emulator.skeleton.shapes is not None:
+        raise ArgumentError(
+            f"policy: {emulator.system} is a soft body, which goes where its movers go and has no heading to steer by. "
+            "Find controls for it with 'control' or na.synthesise, or give its movers a path."
+        )
     anywhere = np.zeros(emulator.encoding.layout.size)
     with np.errstate(all="ignore"):
         read_pose(latent_structure(emulator), anywhere)

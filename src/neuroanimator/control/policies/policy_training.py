@@ -19,6 +19,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from neuroanimator.control.policies.policy import (
     COMMAND,
     Policy,
+    check_steerable,
     fresh_policy,
     latent_structure,
     save_policy,
@@ -132,6 +133,7 @@ def train_policy(
 
     Checkpoints and `metrics.jsonl` lie beside `out` in a folder that ends in `.run`; a run found there is continued.
     """
+    check_steerable(emulator)
     out = Path(out)
     folder = run_folder(out)
     with locked(folder):

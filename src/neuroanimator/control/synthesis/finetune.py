@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import scattered
 from neuroanimator.data.store import Transitions
@@ -161,11 +161,12 @@ def transitions_near(
     """Return `data` plus about `count` physics windows near the motion (T+1, S) under controls (T, C)."""
     system = data.system
     rng = np.random.default_rng([seed, NEARBY_SEED])
-    steps = rng.integers(0, max(1, len(controls) - MAX_UNROLL + 1), count)
+    length = system.window_steps
+    steps = rng.integers(0, max(1, len(controls) - length + 1), count)
     bounds = system.bounds
     starts = scattered(Frame.of(system.structure, 0.0), states, steps, rng)
-    windows = np.minimum(steps[:, None] + np.arange(MAX_UNROLL), len(controls) - 1)
-    noise = rng.normal(size=(count, MAX_UNROLL, len(bounds.half)))
+    windows = np.minimum(steps[:, None] + np.arange(length), len(controls) - 1)
+    noise = rng.normal(size=(count, length, len(bounds.half)))
     held = bounds.clip(controls[windows] + noise * CONTROL_SPREAD * bounds.half)
     runs = system.simulate(starts, held, data.config.substeps * system.physics_dt)
     whole = ~runs.has_diverged

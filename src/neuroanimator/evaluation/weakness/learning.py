@@ -11,7 +11,6 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.store import Transitions, windows_of
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.description import describe
@@ -92,7 +91,7 @@ class Learner:
         on_report: Callable[[Report], None] = lambda report: None,
     ) -> Emulator:
         """Return `emulator` trained on with the runs of all rounds so far, and write it to `path`."""
-        new = cut_windows(join_runs(samples))
+        new = cut_windows(join_runs(samples), self.data.system.window_steps)
         weights = np.concatenate([self._weights(emulator, runs) for runs in samples])
         windows = mix_windows(self.data, new, self.config, weights=weights)
         return train_on(emulator, new, windows, path, self.config, on_report)
@@ -104,7 +103,7 @@ class Learner:
         (weights of Cauchy's estimator: Holland and Welsch, 1977).
         """
         test = replace(self.guard, states=runs.states, controls=runs.controls)
-        windows = runs.controls.shape[1] - MAX_UNROLL + 1
+        windows = runs.controls.shape[1] - self.data.system.window_steps + 1
         errors = errors_on(emulator, test)[:, :windows].ravel()
         return 1 / np.maximum(1, errors / (FULL_WEIGHT * self.usual_error)) ** STEEPNESS
 
@@ -133,12 +132,12 @@ class Learner:
         return completed(base, eqx.combine(weights, others), rest)
 
 
-def cut_windows(runs: Runs) -> Runs:
-    """Return every window of the runs, `MAX_UNROLL` super steps each."""
+def cut_windows(runs: Runs, length: int) -> Runs:
+    """Return every window of `length` super steps of the runs."""
     count, steps, _ = runs.controls.shape
-    samples = np.tile(np.arange(steps - MAX_UNROLL + 1), (count, 1))
+    samples = np.tile(np.arange(steps - length + 1), (count, 1))
     tensors = {"states": runs.states, "controls": runs.controls, "samples": samples}
-    return Runs(*windows_of(tensors, 0))
+    return Runs(*windows_of(tensors, 0, length))
 
 
 def mix_windows(
@@ -224,7 +223,7 @@ def widen(emulator: Emulator, new: Runs) -> Emulator:
     Within the old range nothing changes: there no feature was clipped.
     """
     encoding = emulator.encoding
-    states = encoding.encode_recorded(new.states[:, :MAX_UNROLL])
+    states = encoding.encode_recorded(new.states[:, :-1])
     controls = np.asarray(emulator.encode_control(new.controls))
     raw = np.asarray(emulator.raw_features(np.asarray(states), controls), float)
     raw = raw.reshape(-1, raw.shape[-1])

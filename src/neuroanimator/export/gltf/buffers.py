@@ -8,39 +8,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32, Num
 
-COMPONENTS = {
-    "float32": 5126,
-    "uint32": 5125,
-    "uint16": 5123,
-    "int16": 5122,
-    "uint8": 5121,
-    "int8": 5120,
-}
-"""The format's codes of the types of numbers, by their names in NumPy."""
+from neuroanimator.files.glb import (
+    BINARY_CHUNK,
+    CHUNK_HEADER_SIZE,
+    COMPONENTS,
+    HEADER_SIZE,
+    JSON_CHUNK,
+    MAGIC,
+    VERSION,
+)
 
 ARRAY_BUFFER = 34962
 """The format's code of numbers that belong to points."""
 
 ELEMENT_ARRAY_BUFFER = 34963
 """The format's code of the indices of triangles' corners."""
-
-MAGIC = 0x46546C67
-"""What a GLB file begins with: 'glTF' as a number."""
-
-VERSION = 2
-"""The version of the GLB container."""
-
-JSON_CHUNK = 0x4E4F534A
-"""What the chunk of the document begins with: 'JSON' as a number."""
-
-BINARY_CHUNK = 0x004E4942
-"""What the chunk of the numbers begins with: 'BIN' as a number."""
-
-HEADER_SIZE = 12
-"""Bytes of the file's header."""
-
-CHUNK_HEADER_SIZE = 8
-"""Bytes before each chunk: its length and its kind."""
 
 ALIGNMENT = 4
 """Alignment of chunks and arrays [bytes]."""

@@ -18,8 +18,8 @@ from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.state.shape_contacts import FREE, placement_of
 from neuroanimator.systems.soft.own_frame import OwnMotion
-from neuroanimator.systems.soft.soft_body import GRAVITY
 from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
+from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.terminal import progress_bar
 
 SETTLING = 12.0
@@ -36,12 +36,6 @@ BLOCKS = 3
 
 THROW = 3
 """Number of blocks after which a free body is put elsewhere, at rest or thrown."""
-
-REST_SHARE = 0.25
-"""Share of the times it is put at rest."""
-
-TRIES = 8
-"""Number of throws tried until one begins outside of all colliders."""
 
 FARTHEST = 100.0
 """Distance over the size of the body at which a motion has diverged."""
@@ -61,31 +55,19 @@ MIN_SQUARE = 1e-12
 TINY = 1e-300
 """Added to lengths before they are divided by."""
 
-STARTS = 768
-"""Number of states kept, for runs to begin from."""
 
+class Found(NamedTuple):
+    """What is found of a body."""
 
-class Found:
-    """The shapes of a body, and states its motions may begin from."""
-
-    def __init__(self, shapes: Shapes, starts: Float[np.ndarray, "P S"]):
-        self.shapes = shapes
-        self.starts = starts
-        """The first is that of rest."""
-
-
-class _Moments(NamedTuple):
-    """Moments of runs that others may begin from."""
-
-    movers: Float[np.ndarray, "P D"]
-    rates: Float[np.ndarray, "P D"]
-    own: OwnMotion
+    shapes: Shapes
+    rest: Float[np.ndarray, " S"]
+    """The state in which it rests, and its movers."""
 
 
 def find_shapes(
     definition: SoftDefinition | FlexDefinition, scene: SoftScene, seed: int = 0
 ) -> Found:
-    """Return the shapes of the body of `scene`, and states its motions may begin from.
+    """Return the shapes of the body of `scene`, and where it rests.
 
     Raises ArgumentError if the physics diverges in every run.
     """
@@ -101,7 +83,6 @@ def find_shapes(
         mean = rest - centre
         paths, rates = _random_paths(scene, rng, frames, dt)
         sketch = Sketch(definition.shapes + SPARE)
-        kept: list[_Moments] = []
         snapshots: list[np.ndarray] = []
         still = np.zeros_like(mean)
         motion = _side_by_side(Motion(mean, still, centre), scene.runs)
@@ -134,8 +115,6 @@ def find_shapes(
             if len(snapshots) == BLOCKS or first + BLOCK >= frames:
                 sketch.add(np.concatenate(snapshots))
                 snapshots.clear()
-            moments = _Moments(movers, moving, own._replace(positions=away))
-            kept.append(_thinned(rng, moments, STARTS * BLOCK // frames))
             bar.advance_to(settling + min(first + BLOCK, frames))
     modes = sketch.leading(definition.shapes) * np.sqrt(len(mean))
     at_rest = scene.state_at_rest(centre)
@@ -146,12 +125,7 @@ def find_shapes(
         len(at_rest),
         placement_of(scene.movers.turning, scene.anchor),
     )
-    starts = [np.concatenate([at_rest, np.zeros(2 * len(modes))])[None]]
-    for movers, moving, own in kept:
-        amplitudes = shapes.project(own.positions)
-        changes = shapes.project(own.velocities)
-        starts.append(np.concatenate([movers, moving, own.root, amplitudes, changes], axis=1))
-    return Found(shapes, np.concatenate(starts))
+    return Found(shapes, np.concatenate([at_rest, np.zeros(2 * len(modes))]))
 
 
 def _settled(scene: SoftScene, dt: float, steps: int, frames: int) -> Float[np.ndarray, "N 3"]:
@@ -190,54 +164,14 @@ def _thrown(
     motion: Motion,
 ) -> Motion:
     """Return the free body, lane by lane, at rest at `centre` or thrown; as in `motion` where movers leave it no room."""
-    nodes = tuple(range(len(mean)))
-    contacts = scene.contacts(mean, np.zeros((0, *mean.shape)), nodes)
     parts = [np.array(part) for part in motion]
-    for lane in range(parts[0].shape[-1]):
-        for _ in range(TRIES):
-            root = _random_root(scene, rng, mean, centre)
-            rates = np.zeros(scene.movers.size)
-            distances = contacts.distances(np.concatenate([movers[:, lane], rates, root]))
-            if all((distance > -scene.margin).all() for distance in distances):
-                rows = rotation_rows(root[3:7])
-                parts[0][..., lane] = turn(rows, mean)
-                parts[1][..., lane] = root[7:10] + turn(rows, np.cross(root[10:], mean))
-                parts[2][..., lane] = root[:3]
-                break
+    for lane, root in enumerate(random_roots(scene, rng, mean, centre, movers.T)):
+        if root is not None:
+            rows = rotation_rows(root[3:7])
+            parts[0][..., lane] = turn(rows, mean)
+            parts[1][..., lane] = root[7:10] + turn(rows, np.cross(root[10:], mean))
+            parts[2][..., lane] = root[:3]
     return Motion(*parts)
-
-
-def _random_root(
-    scene: SoftScene,
-    rng: np.random.Generator,
-    mean: Float[np.ndarray, "N 3"],
-    centre: Float[np.ndarray, " 3"],
-) -> Float[np.ndarray, " 13"]:
-    """Return position, quaternion, velocity and angular velocity of a body at rest at `centre`, or thrown over the ground.
-
-    It is up to its own size over the ground, as fast as after a fall from there, and turns as it would roll so fast.
-    """
-    size = scene.size
-    upright = np.array([1.0, 0.0, 0.0, 0.0])
-    if rng.random() < REST_SHARE:
-        return np.concatenate([centre, upright, np.zeros(6)])
-    quaternion = rng.normal(size=4)
-    quaternion /= np.linalg.norm(quaternion)
-    turned = turn(rotation_rows(quaternion), mean)
-    position = centre + size * rng.uniform(-0.5, 0.5, 3)
-    position[2] = scene.ground - turned[:, 2].min() + size * rng.uniform(0, 1)
-    speed = np.sqrt(-2 * GRAVITY[2] * size) * rng.uniform(0, 1)
-    velocity = speed * rng.normal(size=3) / np.sqrt(3)
-    angular_velocity = 2 * speed / size * rng.normal(size=3) / np.sqrt(3)
-    return np.concatenate([position, quaternion, velocity, angular_velocity])
-
-
-def _thinned(rng: np.random.Generator, moments: _Moments, count: int) -> _Moments:
-    """Return `count` random ones of moments (F, L, ...)."""
-    frames = rng.integers(0, len(moments.movers), count)
-    lanes = rng.integers(0, moments.movers.shape[1], count)
-    own = OwnMotion(*(part[frames, lanes] for part in moments.own))
-    return _Moments(moments.movers[frames, lanes], moments.rates[frames, lanes], own)
 
 
 class Sketch:

@@ -247,7 +247,8 @@ def can_strike(model: mujoco.MjModel, geom: int) -> bool:
 def harden(model: mujoco.MjModel, contact_time: float) -> None:
     """Give contacts of the flex with mocap bodies, and ties to them, this time constant [s]; of 0 leave them.
 
-    To MuJoCo mocap bodies do not move: what they push or pull trails them by twice the constant times their speed.
+    To MuJoCo mocap bodies do not move: what they push trails them by about twice the constant times their speed, and what
+    a tie pulls trails them, too.
     """
     if contact_time == 0:
         return
@@ -265,14 +266,14 @@ def thicknesses(model: mujoco.MjModel) -> Float[np.ndarray, " G"]:
     return 2 * np.array(model.geom_aabb)[:, 3:].min(axis=1)
 
 
-def ground_height(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Return the height of the highest level plane that the flex may touch [m]; minus infinity if there is none."""
-    height = -np.inf
+def ground_height(model: mujoco.MjModel, data: mujoco.MjData) -> float | None:
+    """Return the height of the highest level plane that the flex may touch [m]; None if there is none."""
+    heights = []
     for geom in geoms_below(model, 0):
         is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         if is_plane and can_strike(model, geom) and data.geom_xmat[geom][8] > LEVEL:
-            height = max(height, float(data.geom_xpos[geom][2]))
-    return height
+            heights.append(float(data.geom_xpos[geom][2]))
+    return max(heights, default=None)
 
 
 def colliders_of(

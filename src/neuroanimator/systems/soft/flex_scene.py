@@ -93,8 +93,8 @@ class FlexScene(SoftScene):
         if len(self.body.pairs):
             self.faces = _ribbons(self.body.pairs)
             self.masses = np.repeat(self.body.masses, SIDES) / SIDES
-        self.ground = ground_height(model, self.data) + self.margin
-        if self.anchor == FREE and not np.isfinite(self.ground):
+        self.ground_height = ground_height(model, self.data)
+        if self.anchor == FREE and self.ground_height is None:
             raise ArgumentError(
                 f"{main}: nothing holds the soft body, and it falls for ever. Add a horizontal plane, pin nodes, or tie some "
                 "to a mocap body by an equality (connect)."

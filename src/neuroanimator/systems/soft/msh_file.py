@@ -58,8 +58,12 @@ class _Lines:
 
     def wholes(self, least: int) -> list[int]:
         """Return the whole numbers of the next line."""
+        return self.as_wholes(self.words(least))
+
+    def as_wholes(self, words: list[str]) -> list[int]:
+        """Return words of the line as whole numbers."""
         try:
-            return [int(word) for word in self.words(least)]
+            return [int(word) for word in words]
         except ValueError as error:
             raise self.fault("whole numbers") from error
 
@@ -132,7 +136,7 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
     if is_old:
         for _ in range(count):
             tag, *rest = lines.words(4)
-            tags.append(int(tag) if tag.isdecimal() else -1)
+            tags += lines.as_wholes([tag])
             positions.append(lines.point(rest))
     for _ in range(0 if is_old else head[0]):
         own = lines.wholes(4)[3]

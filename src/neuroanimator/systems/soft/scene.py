@@ -56,9 +56,7 @@ class Scene(SoftScene):
             BoxCollider(one.mover, one.centre, one.half, self.margin) for one in self.body.boxes
         )
         self.has_ground = definition.ground is not None
-        self.ground = -np.inf
-        if definition.ground is not None:
-            self.ground = definition.ground.height + self.margin
+        self.ground_height = None if definition.ground is None else definition.ground.height
         self.wind = self.body.air.wind
         self._refuse_overlap()
 

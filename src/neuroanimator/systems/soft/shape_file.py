@@ -33,21 +33,18 @@ from neuroanimator.systems.soft.scene import Scene
 ENDING = ".shapes.safetensors"
 """Ending of the file's name, after that of the TOML file."""
 
-METHOD = 2
+METHOD = 3
 """Number of the way shapes are found, raised whenever others would be."""
 
-MAX_STARTS = 10_000
-"""Maximum number of states in a file."""
-
 MAX_NUMBER = 1e6
-"""Largest number of a state in a file."""
+"""Largest number of a mesh or a state in a file."""
 
 
 class ShapeFile(NamedTuple):
-    """The shapes of a body, and states that motions may begin from, the first that of rest."""
+    """The shapes of a body, and the state of rest."""
 
     shapes: Shapes
-    starts: Float[np.ndarray, "P S"]
+    rest: Float[np.ndarray, " S"]
 
 
 def made_for(toml: Path, definition: SoftDefinition) -> Path:
@@ -88,7 +85,7 @@ def _made(
     scene = scene_of()
     found = find_shapes(definition, scene)
     tensors = found.shapes.tensors()
-    tensors["starts"] = found.starts.astype(np.float32)
+    tensors["rest"] = found.rest.astype(np.float32)
     if isinstance(scene, Scene):
         tensors["positions"] = scene.mesh.positions.astype(np.float32)
         tensors["elements"] = scene.mesh.elements.astype(np.int32)
@@ -130,13 +127,13 @@ def _faults_named(path: Path) -> Iterator[None]:
 def _checked(tensors: dict[str, np.ndarray], turning: tuple[bool, ...], anchor: int) -> ShapeFile:
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
-    size = first + 2 * len(own["modes"])
+    size = first + 2 * len(own["scales"])
     shapes = Shapes.from_tensors(own, first, placement_of(turning, anchor), size)
-    starts = tensors["starts"]
-    if starts.ndim != 2 or starts.shape[1] != size or not 1 <= len(starts) <= MAX_STARTS:
-        raise ValueError("states of another size")
-    _check_numbers(starts)
-    return ShapeFile(shapes, starts.astype(float))
+    rest = tensors["rest"]
+    if rest.shape != (size,):
+        raise ValueError("a state of another size")
+    _check_numbers(rest)
+    return ShapeFile(shapes, rest.astype(float))
 
 
 def _mesh_of(tensors: dict[str, np.ndarray], shapes: Shapes, corners: int) -> Mesh:

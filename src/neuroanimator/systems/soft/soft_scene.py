@@ -59,12 +59,19 @@ class SoftScene(abc.ABC):
     """Distance at which nodes touch colliders [m]."""
     capsules: tuple[RoundCollider, ...]
     boxes: tuple[BoxCollider, ...]
-    ground: float
-    """Height at which nodes touch the ground [m]; without one, minus infinity."""
+    ground_height: float | None
+    """Height of the ground [m]; None without one."""
     wind: tuple[float, float, float]
     """Velocity of the air [m/s]."""
     has_ground: bool
     """Whether a plane is drawn at height zero."""
+
+    @property
+    def ground(self) -> float:
+        """Height at which nodes touch the ground [m]; without one, minus infinity."""
+        if self.ground_height is None:
+            return -np.inf
+        return self.ground_height + self.margin
 
     @property
     def size(self) -> float:

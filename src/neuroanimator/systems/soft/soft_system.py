@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import refuse_twins
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import turn
@@ -23,7 +25,8 @@ from neuroanimator.systems.soft.own_frame import with_steady_signs
 from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.shape_file import ShapeFile
 from neuroanimator.systems.soft.soft_scene import WORLD, Motion
-from neuroanimator.systems.system import Scheme, System
+from neuroanimator.systems.soft.throws import random_roots
+from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
 
 BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
@@ -31,11 +34,11 @@ BLOCK = 8
 FREE_BLOCK = 2
 """The same of bodies that nothing holds: they fly away from an origin, and float32 is exact near it alone."""
 
+THROW_STEPS = 64
+"""Number of super steps in a run of a free body: most lie out of the movers' reach after that."""
+
 MAX_AMPLITUDE = 20.0
 """Amplitude over the size of the body at which a motion has diverged."""
-
-REST_SHARE = 0.2
-"""Share of random starts at rest."""
 
 COLOUR = (0.75, 0.75, 0.78, 1.0)
 """Colour of colliders."""
@@ -60,6 +63,8 @@ class SoftSystem(System):
     """
 
     is_self_contained = False
+    run_steps = 160
+    window_steps = LONG_WINDOW
 
     def __init__(
         self,
@@ -72,9 +77,10 @@ class SoftSystem(System):
         self.name = definition.name
         self.definition_text = definition_text
         self.shapes = file.shapes
-        self.starts = file.starts
         self.scene = scene
-        self.rest = file.starts[0]
+        self.rest = file.rest
+        if self.is_free:
+            self.run_steps = THROW_STEPS
         physics = definition.physics
         self.scheme = Scheme(scene.integrator, physics.step)
         self.truth = Scheme(scene.integrator, physics.truth_step)
@@ -90,17 +96,22 @@ class SoftSystem(System):
                 Slice("shape_rates", count, "m/s"),
             )
         )
+        try:
+            refuse_twins((part.name for part in self.state.slices), "movers")
+        except ValueError as error:
+            raise ArgumentError(f"{error}. Rename a mover.") from error
         self.control = Layout(tuple(movers.controls()))
         self.bounds = Bounds.symmetric(movers.speed)
         self.structure = self._structure(definition.contact_nodes)
         self.skeleton = Skeleton(tuple(self._bones()), shapes=self.shapes)
         self.body_length = self.scene.size
         self.has_ground = scene.has_ground
+        self.ground_height = scene.ground_height
         self.goals = self.goals_of(definition.goals)
 
     @property
     def is_free(self) -> bool:
-        """Whether no mover holds the body."""
+        """Whether nothing holds the body."""
         return self.scene.anchor == FREE
 
     def _structure(self, contact_nodes: int) -> Structure:
@@ -116,7 +127,9 @@ class SoftSystem(System):
             segments.append(Plain(size=3))
             plain = range(first - 3, first + 2 * count)
         segments.append(Plain(size=2 * count))
-        nodes = _spread_nodes(self.shapes.mean, contact_nodes, self.scene.margin)
+        surface = np.unique(self.shapes.faces)
+        spread = _spread_nodes(self.shapes.mean[surface], contact_nodes, self.scene.margin)
+        nodes = tuple(surface[list(spread)].tolist())
         return Structure(
             angles=(),
             rates=tuple((entry, entry + count) for entry in amplitudes),
@@ -247,9 +260,21 @@ class SoftSystem(System):
         return np.asarray(~fits.all(axis=(1, 2)) | ~np.isfinite(states).all(axis=(1, 2)))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        chosen = rng.integers(0, len(self.starts), count)
-        chosen[rng.random(count) < REST_SHARE] = 0
-        return self.starts[chosen]
+        """Return states without deformation: at rest, or of a free body thrown.
+
+        Nodes that are put together of shapes spring apart at first, and would teach that.
+        """
+        starts = np.repeat(self.rest[None], count, axis=0)
+        if not self.is_free:
+            return starts
+        size = self.scene.movers.size
+        entries = slice(2 * size, self.shapes.first)
+        centre = self.rest[entries][:3]
+        roots = random_roots(self.scene, rng, self.shapes.mean, centre, starts[:, :size])
+        for start, root in zip(starts, roots, strict=True):
+            if root is not None:
+                start[entries] = root
+        return starts
 
     def sample_paths(
         self,

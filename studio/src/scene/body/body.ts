@@ -1,10 +1,13 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
-import { Group, Matrix4, Object3D, type BufferGeometry, type Color, type Material, type Mesh, type Vector3 } from "three";
-import { isTumbling, type Bundle, type Shape, type Vector3 as Vector3Facts } from "../../bundle/bundle";
+import { Color, Group, Matrix4, Object3D, SRGBColorSpace, type BufferGeometry, type Material, type Mesh, type Vector3 } from "three";
+import { isTumbling, type Bundle, type Shape, type SurfaceArrays, type Vector3 as Vector3Facts } from "../../bundle/bundle";
+import { collidersOf } from "../../body/colliders";
 import { isMoved, type Pose } from "../../body/pose";
+import { surfaceOf } from "../../body/surface";
 import type { Patch } from "../glsl";
-import { doubtPatch, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, softMaterial, type Doubt } from "./materials";
+import { makeCloth, type ClothKind, type ClothMaterials } from "./cloth";
+import { doubtPatch, fittingsMaterial, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, softMaterial, surfaceMaterial, type Doubt } from "./materials";
 import { boneMatrix, makeSkin, skinGeometry, type SkinView } from "./skin";
 import { shapeColour, shapeMesh } from "./shapes";
 
@@ -22,7 +25,8 @@ export interface BodyView {
   readonly goalPaint: Object3D | null;
   /** How much it is in doubt, 0 to 1. */
   readonly doubt: Doubt;
-  update(pose: Pose): void;
+  /** Show it in a pose and the state (S) it is that of. */
+  update(pose: Pose, state: ArrayLike<number>): void;
   dispose(): void;
 }
 
@@ -38,22 +42,62 @@ export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: r
   const materials = new MaterialKeeper((colour, opacity, isMoving) =>
     isMoving ? shapeMaterial(colour, opacity, all) : sceneryMaterial(colour, focus, patches),
   );
-  return shapedBody(facts, materials, doubt, true);
+  const shaped = shapedBody(facts, materials, doubt, true);
+  if (!facts.surface) {
+    return shaped;
+  }
+  const colour = surfaceColour(facts.surface);
+  const kind = clothKind(facts, size);
+  return withCloth(shaped, kind, {
+    surface: (nodes) => surfaceMaterial(kind.surface, colour, size, [nodes, ...all]),
+    fittings: fittingsMaterial(all),
+  });
+}
+
+/** Return the kind of cloth of a soft body of `size` [m]. */
+export function clothKind(facts: Bundle, size: number): ClothKind {
+  return { surface: surfaceOf(facts.surface!), size, colliders: collidersOf(facts.skeleton) };
+}
+
+/** Return a surface's colour as light; bundles say it in sRGB. */
+export function surfaceColour({ colour }: SurfaceArrays): Color {
+  return new Color().setRGB(...colour, SRGBColorSpace);
 }
 
 /** Return the body's ghost: what moves of it, in one colour, that of physics if none is given. */
 export function makeGhost(facts: Bundle, size: number, colour?: Color): BodyView {
   const material = ghostMaterial(size, colour);
   const doubt: Doubt = { value: 0 };
-  const ghost = facts.skin
+  let ghost = facts.skin
     ? skinnedBody(facts, skinGeometry(facts.skin), material, doubt)
     : shapedBody(facts, new MaterialKeeper(() => material), doubt, false);
+  if (facts.surface) {
+    // A ghost is where physics has it.
+    ghost = withCloth(ghost, { ...clothKind(facts, size), colliders: [] }, { surface: (nodes) => ghostMaterial(size, colour, [nodes]), fittings: null });
+  }
   ghost.object.traverse((part) => {
     part.castShadow = false;
     part.receiveShadow = false;
     part.renderOrder = 3;
   });
   return ghost;
+}
+
+/** A body of shapes with a surface among them. */
+function withCloth(shaped: BodyView, kind: ClothKind, materials: ClothMaterials): BodyView {
+  const cloth = makeCloth(kind, 1, materials);
+  shaped.object.add(cloth.object);
+  return {
+    ...shaped,
+    update(pose, state) {
+      shaped.update(pose, state);
+      cloth.show(0, state, pose);
+    },
+    dispose() {
+      shaped.dispose();
+      cloth.dispose();
+    },
+  };
 }
 
 function skinnedBody(facts: Bundle, geometry: BufferGeometry, material: Material, doubt: Doubt): BodyView {

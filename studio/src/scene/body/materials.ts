@@ -2,6 +2,8 @@
 
 import {
   Color,
+  DoubleSide,
+  FrontSide,
   MeshPhysicalMaterial,
   MeshStandardMaterial,
   ShaderMaterial,
@@ -10,6 +12,7 @@ import {
   type ShaderMaterialParameters,
   type Vector3,
 } from "three";
+import { isClosed, type Surface } from "../../body/surface";
 import { patchMaterial, type Patch, type Uniforms } from "../glsl";
 
 /** The colour of physics beside the emulator: no body has it. */
@@ -110,6 +113,73 @@ export function softMaterial(patches: readonly Patch[]): Material {
   return patchMaterial(material, patches);
 }
 
+/** Threads of a cloth along its size, and how much of the sun's light comes through it. */
+const THREADS = 260;
+const TRANSLUCENCY = 0.3;
+
+/** Cloth of a colour, of `size` [m]: matt, with a sheen where it is seen from the side; light comes through. */
+function clothMaterial(colour: Color, size: number, patches: readonly Patch[]): Material {
+  const weave: Patch = {
+    key: "weave",
+    uniforms: { threadSize: { value: size / THREADS } },
+    fragment: `
+      uniform float threadSize;
+      // Threads over and under each other, -1 to 1; none from so far away that they would flicker.
+      float weaveAt(vec2 p) {
+        vec2 turns = p / threadSize;
+        float far = max(length(dFdx(turns)), length(dFdy(turns)));
+        vec2 waves = sin(3.14159265 * turns);
+        return waves.x * waves.y * (1.0 - smoothstep(0.3, 0.9, far));
+      }`,
+    colour: `
+      {
+        vec3 away = abs(vMeanNormal);
+        vec2 place = away.x > max(away.y, away.z) ? vMean.yz : away.y > away.z ? vMean.xz : vMean.xy;
+        float mottle = fbm2(place / (40.0 * threadSize));
+        diffuseColor.rgb *= (0.94 + 0.12 * mottle) * (1.0 + 0.16 * weaveAt(place));
+      }`,
+    output: `
+      #if NUM_DIR_LIGHTS > 0
+        float fromBehind = max(-dot(normal, directionalLights[0].direction), 0.0);
+        gl_FragColor.rgb += ${TRANSLUCENCY} * fromBehind * RECIPROCAL_PI * diffuseColor.rgb * directionalLights[0].color;
+      #endif`,
+  };
+  const material = new MeshPhysicalMaterial({
+    color: colour,
+    side: DoubleSide,
+    roughness: 0.85,
+    metalness: 0,
+    sheen: 0.7,
+    sheenRoughness: 0.4,
+    sheenColor: colour.clone().lerp(new Color(1, 1, 1), 0.3).multiplyScalar(0.6),
+  });
+  return patchMaterial(material, [weave, ...patches]);
+}
+
+/** What a soft body's surface is of, by whether it is closed. */
+export function surfaceMaterial(surface: Surface, colour: Color, size: number, patches: readonly Patch[]): Material {
+  return isClosed(surface) ? jellyMaterial(colour, patches) : clothMaterial(colour, size, patches);
+}
+
+/** Jelly or rubber of a colour: smooth, with a coat that shines. */
+function jellyMaterial(colour: Color, patches: readonly Patch[]): Material {
+  const material = new MeshPhysicalMaterial({
+    color: colour,
+    roughness: 0.4,
+    metalness: 0,
+    clearcoat: 0.6,
+    clearcoatRoughness: 0.2,
+    sheen: 0.3,
+    sheenRoughness: 0.5,
+  });
+  return patchMaterial(material, patches);
+}
+
+/** What a cloth hangs from: dull metal. */
+export function fittingsMaterial(patches: readonly Patch[]): Material {
+  return patchMaterial(new MeshStandardMaterial({ color: 0x9aa3ab, roughness: 0.35, metalness: 0.7 }), patches);
+}
+
 /** Paint, rubber or metal, by its colour: what is grey and bright is metal, what is nearly black is rubber. */
 export function shapeMaterial(colour: Color, opacity: number, patches: readonly Patch[]): Material {
   const { s: saturation, l: lightness } = hslOf(colour);
@@ -152,8 +222,8 @@ export function sceneryMaterial(colour: Color, focus: Vector3, patches: readonly
   return patchMaterial(new MeshStandardMaterial({ color: colour, roughness: 0.85 }), [worn, ...patches]);
 }
 
-/** The ghost: one colour that shines at its edges, and shows through. */
-export function ghostMaterial(size: number, colour = GHOST_COLOUR): Material {
+/** The ghost: one colour that shines at its edges, and shows through. What `patches` put together may be seen from behind. */
+export function ghostMaterial(size: number, colour = GHOST_COLOUR, patches: readonly Patch[] = []): Material {
   const uniforms: Uniforms = {
     ghostColour: { value: colour },
     behind: { value: GHOST_BEHIND * size },
@@ -191,7 +261,9 @@ export function ghostMaterial(size: number, colour = GHOST_COLOUR): Material {
       }`,
     transparent: true,
     depthWrite: true,
+    side: patches.length > 0 ? DoubleSide : FrontSide,
   };
-  return new ShaderMaterial(parameters);
+  const material = new ShaderMaterial(parameters);
+  return patches.length > 0 ? patchMaterial(material, patches) : material;
 }
 

@@ -1,0 +1,273 @@
+"""How a node of a GLB file moves through the world in the file's first animation.
+
+glTF is Y up and writes quaternions xyzw; what comes out is Z up and wxyz, as everything inside: (x, y, z) → (x, -z, y).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.files.glb import Glb, object_at, objects_in
+from neuroanimator.files.numbers import entries, numbers, whole
+from neuroanimator.state.rotation import conjugate, multiply, quaternions_of, rotate
+from neuroanimator.text import did_you_mean, listed, quoted
+
+MAX_DEPTH = 1000
+"""Maximum number of nodes above a node."""
+
+MAX_VALUE = 1e6
+"""Largest coordinate, scale or time of a node."""
+
+SAMPLING = 1 / 120
+"""Time between two samples [s]; there is one at every key frame, too."""
+
+WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+"""Numbers in a value of what is animated of a node, by the format's names."""
+
+PROPERTIES = list(WIDTHS)
+"""The names, among which one may look for anything a file says."""
+
+AT_REST = {
+    "translation": (0.0, 0.0, 0.0),
+    "rotation": (0.0, 0.0, 0.0, 1.0),
+    "scale": (1.0, 1.0, 1.0),
+}
+"""What a node has if nothing is said."""
+
+CUBIC_VALUES = 3
+"""Values at a key frame of a cubic: the tangent before it, its own, and the tangent after it."""
+
+MAX_LENGTH_ERROR = 0.05
+"""A quaternion is of length 1, to within what files round."""
+
+SHORT_ARC = 0.9995
+"""Cosine of half the angle between quaternions, above which a straight line is as good as the arc."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Values of one property at key frames."""
+
+    times: Float[np.ndarray, " K"]
+    """Rising [s]."""
+    values: Float[np.ndarray, "R W"]
+    """One a key frame, of cubics `CUBIC_VALUES`."""
+    interpolation: str
+    is_rotation: bool
+
+    def at(self, times: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F W"]:
+        """Return the values at `times` [s]; before the first key frame and after the last they stay."""
+        place = np.searchsorted(self.times, times, side="right") - 1
+        first = np.clip(place, 0, max(len(self.times) - 2, 0))
+        second = np.minimum(first + 1, len(self.times) - 1)
+        span = self.times[second] - self.times[first]
+        since = np.clip(times - self.times[first], 0, span)
+        share = np.divide(since, span, out=np.zeros_like(since), where=span > 0)[:, None]
+        if self.interpolation == "STEP":
+            return self.values[np.clip(place, 0, len(self.times) - 1)]
+        if self.interpolation == "CUBICSPLINE":
+            values = self._cubic(first, second, share, span[:, None])
+        elif self.is_rotation:
+            return _along_arc(self.values[first], self.values[second], share)
+        else:
+            values = (1 - share) * self.values[first] + share * self.values[second]
+        if self.is_rotation:
+            values = values / np.linalg.norm(values, axis=1, keepdims=True)
+        return values
+
+    def _cubic(
+        self, first: np.ndarray, second: np.ndarray, s: np.ndarray, span: np.ndarray
+    ) -> Float[np.ndarray, "F W"]:
+        """Return Hermite's cubics; see the glTF specification, appendix C."""
+        keys = self.values.reshape(len(self.times), CUBIC_VALUES, -1)
+        start = keys[first, 1]
+        end = keys[second, 1]
+        leaving = span * keys[first, 2]
+        coming = span * keys[second, 0]
+        return (
+            (2 * s**3 - 3 * s**2 + 1) * start
+            + (s**3 - 2 * s**2 + s) * leaving
+            + (3 * s**2 - 2 * s**3) * end
+            + (s**3 - s**2) * coming
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """A node from its parent: how it lies there if nothing is animated, and what is."""
+
+    at_rest: dict[str, Float[np.ndarray, " W"]]
+    tracks: dict[str, Track]
+
+    def at(self, name: str, times: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F W"]:
+        """Return the property `name` at `times` [s]."""
+        if name in self.tracks:
+            return self.tracks[name].at(times)
+        return np.broadcast_to(self.at_rest[name], (len(times), len(self.at_rest[name])))
+
+
+def node_motion(
+    file: Glb, name: str
+) -> tuple[Float[np.ndarray, " F"], Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
+    """Return times [s], positions [m] and orientations of the node called `name` along the first animation.
+
+    An orientation is what the node has turned by, in the world, from where it lies without the animation. ValueError
+    says what is wrong with the file.
+    """
+    nodes = file.objects("nodes")
+    chain = _chain(nodes, _numbered(nodes, name))
+    animations = file.objects("animations")
+    if not animations:
+        raise ValueError("no animation. Export the character with one")
+    tracks, end = _tracks(file, animations[0], chain)
+    if not any(tracks.values()):
+        raise ValueError(f"the first animation moves neither {quoted(name)} nor what is above it")
+    locals_up = [_local(nodes[number], number, tracks[number]) for number in chain]
+    keys = [track.times for local in locals_up for track in local.tracks.values()]
+    times = np.unique(np.concatenate([np.arange(0.0, end, SAMPLING), *keys, [0.0, end]]))
+    positions, orientations = _in_world(locals_up, times)
+    still = [Local(local.at_rest, {}) for local in locals_up]
+    _, rest = _in_world(still, times[:1])
+    turned = multiply(orientations, np.broadcast_to(conjugate(rest[0]), orientations.shape))
+    upright = np.concatenate([turned[:, :1], _z_up(turned[:, 1:])], axis=1)
+    return times, _z_up(positions), upright
+
+
+def _numbered(nodes: list[dict[str, Any]], name: str) -> int:
+    names = [node.get("name") for node in nodes]
+    count = names.count(name)
+    if count == 1:
+        return names.index(name)
+    if count > 1:
+        raise ValueError(f"{count} nodes are called {quoted(name)}. Rename all but one")
+    known = sorted({known for known in names if isinstance(known, str)})
+    raise ValueError(
+        f"no node called {quoted(name)}. {did_you_mean(name, known)}Nodes: {listed(known) or 'none'}"
+    )
+
+
+def _chain(nodes: list[dict[str, Any]], number: int) -> list[int]:
+    """Return the numbers of a node, of its parent, and so on."""
+    parents: dict[int, int] = {}
+    for parent, node in enumerate(nodes):
+        for child in entries(node.get("children", []), "children", len(nodes)):
+            if child in parents:
+                raise ValueError(f"node {child} has two parents")
+            parents[child] = parent
+    chain = [number]
+    while chain[-1] in parents:
+        chain.append(parents[chain[-1]])
+        if len(chain) > MAX_DEPTH:
+            raise ValueError(f"more than {MAX_DEPTH} nodes above one, or a node above itself")
+    return chain
+
+
+def _tracks(
+    file: Glb, animation: dict[str, Any], chain: list[int]
+) -> tuple[dict[int, dict[str, Track]], float]:
+    """Return what moves each node of the chain, by the name of the property, and when the animation ends [s]."""
+    samplers = objects_in(animation, "samplers")
+    end = 0.0
+    inputs: dict[int, np.ndarray] = {}
+    for sampler in samplers:
+        index = whole(sampler.get("input"), "sampler: input", 0, len(file.objects("accessors")) - 1)
+        if index not in inputs:
+            inputs[index] = _rising(file.array(index, "SCALAR")[:, 0])
+            end = max(end, float(inputs[index][-1]))
+    tracks: dict[int, dict[str, Track]] = {number: {} for number in chain}
+    for channel in objects_in(animation, "channels"):
+        target = channel.get("target")
+        if not isinstance(target, dict):
+            raise ValueError("an animation's channel without a target")
+        node = target.get("node")
+        name = target.get("path")
+        if node in chain and name in PROPERTIES:
+            sampler = object_at(samplers, channel.get("sampler"), "sampler")
+            tracks[node][name] = _track(file, sampler, name, inputs[sampler["input"]])
+    return tracks, end
+
+
+def _rising(times: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+    if times[0] < 0 or times[-1] > MAX_VALUE or (np.diff(times) <= 0).any():
+        raise ValueError("key frames whose times do not rise from 0 or more")
+    return times
+
+
+def _track(file: Glb, sampler: dict[str, Any], name: str, times: np.ndarray) -> Track:
+    interpolation = sampler.get("interpolation", "LINEAR")
+    if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
+        raise ValueError(f"unknown interpolation {quoted(interpolation)}")
+    values = file.array(sampler.get("output"), f"VEC{WIDTHS[name]}")
+    rows = CUBIC_VALUES if interpolation == "CUBICSPLINE" else 1
+    if len(values) != rows * len(times):
+        raise ValueError(f"{name}: {len(values)} values at {len(times)} key frames")
+    if np.abs(values).max() > MAX_VALUE:
+        raise ValueError(f"{name}: a number above {MAX_VALUE:g}")
+    if name == "rotation":
+        lengths = np.linalg.norm(values[rows // 2 :: rows], axis=1)
+        if np.abs(lengths - 1).max() > MAX_LENGTH_ERROR:
+            raise ValueError("rotation: a quaternion that is not of length 1")
+    return Track(times, values, interpolation, is_rotation=name == "rotation")
+
+
+def _local(node: dict[str, Any], number: int, tracks: dict[str, Track]) -> Local:
+    what = f"node {number}"
+    at_rest = {}
+    for name, usual in AT_REST.items():
+        given = numbers(node.get(name, usual), f"{what}: {name}", WIDTHS[name], MAX_VALUE)
+        at_rest[name] = np.array(given)
+    if "matrix" in node:
+        matrix = np.array(numbers(node["matrix"], f"{what}: matrix", 16, MAX_VALUE))
+        at_rest = _taken_apart(matrix.reshape(4, 4).T, what)
+    length = np.linalg.norm(at_rest["rotation"])
+    if abs(length - 1) > MAX_LENGTH_ERROR:
+        raise ValueError(f"{what}: rotation: a quaternion that is not of length 1")
+    at_rest["rotation"] = at_rest["rotation"] / length
+    return Local(at_rest, tracks)
+
+
+def _taken_apart(matrix: Float[np.ndarray, "4 4"], what: str) -> dict[str, np.ndarray]:
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    if scale.min() == 0 or np.linalg.det(matrix[:3, :3]) <= 0:
+        raise ValueError(f"{what}: a matrix that is no rotation and scale")
+    w, x, y, z = quaternions_of(matrix[:3, :3] / scale)
+    return {"translation": matrix[:3, 3], "rotation": np.array([x, y, z, w]), "scale": scale}
+
+
+def _in_world(
+    locals_up: list[Local], times: Float[np.ndarray, " F"]
+) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
+    """Return positions and orientations wxyz, Y up still, of the first of `locals_up`, each of which is in the next."""
+    positions = np.zeros((len(times), 3))
+    orientations = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(times), 4))
+    for local in locals_up:
+        rotation = np.roll(local.at("rotation", times), 1, axis=1)
+        scaled = local.at("scale", times) * positions
+        positions = local.at("translation", times) + rotate(rotation, scaled)
+        orientations = multiply(rotation, orientations)
+    return positions, orientations
+
+
+def _z_up(vectors: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3"]:
+    x, y, z = vectors.T
+    return np.stack([x, -z, y], axis=1)
+
+
+def _along_arc(
+    before: Float[np.ndarray, "F 4"],
+    after: Float[np.ndarray, "F 4"],
+    share: Float[np.ndarray, "F 1"],
+) -> Float[np.ndarray, "F 4"]:
+    """Return quaternions at shares of the shorter arc from one to the next."""
+    cosine = (before * after).sum(axis=1, keepdims=True)
+    after = np.where(cosine < 0, -after, after)
+    cosine = np.minimum(np.abs(cosine), 1)
+    angle = np.arccos(np.minimum(cosine, SHORT_ARC))
+    on_arc = (np.sin((1 - share) * angle) * before + np.sin(share * angle) * after) / np.sin(angle)
+    on_line = (1 - share) * before + share * after
+    turned = np.where(cosine < SHORT_ARC, on_arc, on_line)
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)

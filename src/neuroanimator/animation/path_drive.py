@@ -1,0 +1,276 @@
+"""Motions whose movers follow recorded paths: the path's places are the movers', its velocities the controls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.animation.motion import STEP_ROUNDING, Drive
+from neuroanimator.animation.recorded_path import RecordedPath, read_path
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.state.layout import Layout
+from neuroanimator.state.rotation import facing, rotate
+from neuroanimator.state.segments import Driven
+from neuroanimator.text import did_you_mean, listed, quoted
+
+AXES = "xyz"
+"""Axes of a position."""
+
+HEADING = "_heading"
+"""Ending of the name of a turning mover's heading in a state."""
+
+TURNING = "_turning"
+"""Ending of the name of its turning rate in a control."""
+
+SPEEDS = (0.01, 100.0)
+"""Least and largest speed a path may be played at."""
+
+MAX_FACTOR = 10.0
+"""A path that is this many times as fast as training jumps, or is in other units: it is refused."""
+
+SLACK = 1.01
+"""A path that is faster than training by less is not told of: tables are rounded."""
+
+RUN_IN = 0.5
+"""Time in which movers take on the velocities that paths begin with [s], before what is shown."""
+
+MAX_RUN_IN = 8.0
+"""The same where a mover has far to go from where it rests to where its path begins [s]."""
+
+TURNS = 0.35
+"""Angle [rad] above which it is told that a mover does not turn with its path."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """What the controls move as they say, by its velocity; a turning one by its turning rate, too."""
+
+    name: str
+    entries: tuple[int, ...]
+    """State entries of its position [m], and of its heading [rad] if it turns."""
+    controls: tuple[int, ...]
+    """Entries of its velocity [m/s], and of its turning rate [rad/s] if it turns."""
+
+    @property
+    def turns(self) -> bool:
+        """Whether it has a heading."""
+        return len(self.entries) > len(AXES)
+
+
+@dataclass(frozen=True, eq=False)
+class Follower:
+    """A mover and the poses it is to be in, one a super step."""
+
+    mover: Mover
+    poses: Float[np.ndarray, "F D"]
+    """Positions [m], and headings [rad] if it turns."""
+
+    def rates(self, dt: float) -> Float[np.ndarray, "T D"]:
+        """Return the velocities that lead from each pose to the next [m/s], and turning rates [rad/s]."""
+        return np.diff(self.poses, axis=0) / dt
+
+
+def path_drive(
+    emulator: Emulator,
+    paths: Mapping[str, RecordedPath | str | Path],
+    *,
+    speed: float = 1.0,
+    seconds: float | None = None,
+) -> Drive:
+    """Return the motion in which movers, by name, follow `paths`, played at `speed`; other movers stay.
+
+    It lasts while all paths do, and at most `seconds`. The body, at rest, is carried to where the path of the mover that
+    holds it begins, and from there movers take on their paths' first places and velocities, before the motion begins.
+    A path is followed even where it is faster than training was; the drive's `remarks` say so.
+
+    Raises ArgumentError for movers there are not, BadFileError for paths that cannot be followed.
+    """
+    if not paths:
+        raise ArgumentError("path: wanted a mover and its path, came none.")
+    if not SPEEDS[0] <= speed <= SPEEDS[1]:
+        raise ArgumentError(
+            f"path-speed: wanted {SPEEDS[0]:g} to {SPEEDS[1]:g} times the path's, came {speed:g}."
+        )
+    movers = movers_of(emulator)
+    recorded: dict[str, RecordedPath] = {}
+    for name, path in paths.items():
+        _check_mover(emulator, movers, name)
+        recorded[name] = path if isinstance(path, RecordedPath) else read_path(path)
+    times = _times(recorded, emulator.dt, speed, seconds)
+    followers = []
+    remarks = []
+    for name, path in recorded.items():
+        follower, remark = _follower(emulator, movers[name], path, times)
+        remarks += remark
+        remarks += _remarks_on_speed(emulator, follower, path, speed)
+        followers.append(follower)
+    controls = np.repeat(emulator.bounds.idle[None], len(times) - 1, axis=0)
+    for follower in followers:
+        controls[:, follower.mover.controls] = follower.rates(emulator.dt)
+    return Drive(_start(emulator, followers), controls, tuple(remarks))
+
+
+def movers_of(emulator: Emulator) -> dict[str, Mover]:
+    """Return the movers of a soft body by name; none of other systems."""
+    if not any(isinstance(segment, Driven) for segment in emulator.frame.segments):
+        return {}
+    movers = {}
+    parts = {part.name: part for part in emulator.state.slices}
+    for part in emulator.control.slices:
+        if part.name not in parts or part.size != len(AXES):
+            continue
+        entries = _entries(emulator.state, part.name)
+        controls = _entries(emulator.control, part.name)
+        if f"{part.name}{HEADING}" in parts:
+            entries += _entries(emulator.state, f"{part.name}{HEADING}")
+            controls += _entries(emulator.control, f"{part.name}{TURNING}")
+        movers[part.name] = Mover(part.name, entries, controls)
+    return movers
+
+
+def _entries(layout: Layout, name: str) -> tuple[int, ...]:
+    where = layout.index(name)
+    return tuple(range(where.start, where.stop))
+
+
+def _check_mover(emulator: Emulator, movers: Mapping[str, Mover], name: str) -> None:
+    if not movers:
+        raise ArgumentError(
+            f"path: {emulator.system} has no movers, only soft bodies have. Give --controls instead."
+        )
+    if name not in movers:
+        raise ArgumentError(
+            f"path: no mover called {quoted(name)}. {did_you_mean(name, movers)}Movers: {listed(movers)}."
+        )
+
+
+def _times(
+    paths: Mapping[str, RecordedPath], dt: float, speed: float, seconds: float | None
+) -> Float[np.ndarray, " F"]:
+    """Return the paths' times at the ends of super steps [s], while all paths last."""
+    begin = max(float(path.times[0]) for path in paths.values())
+    end = min(float(path.times[-1]) for path in paths.values())
+    steps = int((end - begin) / (speed * dt) + STEP_ROUNDING)
+    if seconds is not None:
+        if not seconds >= dt:
+            raise ArgumentError(f"seconds: wanted at least {dt:g}, came {seconds:g}.")
+        steps = min(steps, int(np.ceil(seconds / dt - STEP_ROUNDING)))
+    if steps < 1:
+        names = listed(path.name for path in paths.values())
+        raise BadFileError(
+            f"{names}: wanted at least {speed * dt:g} s that all paths have, came {max(end - begin, 0):g} s."
+        )
+    return begin + speed * dt * np.arange(steps + 1)
+
+
+def _follower(
+    emulator: Emulator, mover: Mover, path: RecordedPath, times: Float[np.ndarray, " F"]
+) -> tuple[Follower, list[str]]:
+    """Return the follower of a path, and what is to be told of its headings."""
+    positions, headings = path.at(times)
+    if mover.turns:
+        if headings is None:
+            headings = np.full(len(times), emulator.rest[mover.entries[-1]])
+        return Follower(mover, np.concatenate([positions, headings[:, None]], axis=1)), []
+    remarks = []
+    if headings is not None and np.ptp(headings) > TURNS:
+        angle = np.rad2deg(np.ptp(headings))
+        remarks.append(
+            f"{path.name}: it turns by {angle:.0f} degrees, but {mover.name} only moves. Set 'turns = true' of {mover.name} in "
+            "the TOML file and train again, or leave it so."
+        )
+    return Follower(mover, positions), remarks
+
+
+def _remarks_on_speed(
+    emulator: Emulator, follower: Follower, path: RecordedPath, speed: float
+) -> list[str]:
+    """Return what is to be told of a path that is faster than training; BadFileError if it cannot be followed."""
+    mover = follower.mover
+    rates = follower.rates(emulator.dt)
+    low = np.array(emulator.bounds.low)[list(mover.controls)]
+    high = np.array(emulator.bounds.high)[list(mover.controls)]
+    factors = np.maximum(rates / high, rates / low)
+    step, axis = np.unravel_index(factors.argmax(), factors.shape)
+    factor = float(factors[step, axis])
+    fastest = abs(float(rates[step, axis]))
+    if axis < len(AXES):
+        told = f"at up to {fastest:.3g} m/s along {AXES[axis]}"
+        bound = "speed"
+    else:
+        told = f"and turns at up to {fastest:.3g} rad/s"
+        bound = "turn_speed"
+    if factor > MAX_FACTOR:
+        raise BadFileError(
+            f"{path.name}: {mover.name} would move {told}, {factor:.3g} times as fast as in training. Look for jumps, and for "
+            "other units than metres."
+        )
+    if factor <= SLACK:
+        return []
+    slower = np.floor(100 * SLACK * speed / factor) / 100
+    return [
+        f"{path.name}: {mover.name} moves {told}, {factor:.3g} times as fast as in training, and is followed beyond what the "
+        f"emulator knows. Give --path-speed {slower:g}, or raise '{bound}' of {mover.name} in the TOML file and train again."
+    ]
+
+
+def _start(emulator: Emulator, followers: list[Follower]) -> Float[np.ndarray, " S"]:
+    """Return the state in which all `followers` are in their first poses, with their first velocities."""
+    steps = max(round(RUN_IN / emulator.dt), 1)
+    while True:
+        start, controls = _run_in(emulator, followers, steps)
+        is_slow_enough = emulator.bounds.contain(controls)
+        if is_slow_enough or 2 * steps * emulator.dt > MAX_RUN_IN:
+            break
+        steps *= 2
+    state = np.asarray(emulator.rollout(start, controls), float)[-1]
+    for follower in followers:
+        state[list(follower.mover.entries)] = follower.poses[0]
+    return state
+
+
+def _run_in(
+    emulator: Emulator, followers: list[Follower], steps: int
+) -> tuple[Float[np.ndarray, " S"], Float[np.ndarray, "T C"]]:
+    """Return a state of rest, and controls that bring `followers` to where their paths begin.
+
+    A mover that holds the body begins where constant acceleration brings it there; the others where they rest beside it.
+    """
+    duration = steps * emulator.dt
+    start = emulator.rest
+    shapes = emulator.skeleton.shapes
+    anchor = -1 if shapes is None else shapes.placement.position
+    for follower in followers:
+        if follower.mover.entries[0] == anchor:
+            begin = follower.poses[0] - duration / 2 * follower.rates(emulator.dt)[0]
+            _carry(start, movers_of(emulator), follower.mover, begin)
+    controls = np.repeat(emulator.bounds.idle[None], steps, axis=0)
+    share = np.linspace(0, 1, steps + 1)[:, None]
+    for follower in followers:
+        rate = follower.rates(emulator.dt)[0]
+        way = follower.poses[0] - start[list(follower.mover.entries)]
+        poses = (3 * share**2 - 2 * share**3) * way + (share**3 - share**2) * duration * rate
+        controls[:, follower.mover.controls] = np.diff(poses, axis=0) / emulator.dt
+    return start, controls
+
+
+def _carry(
+    state: Float[np.ndarray, " S"],
+    movers: Mapping[str, Mover],
+    anchor: Mover,
+    pose: Float[np.ndarray, " D"],
+) -> None:
+    """Bring the mover that holds the body to a pose in `state`, and all others along as if they were one piece."""
+    before = state[list(anchor.entries)]
+    turned = float((pose - before)[len(AXES) :].sum())
+    for mover in movers.values():
+        position = list(mover.entries[: len(AXES)])
+        away = state[position] - before[: len(AXES)]
+        state[position] = pose[: len(AXES)] + rotate(facing(np.float64(turned)), away)
+        if mover.turns:
+            state[mover.entries[-1]] += turned

@@ -1,0 +1,136 @@
+"""Clips of soft bodies whose surface keeps out of colliders, for drawing.
+
+What a push moves is no sum of the body's shapes. The clip gets shapes of its own for that, so that whatever draws a
+surface by its shapes draws this one, too: what the shapes can say goes into their amplitudes, the rest into new ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.shape_contacts import ShapeContacts
+
+TOLERANCE = 5e-4
+"""Distance by which a node may be from where it was pushed to [m]; half of the depth that is promised."""
+
+FIRST_COUNT = 8
+"""New shapes tried at first; twice as many as long as they are not enough."""
+
+FACE_ROUNDS = 8
+"""Times that corners are pushed where the middle of a face is inside."""
+
+CHUNK = 32
+"""Frames decoded at a time."""
+
+MAX_NUMBERS = 100_000_000
+"""Maximum number of coordinates of all frames that are pushed at once: memory."""
+
+
+def push_out(clip: Clip, emulator: Emulator) -> Clip:
+    """Return `clip` with all nodes of its surface outside of what strikes them, to 1 mm; itself if they are.
+
+    Its states have more numbers than the emulator's: it is for drawing. Raises ArgumentError for a clip that is too long.
+    """
+    contacts = emulator.frame.shape_contacts
+    if contacts is None:
+        return clip
+    return keep_out(clip, contacts)
+
+
+def keep_out(clip: Clip, contacts: ShapeContacts) -> Clip:
+    """Return what `push_out` does of a clip of a body with these `contacts`."""
+    shapes = clip.skeleton.shapes
+    if shapes is None:
+        return clip
+    touched, pushes = _pushes(clip.states, shapes, contacts)
+    if not len(touched):
+        return clip
+    count = len(shapes.mean)
+    amplitudes = clip.states[:, shapes.amplitudes].copy()
+    told = shapes.project(pushes)
+    amplitudes[touched] += told
+    modes, weights = _shapes_of(pushes - np.tensordot(told, shapes.modes, axes=1))
+    new = np.zeros((len(clip.states), len(modes)))
+    new[touched] = weights
+    own = replace(
+        shapes,
+        modes=np.concatenate([shapes.modes, modes.reshape(-1, count, 3)]),
+        first=clip.states.shape[1],
+    )
+    states = np.concatenate([clip.states, amplitudes, new], axis=1)
+    return replace(clip, states=states, skeleton=replace(clip.skeleton, shapes=own))
+
+
+def _pushes(
+    states: Float[np.ndarray, "F S"], shapes: Shapes, contacts: ShapeContacts
+) -> tuple[np.ndarray, Float[np.ndarray, "P N 3"]]:
+    """Return the frames in which nodes are inside of colliders, and what brings all nodes out in each [m].
+
+    In the body's own frame.
+    """
+    frames: list[int] = []
+    pushes: list[np.ndarray] = []
+    for first in range(0, len(states), CHUNK):
+        some = states[first : first + CHUNK]
+        points = shapes.unplaced(some)
+        moved = np.abs(contacts.pushed_out(points, some) - points)
+        inside = moved.max(axis=(1, 2)) > TOLERANCE
+        outside = _with_faces(points[inside], some[inside], shapes.faces, contacts)
+        frames += (first + np.flatnonzero(inside)).tolist()
+        pushes += list((outside - points[inside]).astype(np.float32))
+        if len(pushes) * points[0].size > MAX_NUMBERS:
+            raise ArgumentError(
+                f"push-out: more than {MAX_NUMBERS:,} coordinates in contact. Make the clip shorter, or leave it out."
+            )
+    count = len(shapes.mean)
+    return np.array(frames, int), np.reshape(pushes, (len(frames), count, 3)).astype(float)
+
+
+def _with_faces(
+    points: Float[np.ndarray, "P N 3"],
+    states: Float[np.ndarray, "P S"],
+    faces: Int[np.ndarray, "F 3"],
+    contacts: ShapeContacts,
+) -> Float[np.ndarray, "P N 3"]:
+    """Return nodes outside of colliders, and so far that the middles of faces between them are, too."""
+    for _ in range(FACE_ROUNDS):
+        points = contacts.pushed_out(points, states)
+        middles = points[:, faces].mean(axis=2)
+        pushes = contacts.pushed_out(middles, states) - middles
+        is_pushed = np.abs(pushes).max(axis=2) > 0
+        total = np.zeros_like(points)
+        count = np.zeros(points.shape[:2])
+        for number in np.flatnonzero(is_pushed.any(axis=1)):
+            for corner in faces.T:
+                np.add.at(total[number], corner, pushes[number])
+                np.add.at(count[number], corner, is_pushed[number])
+        points = points + total / np.maximum(count, 1)[..., None]
+    return contacts.pushed_out(points, states)
+
+
+def _shapes_of(
+    pushes: Float[np.ndarray, "P N 3"],
+) -> tuple[Float[np.ndarray, "R X"], Float[np.ndarray, "P R"]]:
+    """Return shapes of root mean square 1 a node, and their amplitudes in each row, that tell `pushes` to `TOLERANCE`."""
+    count = pushes.shape[1]
+    rows = pushes.reshape(len(pushes), -1)
+    squares, left = np.linalg.eigh(rows @ rows.T)
+    order = np.flatnonzero(squares > 0)[::-1]
+    sizes = np.sqrt(squares[order])
+    left = left[:, order]
+    modes = left.T @ rows / sizes[:, None]
+    weights = left * sizes
+    enough = min(FIRST_COUNT, len(order))
+    while enough < len(order):
+        missing = rows - weights[:, :enough] @ modes[:enough]
+        if np.linalg.norm(missing.reshape(pushes.shape), axis=2).max() <= TOLERANCE:
+            break
+        enough = min(2 * enough, len(order))
+    return modes[:enough] * np.sqrt(count), weights[:, :enough] / np.sqrt(count)

@@ -1,0 +1,231 @@
+"""Paths recorded elsewhere, such as a character's clip: a CSV table of places, or a node of a GLB file."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.animation.glb_motion import node_motion
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files.atomic import one_line, read_bounded
+from neuroanimator.files.csv_text import csv_rows
+from neuroanimator.files.glb import read_glb
+from neuroanimator.files.numbers import number_in
+from neuroanimator.systems.recorded.columns import without_brackets
+from neuroanimator.text import did_you_mean, listed, quoted
+
+MAX_TABLE = 64 * 2**20
+"""Largest table read [bytes]."""
+
+MAX_SECONDS = 3600.0
+"""Longest path [s]: an hour."""
+
+MAX_COORDINATE = 1e6
+"""Largest coordinate [m], angle [rad] or time [s]."""
+
+UNITS = {"s": "seconds", "m": "metres", "rad": "radians"}
+"""The units of columns, if a header says any, and their names for people."""
+
+MAX_GAP = 10.0
+"""Time between two rows of a table, over the usual time, above which some are missing."""
+
+SHORTEST = 1e-6
+"""Length of a quaternion below which it turns nowhere."""
+
+SOURCE = re.compile(r"(?P<file>.*?\.(?P<kind>csv|glb))(?::(?P<part>.+))?", re.IGNORECASE)
+"""A file, and after a colon what of it: FILE.csv, FILE.csv:PART or FILE.glb:NODE."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPath:
+    """Where something was, and which way it faced."""
+
+    name: str
+    """Its origin, for people."""
+    times: Float[np.ndarray, " T"]
+    """Rising [s]."""
+    positions: Float[np.ndarray, "T 3"]
+    """[m], Z up."""
+    headings: Float[np.ndarray, " T"] | None = None
+    """Angle it has turned by about Z, without jumps [rad]; None where that is not known."""
+
+    def __post_init__(self) -> None:
+        columns = [self.times, *self.positions.T]
+        if self.headings is not None:
+            columns.append(self.headings)
+        for column in columns:
+            if not (np.abs(column) <= MAX_COORDINATE).all():  # false for NaN, too
+                raise BadFileError(
+                    f"{self.name}: a number that is not finite or above {MAX_COORDINATE:g}. Leave such rows out."
+                )
+        if len(self.times) < 2:
+            raise BadFileError(f"{self.name}: wanted at least two times, came {len(self.times)}.")
+        backwards = np.flatnonzero(np.diff(self.times) <= 0)
+        if len(backwards):
+            before, after = self.times[backwards[0] : backwards[0] + 2]
+            raise BadFileError(
+                f"{self.name}: wanted rising times, came {after:g} s after {before:g} s. Sort the rows, and leave doubles out."
+            )
+        if self.times[-1] - self.times[0] > MAX_SECONDS:
+            raise BadFileError(
+                f"{self.name}: {self.times[-1] - self.times[0]:g} s; wanted at most {MAX_SECONDS:g}. Cut it into parts."
+            )
+
+    def at(
+        self, times: Float[np.ndarray, " F"]
+    ) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, " F"] | None]:
+        """Return positions [m] and headings [rad] at `times` [s], on straight lines between the rows."""
+        columns = [np.interp(times, self.times, column) for column in self.positions.T]
+        positions = np.stack(columns, axis=1)
+        if self.headings is None:
+            return positions, None
+        return positions, np.interp(times, self.times, self.headings)
+
+
+class _Columns(NamedTuple):
+    """Numbers of a table's columns."""
+
+    time: int
+    position: tuple[int, ...]
+    orientation: tuple[int, ...]
+    """One of a heading, four of a quaternion wxyz, none if neither is there."""
+
+    @property
+    def all(self) -> tuple[int, ...]:
+        return (self.time, *self.position, *self.orientation)
+
+
+def read_path(source: str | Path) -> RecordedPath:
+    """Return the path in a file: `walk.csv`, `walk.csv:torso` or `walk.glb:Spine2`.
+
+    A CSV table has columns `time` [s], `x`, `y`, `z` [m], and if it likes `heading` [rad] or a quaternion `qw`, `qx`,
+    `qy`, `qz`. After a colon comes another name of a position: the columns `torso[0]`, `torso[1]`, `torso[2]`, as
+    `animate --out x.csv` writes them, with `torso_heading`, or of `root.position` with `root.orientation`. Of a GLB
+    file it is the name of a node, whose place in the world is taken along the first animation.
+
+    Raises ArgumentError for what names no such file, BadFileError for what is wrong with it.
+    """
+    text = str(source)
+    found = SOURCE.fullmatch(text)
+    if found is None:
+        raise ArgumentError(
+            f"path: wanted FILE.csv, FILE.csv:PART or FILE.glb:NODE, came {quoted(text)}."
+        )
+    path = Path(found["file"])
+    if found["kind"].lower() == "csv":
+        return _from_csv(path, found["part"])
+    if found["part"] is None:
+        raise ArgumentError(
+            f"path: wanted the name of a node after {quoted(text)}, such as {path.name}:Spine2."
+        )
+    file = read_glb(path)
+    try:
+        times, positions, orientations = node_motion(file, found["part"])
+    except ValueError as error:
+        raise BadFileError(f"{path}: {one_line(error)}.") from error
+    return RecordedPath(text, times, positions, _headings(orientations))
+
+
+def _headings(orientations: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, " T"]:
+    """Return what quaternions wxyz turn by about Z [rad], whichever way they lean, without jumps."""
+    return np.unwrap(2 * np.arctan2(orientations[:, 3], orientations[:, 0]))
+
+
+def _from_csv(path: Path, part: str | None) -> RecordedPath:
+    rows = csv_rows(read_bounded(path, MAX_TABLE))
+    numbers = array("d")
+    try:
+        _, header = next(rows, (0, []))
+        columns = _columns(header, part, str(path))
+        for line, cells in rows:
+            if cells:
+                numbers.extend(_row(cells, columns, len(header), f"{path}, line {line}"))
+    except ValueError as error:
+        raise BadFileError(f"{path}, {one_line(error)}.") from error
+    table = np.array(numbers).reshape(-1, len(columns.all))
+    _refuse_gaps(table[:, 0], path)
+    turned = table[:, 4:]
+    headings = None
+    if len(columns.orientation) == 1:
+        headings = turned[:, 0]
+    elif columns.orientation:
+        if (np.linalg.norm(turned, axis=1) < SHORTEST).any():
+            raise BadFileError(f"{path}: a quaternion of zeros turns nowhere. Leave the row out.")
+        headings = _headings(turned)
+    return RecordedPath(str(path), table[:, 0], table[:, 1:4], headings)
+
+
+def _refuse_gaps(times: Float[np.ndarray, " T"], path: Path) -> None:
+    intervals = np.diff(times)
+    gaps = np.flatnonzero(intervals > MAX_GAP * np.median(intervals)) if len(intervals) else []
+    if len(gaps):
+        before, after = times[gaps[0] : gaps[0] + 2]
+        raise BadFileError(
+            f"{path}: nothing between {before:g} s and {after:g} s. Fill the gap, or cut the table there."
+        )
+
+
+def _columns(header: list[str], part: str | None, where: str) -> _Columns:
+    """Return which columns hold what; BadFileError if some are missing, or in another unit."""
+    units: dict[str, str] = {}
+    names = []
+    for cell in header:
+        name, _, unit = without_brackets(cell).partition(" ")
+        names.append(name)
+        units[name] = unit.strip()
+    position, turns = _names_of(part)
+    missing = [name for name in ("time", *position) if name not in names]
+    if missing:
+        known = listed(quoted(name) for name in names)
+        guess = did_you_mean(missing[0], names)
+        raise BadFileError(
+            f"{where}: no column {quoted(missing[0])}. {guess}Columns: {known or 'none'}."
+        )
+    orientation: tuple[str, ...] = ()
+    for choice in turns:
+        if not orientation and all(name in names for name in choice):
+            orientation = choice
+    expected = {"time": "s"} | dict.fromkeys(position, "m")
+    if len(orientation) == 1:
+        expected[orientation[0]] = "rad"
+    for name, unit in expected.items():
+        if units[name] not in ("", unit):
+            raise BadFileError(
+                f"{where}: {quoted(name)} is in {quoted(units[name])}. Convert it to {UNITS[unit]}."
+            )
+    used = (*expected, *orientation)
+    twice = [name for name in used if names.count(name) > 1]
+    if twice:
+        raise BadFileError(f"{where}: two columns are called {quoted(twice[0])}. Rename one.")
+    return _Columns(
+        names.index("time"),
+        tuple(names.index(name) for name in position),
+        tuple(names.index(name) for name in orientation),
+    )
+
+
+def _names_of(part: str | None) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Return the names of the columns of a position, and of an orientation, of which the first choice is taken."""
+    if part is None:
+        return ("x", "y", "z"), (("heading",), ("qw", "qx", "qy", "qz"))
+    position = tuple(f"{part}[{axis}]" for axis in range(3))
+    body = part.removesuffix(".position")
+    quaternion = tuple(f"{body}.orientation[{entry}]" for entry in range(4))
+    return position, ((f"{part}_heading[0]",), quaternion)
+
+
+def _row(cells: list[str], columns: _Columns, count: int, where: str) -> list[float]:
+    if len(cells) != count:
+        raise BadFileError(
+            f"{where}: {len(cells)} cells; wanted {count}, as in the header. Correct the row."
+        )
+    try:
+        return [number_in(cells[column]) for column in columns.all]
+    except ValueError as error:
+        raise BadFileError(f"{where}: wanted numbers, came {quoted(','.join(cells))}.") from error

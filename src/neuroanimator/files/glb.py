@@ -1,0 +1,173 @@
+"""GLB files: what the container is made of, and a reader of strangers' ones. Bounded before they are parsed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.files.atomic import one_line, read_bounded
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.numbers import listed, whole
+from neuroanimator.text import quoted
+
+MAGIC = 0x46546C67
+"""What a GLB file begins with: 'glTF' as a number."""
+
+VERSION = 2
+"""The version of the GLB container."""
+
+JSON_CHUNK = 0x4E4F534A
+"""What the chunk of the document begins with: 'JSON' as a number."""
+
+BINARY_CHUNK = 0x004E4942
+"""What the chunk of the numbers begins with: 'BIN' as a number."""
+
+HEADER_SIZE = 12
+"""Bytes of the file's header."""
+
+CHUNK_HEADER_SIZE = 8
+"""Bytes before each chunk: its length and its kind."""
+
+COMPONENTS = {
+    "float32": 5126,
+    "uint32": 5125,
+    "uint16": 5123,
+    "int16": 5122,
+    "uint8": 5121,
+    "int8": 5120,
+}
+"""The format's codes of the types of numbers, by their names in NumPy."""
+
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+"""Numbers in an element, by the format's name of it: those that animations are made of."""
+
+MAX_FILE = 256 * 2**20
+"""Largest file read [bytes]: a character with its meshes and textures."""
+
+MAX_DOCUMENT = 16 * 2**20
+"""Largest JSON document read [bytes]."""
+
+MAX_OBJECTS = 100_000
+"""Maximum number of nodes, and of any other objects of a kind."""
+
+MAX_COUNT = 1_000_000
+"""Maximum number of elements of an array: an animation of hours."""
+
+
+@dataclass(frozen=True, eq=False)
+class Glb:
+    """A document and the bytes it points into."""
+
+    document: dict[str, Any]
+    binary: bytes
+
+    def objects(self, kind: str) -> list[dict[str, Any]]:
+        """Return the objects in the document's list `kind`; ValueError if it is none of objects."""
+        return objects_in(self.document, kind)
+
+    def array(self, accessor: Any, element: str) -> Float[np.ndarray, "N W"]:
+        """Return the finite numbers of an accessor of `element`s, such as `VEC3`; ValueError says what is wrong."""
+        described = object_at(self.objects("accessors"), accessor, "accessor")
+        what = f"accessor {accessor}"
+        if described.get("type") != element:
+            raise ValueError(f"{what}: wanted {element}, came {quoted(described.get('type'))}")
+        if "sparse" in described or "bufferView" not in described:
+            raise ValueError(f"{what}: a sparse array. Save the file without them")
+        count = whole(described.get("count"), f"{what}: count", 1, MAX_COUNT)
+        code = described.get("componentType")
+        names = [name for name, number in COMPONENTS.items() if number == code]
+        if not names:
+            raise ValueError(f"{what}: unknown componentType {quoted(code)}")
+        kind = np.dtype(names[0]).newbyteorder("<")
+        width = WIDTHS[element]
+        size = kind.itemsize * width
+        view, stride = self._view(described["bufferView"], size)
+        offset = whole(described.get("byteOffset", 0), f"{what}: byteOffset", 0, len(view))
+        if stride != size or offset + count * size > len(view):
+            raise ValueError(f"{what}: it reads beyond its bufferView, or not in one piece")
+        numbers = np.frombuffer(view, kind, count * width, offset).reshape(count, width)
+        values = numbers.astype(float)
+        if kind.kind in "iu":
+            values = np.maximum(
+                values / np.iinfo(kind).max, -1
+            )  # all of an animation's are normalised
+        if not np.isfinite(values).all():
+            raise ValueError(f"{what}: a number that is not finite")
+        return values
+
+    def _view(self, index: Any, size: int) -> tuple[bytes, Any]:
+        """Return the bytes of a bufferView, and the distance of its elements, each of `size` bytes."""
+        view = object_at(self.objects("bufferViews"), index, "bufferView")
+        what = f"bufferView {index}"
+        if view.get("extensions"):
+            raise ValueError(f"{what}: compressed. Save the file without compression")
+        buffer = object_at(self.objects("buffers"), view.get("buffer"), "buffer")
+        if view.get("buffer") != 0 or "uri" in buffer:
+            raise ValueError(f"{what}: its numbers lie in another file. Save all in one .glb file")
+        offset = whole(view.get("byteOffset", 0), f"{what}: byteOffset", 0, len(self.binary))
+        room = len(self.binary) - offset
+        length = whole(view.get("byteLength"), f"{what}: byteLength", 1, room)
+        return self.binary[offset : offset + length], view.get("byteStride", size)
+
+
+def objects_in(owner: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    """Return the objects in a list `kind` of `owner`, none if it has no such list; ValueError if it is none of objects."""
+    values = listed(owner.get(kind, []), kind, _object)
+    if len(values) > MAX_OBJECTS:
+        raise ValueError(f"{kind}: {len(values):,} of them; wanted at most {MAX_OBJECTS:,}")
+    return list(values)
+
+
+def _object(value: Any, what: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{what}: wanted JSON objects, came {quoted(value)}")
+    return value
+
+
+def object_at(objects: list[dict[str, Any]], index: Any, what: str) -> dict[str, Any]:
+    """Return one of the `objects`; ValueError if the file's `index` is none of theirs."""
+    if not objects:
+        raise ValueError(f"no {what} in the file")
+    return objects[whole(index, f"number of a {what}", 0, len(objects) - 1)]
+
+
+def read_glb(path: Path) -> Glb:
+    """Return the document and the bytes of a GLB file; BadFileError says what is wrong with it."""
+    content = read_bounded(path, MAX_FILE)
+    try:
+        return _chunks(content)
+    except ValueError as error:
+        raise BadFileError(f"{path}: {one_line(error)}.") from error
+
+
+def _chunks(content: bytes) -> Glb:
+    header = np.frombuffer(content[:HEADER_SIZE].ljust(HEADER_SIZE, b"\0"), "<u4")
+    magic, version, size = header.tolist()
+    if magic != MAGIC:
+        raise ValueError("not a GLB file. Save it as .glb (glTF in one file)")
+    if version != VERSION:
+        raise ValueError(f"version {version} of GLB; wanted {VERSION}")
+    if size != len(content):
+        raise ValueError(f"truncated: {len(content):,} bytes; its header says {size:,}")
+    text, rest = _chunk(content[HEADER_SIZE:], JSON_CHUNK, "JSON")
+    document = parse_json_object(text.rstrip(b" \0"), MAX_DOCUMENT)
+    binary = b""
+    if rest:
+        binary, _ = _chunk(rest, BINARY_CHUNK, "binary")
+    return Glb(document, binary)
+
+
+def _chunk(content: bytes, wanted: int, name: str) -> tuple[bytes, bytes]:
+    """Return the first chunk of `content`, and what comes after it."""
+    if len(content) < CHUNK_HEADER_SIZE:
+        raise ValueError(f"no {name} chunk")
+    length, kind = np.frombuffer(content[:CHUNK_HEADER_SIZE], "<u4").tolist()
+    end = CHUNK_HEADER_SIZE + length
+    if kind != wanted or end > len(content):
+        raise ValueError(f"no {name} chunk, or one that is longer than the file")
+    return content[CHUNK_HEADER_SIZE:end], content[end:]

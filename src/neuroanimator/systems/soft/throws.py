@@ -1,0 +1,67 @@
+"""Where a body that nothing holds may begin: at rest, or thrown over the ground, undeformed."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.state.placement import turn
+from neuroanimator.state.rotation import rotation_rows
+from neuroanimator.systems.soft.soft_body import GRAVITY
+from neuroanimator.systems.soft.soft_scene import SoftScene
+
+REST_SHARE = 0.5
+"""Share of the bodies that begin at rest."""
+
+TRIES = 8
+"""Number of throws tried until one begins outside of all colliders."""
+
+
+def random_roots(
+    scene: SoftScene,
+    rng: np.random.Generator,
+    mean: Float[np.ndarray, "N 3"],
+    centre: Float[np.ndarray, " 3"],
+    movers: Float[np.ndarray, "B D"],
+) -> list[Float[np.ndarray, " 13"] | None]:
+    """Return positions, quaternions, velocities and angular velocities; None of a body that movers leave no room.
+
+    `mean` are the nodes in the body's own frame, `centre` is where that is at rest, and `movers` are where these are.
+    """
+    nodes = tuple(range(len(mean)))
+    contacts = scene.contacts(mean, np.zeros((0, *mean.shape)), nodes)
+    rates = np.zeros(scene.movers.size)
+    roots: list[np.ndarray | None] = [None] * len(movers)
+    for number, row in enumerate(movers):
+        for _ in range(TRIES):
+            root = _random_root(scene, rng, mean, centre)
+            distances = contacts.distances(np.concatenate([row, rates, root]))
+            if all((distance > -scene.margin).all() for distance in distances):
+                roots[number] = root
+                break
+    return roots
+
+
+def _random_root(
+    scene: SoftScene,
+    rng: np.random.Generator,
+    mean: Float[np.ndarray, "N 3"],
+    centre: Float[np.ndarray, " 3"],
+) -> Float[np.ndarray, " 13"]:
+    """Return position, quaternion, velocity and angular velocity of a body at rest at `centre`, or thrown over the ground.
+
+    It is up to its own size over the ground, as fast as after a fall from there, and turns as it would roll so fast.
+    """
+    size = scene.size
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    if rng.random() < REST_SHARE:
+        return np.concatenate([centre, upright, np.zeros(6)])
+    quaternion = rng.normal(size=4)
+    quaternion /= np.linalg.norm(quaternion)
+    turned = turn(rotation_rows(quaternion), mean)
+    position = centre + size * rng.uniform(-0.5, 0.5, 3)
+    position[2] = scene.ground - turned[:, 2].min() + size * rng.uniform(0, 1)
+    speed = np.sqrt(-2 * GRAVITY[2] * size) * rng.uniform(0, 1)
+    velocity = speed * rng.normal(size=3) / np.sqrt(3)
+    angular_velocity = 2 * speed / size * rng.normal(size=3) / np.sqrt(3)
+    return np.concatenate([position, quaternion, velocity, angular_velocity])

@@ -1,0 +1,56 @@
+"""Where training begins: the linear map of a network by ridge regression, so that its units learn what is not linear."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.networks.glu import LinearGlu
+
+MAX_ROWS = 40_000
+"""Maximum number of super steps that the map is fitted to."""
+
+RIDGE = 1e-4
+"""Weight of the squares of the map's numbers, over those of normalised features."""
+
+
+def with_linear_start(emulator: Emulator, data: Transitions) -> Emulator:
+    """Return `emulator` with its linear map fitted to the first super steps of `data`, which are latent windows.
+
+    A network without a linear map stays as it is.
+    """
+    network = emulator.network
+    if not isinstance(network, LinearGlu):
+        return emulator
+    every = -(-len(data.states) // MAX_ROWS)
+    states = data.states[::every]
+    controls = data.controls[::every, 0]
+    features = np.asarray(_features(emulator, as_jax(states[:, 0]), as_jax(controls)), float)
+    changes = np.asarray(emulator.frame.remainder(states[:, 0], states[:, 1]), float)
+    normaliser = emulator.normaliser
+    scale = np.asarray(normaliser.change_scale, float)
+    moves = scale > 0
+    targets = np.where(moves, changes - np.asarray(normaliser.change_mean), 0)
+    targets /= np.where(moves, scale, 1)
+    squares = features.T @ features + RIDGE * len(features) * np.eye(features.shape[1])
+    linear = np.linalg.solve(squares, features.T @ targets)
+    return eqx.tree_at(lambda emulator: emulator.network.linear, emulator, as_jax(linear))
+
+
+@eqx.filter_jit
+def _features(
+    emulator: Emulator, states: Float[Array, "N I"], controls: Float[Array, "N C"]
+) -> Float[Array, "N F"]:
+    """Return the inputs of the network."""
+
+    def of_one(state: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " F"]:
+        shown = emulator.domain.clip(emulator.raw_features(state, control))
+        odd, even = emulator.features.streams(state, emulator.normaliser.forward(shown))
+        return jax.numpy.concatenate([odd, even])
+
+    return jax.vmap(of_one)(states, controls)
