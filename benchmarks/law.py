@@ -30,10 +30,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from large_bodies import FRAME, FRAMES, LANES, Test, errors_of, known_state, mesh_text, unseen
+from large_bodies import FRAME
+from large_bodies_cases.equal_error import (
+    STEPS,
+    Test,
+    controls_of,
+    errors_of,
+    known_states,
+    unseen,
+)
 from matplotlib.figure import Figure
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
+from soft_meshes import grid_faces, obj_text, sheet
 
 import neuroanimator as na
 from neuroanimator.evaluation.csv_table import write_csv
@@ -41,6 +50,7 @@ from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.systems.loading import resolve
+from neuroanimator.systems.soft.program import LANES
 from neuroanimator.systems.soft.scene import Motion
 from neuroanimator.systems.soft.soft_body import SoftBody
 from neuroanimator.systems.soft.soft_system import SoftSystem
@@ -94,18 +104,18 @@ class Extent(NamedTuple):
     widths: tuple[int, ...]
     """Hidden units tried, the fewest first."""
     count: int
-    """Super steps of data."""
+    """Windows of data."""
     updates: int
 
 
-THOROUGH = Extent((10, 17, 32, 55, 100), 96, (8, 16, 32, 64, 128), 12_000, 4_000)
-QUICK = Extent((6, 9), 24, (4, 16), 1_000, 500)
+THOROUGH = Extent((10, 17, 32, 55, 100), 96, (8, 16, 32, 64, 128), 1_536, 4_000)
+QUICK = Extent((6, 9), 24, (4, 16), 240, 500)
 
 
 def made(folder: Path, side: int, shapes: int) -> tuple[SoftSystem, tuple[str, str, int]]:
     """Return the cloth of so many nodes along an edge, told by so many shapes; and its name, definition and substeps."""
     steps = max(LEAST_STEPS, side)
-    (folder / "cloth.obj").write_text(mesh_text(side))
+    (folder / "cloth.obj").write_text(obj_text(sheet(side), grid_faces(side, side)))
     text = TOML.format(
         steps=steps,
         shapes=shapes,
@@ -130,7 +140,7 @@ def left_out(test: Test) -> Float[np.ndarray, " K"]:
         away = nodes - test.paths[frame + 1].T[:, None] - shapes.mean
         whole += float((away**2).sum() / len(shapes.mean))
         squares += (shapes.project(away) ** 2).sum(axis=0)
-    mean_squares = (whole - np.cumsum(squares)) / (FRAMES * LANES)
+    mean_squares = (whole - np.cumsum(squares)) / (STEPS * LANES)
     return 100 * np.sqrt(np.maximum(mean_squares, 0)) / test.system.scene.size
 
 
@@ -150,16 +160,14 @@ def trained(folder: Path, carried: tuple[str, str, int], width: int, extent: Ext
 
 def rollouts(emulator: na.Emulator, test: Test) -> tuple[np.ndarray, np.ndarray]:
     """Return the states the emulator begins the test's runs in, and its controls."""
-    changes = np.diff(test.paths, axis=0) / test.dt
-    controls = np.moveaxis(changes, -1, 0).astype(np.float32)
-    return known_state(test).astype(np.float32), controls
+    return known_states(test).astype(np.float32), controls_of(test).astype(np.float32)
 
 
 def emulator_error(emulator: na.Emulator, test: Test) -> float:
     """Return the error after a second [%]."""
     path = np.asarray(emulator.rollout(*rollouts(emulator, test)))
     decoded = np.moveaxis(test.system.shapes.decode(path[:, 1:]), 0, -1)
-    return errors_of(test, decoded)[f"error_{FRAMES}_percent"]
+    return errors_of(test, decoded)[f"error_{STEPS}_percent"]
 
 
 def implicit_seconds(body: SoftBody) -> float:
@@ -211,11 +219,11 @@ def implicit_matrix(body: SoftBody) -> csc_matrix:
 def row_of(side: int, extent: Extent, folder: Path) -> dict[str, Any]:
     """Return the figures of the cloth with so many nodes along an edge."""
     many, _ = made(folder, side, extent.shapes)
-    errors = left_out(unseen(many, FRAME, "smooth"))
+    errors = left_out(unseen(many, FRAME))
     within = np.flatnonzero(errors <= LEFT_OUT)
     numbers = int(within[0]) + 1 if len(within) else len(errors)
     system, carried = made(folder, side, numbers)
-    test = unseen(system, FRAME, "smooth")
+    test = unseen(system, FRAME)
     units: int | str = ""
     for width in extent.widths:
         emulator = trained(folder, carried, width, extent)
@@ -233,8 +241,8 @@ def row_of(side: int, extent: Extent, folder: Path) -> dict[str, Any]:
         },
         TIMINGS,
     )
-    emulator_us = seconds["emulator"] / FRAMES * 1e6
-    explicit_us = seconds["physics"] / FRAMES * 1e6
+    emulator_us = seconds["emulator"] / STEPS * 1e6
+    explicit_us = seconds["physics"] / STEPS * 1e6
     implicit_us = implicit_seconds(system.scene.body) * 1e6
     return {
         "nodes": side * side,

@@ -48,6 +48,12 @@ def cape(rows: int, columns: int) -> Float[np.ndarray, "N 3"]:
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
+def sheet(side: int) -> Float[np.ndarray, "N 3"]:
+    """Return the nodes of a square of 1 m × 1 m that hangs along -Z from a height of 1.5 m [m]."""
+    z, x = np.meshgrid(1.5 - np.linspace(0, 1, side), np.linspace(-0.5, 0.5, side), indexing="ij")
+    return np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
+
+
 def flag(rows: int, columns: int) -> Float[np.ndarray, "N 3"]:
     """Return the nodes of a flag of 1.2 m × 0.8 m at the top of a pole of 2 m [m]: wavy, for a plane one hangs as a plate."""
     z, x = np.meshgrid(2.0 - np.linspace(0, 0.8, rows), np.linspace(0, 1.2, columns), indexing="ij")

@@ -31,8 +31,8 @@ SHOWN = (8, 15, 30)
 STEPS = SHOWN[-1]
 """Number of super steps of a run."""
 
-LEAD = {"cape": 60, "flag": 60, "jelly": 8}
-"""Number of super steps of physics before a run: a jelly is about to be thrown then."""
+LEADS = {"jelly": 8}
+"""Number of super steps of physics before a run, where it is not the usual one: a jelly is about to be thrown then."""
 
 TEST_SEED = 2**31
 """Seed of the runs, above any of a dataset's."""
@@ -48,7 +48,8 @@ class Test(NamedTuple):
     """Unseen runs, side by side, and the physics of all nodes along them."""
 
     system: SoftSystem
-    emulator: na.Emulator
+    dt: float
+    """Super step [s]."""
     paths: Float[np.ndarray, "F D L"]
     """Positions [m] and headings [rad] of movers, the start included."""
     given: Float[np.ndarray, "D L"]
@@ -58,13 +59,8 @@ class Test(NamedTuple):
     """Positions of nodes [m]."""
 
 
-def unseen(name: str) -> Test:
-    """Return `LANES` runs along smooth random paths from rest, by the teacher's physics."""
-    system = na.load_system(name)
-    assert isinstance(system, SoftSystem)
-    emulator = na.load_emulator(name)
-    dt = emulator.dt
-    lead = LEAD[name]
+def unseen(system: SoftSystem, dt: float, lead: int = 60) -> Test:
+    """Return `LANES` runs along smooth random paths, by the teacher's physics, `lead` super steps after rest."""
     rng = np.random.default_rng(TEST_SEED)
     starts = np.repeat(system.rest[None], LANES, axis=0)
     controls = system.sample_paths(rng, LANES, lead + STEPS, dt)
@@ -78,7 +74,7 @@ def unseen(name: str) -> Test:
     start = Motion(before[-1].copy(), velocities[-1].copy())
     truth, _ = system.scene.play(start, paths[lead:], dt, steps)
     given = (paths[lead] - paths[lead - 1]) / dt
-    return Test(system, emulator, paths[lead:], given, start, truth)
+    return Test(system, dt, paths[lead:], given, start, truth)
 
 
 def known_states(test: Test) -> Float[np.ndarray, "L S"]:
@@ -86,6 +82,11 @@ def known_states(test: Test) -> Float[np.ndarray, "L S"]:
     positions = np.moveaxis(test.start.positions, -1, 0)
     velocities = np.moveaxis(test.start.velocities, -1, 0)
     return test.system.encode(positions, velocities, test.paths[0].T, test.given.T)
+
+
+def controls_of(test: Test) -> Float[np.ndarray, "L T D"]:
+    """Return the controls that move the movers along the test's paths."""
+    return np.moveaxis(np.diff(test.paths, axis=0) / test.dt, -1, 0)
 
 
 def errors_of(test: Test, positions: Float[np.ndarray, "T N 3 L"]) -> dict[str, float]:
@@ -113,8 +114,9 @@ def face_normals(
 class Race:
     """Rows of errors, and what is timed for them."""
 
-    def __init__(self, test: Test):
+    def __init__(self, test: Test, emulator: na.Emulator):
         self.test = test
+        self.emulator = emulator
         self.rows: Rows = []
         self.players: dict[str, Callable[[], Any]] = {}
 
@@ -142,22 +144,23 @@ def add_emulator(race: Race) -> None:
     """Add the emulator, without and with all nodes, and what it may be compared with."""
     test = race.test
     system = test.system
+    emulator = race.emulator
     states = known_states(test)
-    controls = np.moveaxis(np.diff(test.paths, axis=0) / test.emulator.dt, -1, 0)
+    controls = controls_of(test)
     runs = (states.astype(np.float32), controls.astype(np.float32))
-    path = np.asarray(test.emulator.rollout(*runs), float)
+    path = np.asarray(emulator.rollout(*runs), float)
     decoded = np.moveaxis(system.shapes.decode(path[:, 1:]), 0, -1)
     first = tuple(part[0] for part in runs)
-    race.add(EMULATOR, decoded, lambda: test.emulator.rollout(*first))
+    race.add(EMULATOR, decoded, lambda: emulator.rollout(*first))
     count = len(system.shapes.modes)
     modes = np.ascontiguousarray(system.shapes.modes.reshape(count, -1), np.float32)
 
     def with_nodes() -> list[np.ndarray]:
-        rolled = np.asarray(test.emulator.rollout(*first))
+        rolled = np.asarray(emulator.rollout(*first))
         return [amplitudes @ modes for amplitudes in rolled[1:, system.shapes.amplitudes]]
 
     race.add(DECODED, decoded, with_nodes)
-    simulated = system.simulate(states, controls, test.emulator.dt).states[:, 1:]
+    simulated = system.simulate(states, controls, test.dt).states[:, 1:]
     race.add("physics from the shapes", np.moveaxis(system.shapes.decode(simulated), 0, -1))
     frozen = path[:, 1:].copy()
     frozen[..., system.shapes.amplitudes] = states[:, None, system.shapes.amplitudes]
@@ -195,7 +198,7 @@ def _add_one(race: Race, family: Family, scene: Scene, shape: tuple[int, ...], s
     test = race.test
     parts = [np.asarray(part, float) for part in test.start[:2]]
     start = Motion(*(resampled(part, family.shape, shape) for part in parts))
-    dt = test.emulator.dt
+    dt = test.dt
     found, _ = scene.play(start, test.paths, dt, steps)
     what = f"{' x '.join(map(str, shape))} nodes, {steps} small steps"
     if not np.isfinite(found).all():
@@ -208,9 +211,12 @@ def _add_one(race: Race, family: Family, scene: Scene, shape: tuple[int, ...], s
 
 def equal_error_rows(name: str) -> tuple[Rows, Rows]:
     """Return (a row for each way to simulate the body, the factors at equal error after each of `SHOWN`)."""
-    test = unseen(name)
+    system = na.load_system(name)
+    assert isinstance(system, SoftSystem)
+    emulator = na.load_emulator(name)
+    test = unseen(system, emulator.dt, LEADS.get(name, 60))
     definition = check_table(read_toml(ASSETS / f"{name}.toml"), name, SoftDefinition)
-    race = Race(test)
+    race = Race(test, emulator)
     add_emulator(race)
     add_physics(race, name, FAMILIES[name], definition)
     rows = race.timed()

@@ -155,7 +155,7 @@ def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
     tensors = shapes.tensors()
     return {
         "mean": packed(tensors["mean"], "<f4"),
-        "modes": packed(tensors["modes"], "<i2"),
+        "modes": packed(np.concatenate([tensors["modes"], tensors["fine_modes"]]), "<i2"),
         "scales": packed(tensors["scales"], "<f4"),
         "faces": packed(tensors["faces"], "<u4"),
         "first": shapes.first,

@@ -18,10 +18,10 @@ PERIOD = 12.0
 VISITS = 3
 """How often in that time what strikes a soft body comes to its middle."""
 
-SWAY = 0.12
-"""How far movers sway with each of their waves, at most, over the size of the body."""
+SWAY = 0.06
+"""How far movers sway with each of their waves, at most, over the size of the body: what `new` proposes reaches further."""
 
-TURN = 0.3
+TURN = 0.15
 """How far those that turn do so with each of their waves, at most [rad]."""
 
 WAVES = (1, 2, 3)

@@ -7,7 +7,7 @@ import pytest
 from cloths import untrained_cloth
 
 from neuroanimator import Emulator
-from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.appearance.shapes import COARSE_MODES, Shapes
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.state.placement import Placement
 from neuroanimator_studio.description import describe_emulator, unpacked
@@ -25,9 +25,11 @@ def test_a_surface_arrives_whole(emulator: Emulator):
     facts = describe_emulator(emulator, system_of(emulator))
     said = facts["surface"]
     nodes = len(shapes.mean)
+    modes = unpacked(said["modes"], "<i2").reshape(-1, nodes, 3)
     tensors = {
         "mean": unpacked(said["mean"], "<f4").reshape(nodes, 3),
-        "modes": unpacked(said["modes"], "<i2").reshape(-1, nodes, 3),
+        "modes": modes[:COARSE_MODES],
+        "fine_modes": modes[COARSE_MODES:].astype(np.int8),
         "scales": unpacked(said["scales"], "<f4"),
         "faces": unpacked(said["faces"], "<u4").reshape(-1, 3).astype(np.int32),
     }

@@ -98,32 +98,26 @@ class WindowErrors(eqx.Module):
         )
 
     def judged(self, verdict: Verdict) -> Verdict:
-        """Return the worse of `verdict`, on one super step, and what the windows say."""
+        """Return what the windows say; `verdict`, on one super step, if that says useless.
+
+        What one step errs by is mostly of the rates of wrinkles, which die out at once.
+        """
+        if verdict.is_useless:
+            return verdict
         # Errors grow about as time does, up to a second; then they are as large as motions are.
         seconds = min(float(self.seconds), 1.0)
         error = float(self.emulator)
         cheap = float(self.no_change)
+        beside = f"{self.in_words}, and by {cheap:.1%} if it just kept its shape"
         if error >= cheap:
-            word = USELESS
-            reason = f"{self.in_words}, and by {cheap:.1%} if it just kept its shape"
-        elif error > LOST_SHARE * seconds:
-            word = USELESS
-            reason = self.in_words
-        elif error > USABLE_SHARE * cheap or error > STRAY_SHARE * seconds:
-            word = POOR
-            reason = f"{self.in_words}, by {cheap:.1%} if it just kept its shape"
-        elif error > FAITHFUL_SHARE * seconds:
-            word = USABLE
-            reason = self.in_words
-        else:
-            word = GOOD
-            reason = self.in_words
-        ranks = (USELESS, POOR, USABLE, GOOD)
-        if ranks.index(word) < ranks.index(verdict.word):
-            return Verdict(word, (reason,))
-        if word == verdict.word:
-            return Verdict(word, (*verdict.reasons, reason))
-        return verdict
+            return Verdict(USELESS, (beside,))
+        if error > LOST_SHARE * seconds:
+            return Verdict(USELESS, (self.in_words,))
+        if error > USABLE_SHARE * cheap or error > STRAY_SHARE * seconds:
+            return Verdict(POOR, (beside,))
+        if error > FAITHFUL_SHARE * seconds:
+            return Verdict(USABLE, (self.in_words,))
+        return Verdict(GOOD, (self.in_words,))
 
 
 class ValidationErrors(eqx.Module):

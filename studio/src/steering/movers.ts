@@ -123,7 +123,7 @@ export class MoverPilot implements Pilot {
       return this.#control;
     }
     this.#alone += this.facts.dt;
-    if (this.isWandering) {
+    if (this.isWandering && this.path.steps > 0) {
       this.#follow(state);
     }
     return this.#control;
