@@ -8,7 +8,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from soft_bodies import moving_states
 
 import neuroanimator as na
 from neuroanimator.definitions.flex import FlexDefinition
@@ -16,13 +15,16 @@ from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.state.shape_contacts import FREE, HELD
+from neuroanimator.state.placement import turn
+from neuroanimator.state.rotation import rotation_rows
+from neuroanimator.state.shape_contacts import FREE, HELD, ROOT
 from neuroanimator.systems.loading import from_text, named_model, named_shapes, resolve
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.soft.flex_model import mover_names
 from neuroanimator.systems.soft.flex_scene import SIDES, FlexScene
 from neuroanimator.systems.soft.soft_scene import Motion
+from neuroanimator.systems.soft.throws import random_roots
 
 BALL = '<body name="ball" mocap="true" pos="0.1 0.3 0.9"><geom size="0.1"/></body>'
 HAND = '<body name="hand" mocap="true" pos="-0.1 0 1"><geom size="0.02"/></body>'
@@ -204,10 +206,14 @@ def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_new_writes_is_a_system_that_rests_and_whose_states_are_its_nodes(toml: Path):
     rope = na.load_system(str(toml))
+    dt = 16 * rope.physics_dt
     controls = np.zeros((1, 5, rope.control.size))
-    states = rope.simulate(rope.rest[None], controls, 16 * rope.physics_dt).states[0]
+    states = rope.simulate(rope.rest[None], controls, dt).states[0]
     assert np.abs(states - states[0]).max() < 5e-3
-    seen = moving_states(rope)[:6]
+    rng = np.random.default_rng(0)
+    starts = rope.sample_starts(rng, 1)
+    assert (starts[0] == rope.rest).all()
+    seen = rope.simulate(starts, rope.sample_paths(rng, 1, 20, dt), dt).states[0, 10:]
     motion = rope.motion(seen)
     size = rope.control.size
     movers = seen[:, :size]
@@ -215,6 +221,21 @@ def test_what_new_writes_is_a_system_that_rests_and_whose_states_are_its_nodes(t
     positions = np.moveaxis(motion.positions + motion.origin, -1, 0)
     again = rope.encode(positions, np.moveaxis(motion.velocities, -1, 0), movers, rates)
     np.testing.assert_allclose(again, seen, atol=2e-3)
+
+
+def test_a_free_body_begins_at_rest_or_thrown_and_never_under_the_ground():
+    scene = scene_of("jelly")
+    centre = scene.centre(scene.positions)
+    mean = scene.positions - centre
+    movers = np.repeat(scene.movers.rest[None], 40, axis=0)
+    roots = random_roots(scene, np.random.default_rng(0), mean, centre, movers)
+    lying = scene.state_at_rest(centre)[-ROOT:]
+    at_rest = 0
+    for root in roots:
+        assert root is not None
+        at_rest += (root == lying).all()
+        assert (turn(rotation_rows(root[3:7]), mean)[:, 2] + root[2] > scene.ground - 1e-9).all()
+    assert 0.2 < at_rest / len(roots) < 0.8
 
 
 def test_its_definition_names_model_and_shapes_and_holds_neither(toml: Path):

@@ -33,7 +33,7 @@ from neuroanimator.systems.soft.scene import Scene
 ENDING = ".shapes.safetensors"
 """Ending of the file's name, after that of the TOML file."""
 
-METHOD = 3
+METHOD = 4
 """Number of the way shapes are found, raised whenever others would be."""
 
 MAX_NUMBER = 1e6

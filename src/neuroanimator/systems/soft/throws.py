@@ -16,6 +16,9 @@ REST_SHARE = 0.5
 TRIES = 8
 """Number of throws tried until one begins outside of all colliders."""
 
+ROUNDING = 1e-6
+"""What 32 bits leave open of a distance, over the size of the body."""
+
 
 def random_roots(
     scene: SoftScene,
@@ -26,17 +29,21 @@ def random_roots(
 ) -> list[Float[np.ndarray, " 13"] | None]:
     """Return positions, quaternions, velocities and angular velocities; None of a body that movers leave no room.
 
-    `mean` are the nodes in the body's own frame, `centre` is where that is at rest, and `movers` are where these are.
+    `mean` are the nodes in the body's own frame, `centre` is where that is at rest, and `movers` are where these are. No
+    node is deeper in anything than `SoftScene.margin`, or than the deepest at rest: what a body lies on, it touches.
     """
     nodes = tuple(range(len(mean)))
     contacts = scene.contacts(mean, np.zeros((0, *mean.shape)), nodes)
     rates = np.zeros(scene.movers.size)
+    at_rest = contacts.distances(scene.state_at_rest(centre))
+    deepest = min(-scene.margin, *(distance.min() for distance in at_rest))
+    deepest -= ROUNDING * scene.size
     roots: list[np.ndarray | None] = [None] * len(movers)
     for number, row in enumerate(movers):
         for _ in range(TRIES):
             root = _random_root(scene, rng, mean, centre)
             distances = contacts.distances(np.concatenate([row, rates, root]))
-            if all((distance > -scene.margin).all() for distance in distances):
+            if all((distance > deepest).all() for distance in distances):
                 roots[number] = root
                 break
     return roots
