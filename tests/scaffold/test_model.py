@@ -213,7 +213,7 @@ def test_the_toml_says_all_of_the_definition_and_nothing_else(cart_proposal: tup
         (lambda xml: xml.replace('"hinge" type', '"track.velocity" type'), "would be called 'track.velocity'"),
         (lambda xml: xml.replace('timestep="0.01"', 'timestep="-1"'), "timestep"),
         (lambda xml: xml.replace("<body name=\"cart\">", '<include file="../x.xml"/><body name="cart">'), r"\.\."),
-        (lambda xml: xml.replace("</worldbody>", '<flexcomp name="x" type="grid"/></worldbody>'), "soft bodies"),
+        (lambda xml: xml.replace("</worldbody>", '<flexcomp name="x" type="grid" count="3 3 1"/></worldbody>'), "mocap bodies"),
     ],
 )  # fmt: skip
 def test_models_that_cannot_be_emulated_are_refused_by_name(change, message: str, cart: Path):

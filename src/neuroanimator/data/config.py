@@ -138,7 +138,7 @@ class DatasetConfig(Settings, DatasetTable):
 def _is_soft(system: str, definition: str) -> bool:
     """Return whether a system is a soft body, whose physics is dear and whose runs are long."""
     if definition:
-        return read_definition_text(definition).kind == "soft"
+        return read_definition_text(definition).kind in ("soft", "flex")
     return system in dict(SOFT)
 
 

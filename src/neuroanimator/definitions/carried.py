@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from neuroanimator.definitions.body import BodyDefinition
+from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -31,6 +32,7 @@ TABLES: dict[str, type[Any]] = {
     "python": PythonDefinition,
     "recorded": RecordedDefinition,
     "soft": SoftDefinition,
+    "flex": FlexDefinition,
 }
 """Tables that definitions of each kind are checked against."""
 
@@ -64,7 +66,8 @@ class Written(NamedTuple):
     """The checked table, one of `TABLES`, by `kind`."""
     files: Any
     """JSON values: of a model the TOML file's name, the main file's, and the sha256 of each file; of a step function,
-    recordings or shapes their name and sha256. Older versions had the model's files here, in base64."""
+    recordings or shapes their name and sha256; of a flex both, as `model` and `shapes`. Older versions had the model's
+    files here, in base64."""
 
 
 def kind_of(values: Any) -> str:
@@ -134,6 +137,9 @@ def data_identity(text: str) -> str:
     files = values.get("files")
     if isinstance(files, dict) and "toml" in files:
         text = canonical_json(values | {"files": files | {"toml": ""}})
+    if isinstance(files, dict) and isinstance(files.get("model"), dict):
+        nameless = files["model"] | {"toml": ""}
+        text = canonical_json(values | {"files": files | {"model": nameless}})
     if definition.get("kind") == "recorded":
         text += f" split {SPLIT}"
     return text
@@ -143,7 +149,10 @@ def _check_files(kind: str, files: Any) -> None:
     """Raise ValueError, KeyError or TypeError unless `files` names files as a definition of this kind does."""
     if kind == "mujoco" and not is_whole_model(files):
         _check_model_files(files)
-    if kind not in ("python", "recorded", "soft"):
+    if kind == "flex":
+        _check_model_files(files["model"])
+        files = files["shapes"]
+    if kind not in ("python", "recorded", "soft", "flex"):
         return
     check_file_name(files["name"])
     _check_digest(files["sha256"])

@@ -38,12 +38,12 @@ from neuroanimator.evaluation.speed_mass_spring import (
     deformable_schemes,
     twin_error,
 )
-from neuroanimator.evaluation.speed_soft import SOFT_C, SOFT_FRAMES, soft_player, soft_schemes
+from neuroanimator.evaluation.speed_soft import SOFT_FRAMES, SOFT_NAMES, soft_player, soft_schemes
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
-from neuroanimator.systems.soft.soft_system import SMALL_STEPS, SoftSystem
+from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import Scheme
 
 PHYSICS_STEPS = 20_000
@@ -136,9 +136,11 @@ def _timed_physics(test: HeldOut) -> _TimedPhysics:
         schemes = deformable_schemes(system, test.dt, OPPONENT_DIVISIONS)
         return _TimedPhysics(name, players, PHYSICS_STEPS, schemes, twin_error)
     if isinstance(system, SoftSystem):
-        players = {SMALL_STEPS: soft_player(system, test)}
+        integrator = system.scheme.integrator
+        players = {integrator: soft_player(system, test)}
         steps = SOFT_FRAMES * system.scheme.steps(test.dt)
-        return _TimedPhysics(SOFT_C, players, steps, soft_schemes(system, test.dt), scheme_error)
+        schemes = soft_schemes(system, test.dt)
+        return _TimedPhysics(SOFT_NAMES[integrator], players, steps, schemes, scheme_error)
     assert isinstance(system, MujocoSystem)
     players = {name: physics_player(system, test, name) for name in OPPONENT_INTEGRATORS}
     schemes = {system.scheme, system.truth}

@@ -1,4 +1,4 @@
-"""The opponent of an emulator of a soft body: its physics in C, one body on one core."""
+"""The opponent of an emulator of a soft body: its physics, in C or MuJoCo's, one body on one core."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from collections.abc import Callable
 import numpy as np
 
 from neuroanimator.evaluation.held_out import HeldOut
-from neuroanimator.systems.soft.scene import Motion
-from neuroanimator.systems.soft.soft_system import SMALL_STEPS, SoftSystem
+from neuroanimator.systems.soft.flex_scene import FlexScene
+from neuroanimator.systems.soft.scene import Scene
+from neuroanimator.systems.soft.soft_scene import Motion
+from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import Scheme
 
-SOFT_C = "C"
-"""Name in reports of the body's physics."""
+SOFT_NAMES = {Scene.integrator: "C", FlexScene.integrator: "MuJoCo"}
+"""Names in reports of the body's physics, by its integrator."""
 
 SOFT_FRAMES = 4
 """Number of super steps in one timed run: a body of thousands of nodes takes milliseconds for each."""
@@ -38,5 +40,5 @@ def soft_player(system: SoftSystem, test: HeldOut) -> Callable[[], None]:
 
 def soft_schemes(system: SoftSystem, dt: float) -> set[Scheme]:
     """Return the ways to step the body through `dt` [s]; the reference is among them, for it has no error."""
-    schemes = {Scheme(SMALL_STEPS, dt / parts) for parts in SOFT_DIVISIONS}
+    schemes = {Scheme(system.scheme.integrator, dt / parts) for parts in SOFT_DIVISIONS}
     return schemes | {system.scheme, system.truth, system.fine}

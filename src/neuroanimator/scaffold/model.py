@@ -15,6 +15,7 @@ from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.actuators import actuator_faults, proposed_bounds, widen_guesses
 from neuroanimator.scaffold.comments import Findings, comments_on, told_of, warnings_about
 from neuroanimator.scaffold.defaults import FINE_PARTS, proposed_substeps, rounded, usual_name
+from neuroanimator.scaffold.flex import propose_flex
 from neuroanimator.scaffold.holding import growth_at_rest, holding_controls, holding_table
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
 from neuroanimator.scaffold.proposal import Proposal
@@ -55,7 +56,7 @@ def propose(
     tree: Path | None = None,
     reset_noise: float = 0.0,
 ) -> Proposal:
-    """Return a definition of the MJCF or URDF model at `path`.
+    """Return a definition of the MJCF or URDF model at `path`; one with a soft body is `propose_flex`'s.
 
     `keyframe` names the one that is the state of rest; `base` says whether the root of a URDF stands fixed or is free.
     No motor drives its `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`.
@@ -64,6 +65,9 @@ def propose(
     that is not there, and if no scheme steps the model without diverging.
     """
     model = compile_model(read_model_files(path, tree), base, passive)
+    if model.nflex:
+        has_options = bool(keyframe or base != "fixed" or passive)
+        return propose_flex(path, model, has_options=has_options)
     faults = actuator_faults(path, model)
     if faults:
         raise BadFileError(faults)

@@ -10,6 +10,7 @@ import tomlkit
 from tomlkit.container import Container
 from tomlkit.items import Table
 
+from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -37,6 +38,7 @@ SOURCES = {
     PythonDefinition: "file",
     RecordedDefinition: "file",
     SoftDefinition: "mesh",
+    FlexDefinition: "model",
 }
 """Key of a definition that names the file it was made from."""
 
@@ -45,7 +47,7 @@ SOURCES = {
 class Proposal:
     """A definition, and what is worth telling the user about it."""
 
-    definition: Definition | PythonDefinition | RecordedDefinition | SoftDefinition
+    definition: Definition | FlexDefinition | PythonDefinition | RecordedDefinition | SoftDefinition
     comments: Mapping[str, str]
     """Per table of the TOML file its title, and per key of a table ("table.key") why its value was proposed."""
     parts: tuple[str, ...]

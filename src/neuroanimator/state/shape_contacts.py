@@ -43,6 +43,12 @@ ROUNDS = 8
 TINY = 1e-9
 """Added to squares of lengths [m²] before their root is divided by."""
 
+FREE = -1
+"""Anchor of a body that nothing holds."""
+
+HELD = -2
+"""Anchor of a body that the world holds: its own frame is the world's."""
+
 ROOT = 13
 """Numbers of a free body's root: position, quaternion, velocity and angular velocity in its own axes."""
 
@@ -105,15 +111,17 @@ def place_movers(turning: tuple[bool, ...]) -> tuple[Mover, ...]:
 
 
 def first_amplitude(turning: tuple[bool, ...], anchor: int) -> int:
-    """Return the state entry of the first amplitude, after those of movers, and of a free root if `anchor` is -1."""
+    """Return the state entry of the first amplitude, after those of movers, and of a free root if `anchor` is `FREE`."""
     movers = 2 * sum(mover.size for mover in place_movers(turning))
-    return movers + (ROOT if anchor < 0 else 0)
+    return movers + (ROOT if anchor == FREE else 0)
 
 
 def placement_of(turning: tuple[bool, ...], anchor: int) -> Placement:
-    """Return the state entries of the body's own frame: of the anchor, or of a free root if that is -1."""
+    """Return the state entries of the body's own frame: of the anchor, or of a free root if that is `FREE`."""
     movers = place_movers(turning)
-    if anchor < 0:
+    if anchor == HELD:
+        return Placement()
+    if anchor == FREE:
         root = 2 * sum(mover.size for mover in movers)
         return Placement(position=root, orientation=root + 3)
     mover = movers[anchor]
@@ -142,7 +150,7 @@ class ShapeContacts:
     turning: tuple[bool, ...]
     """Whether each mover turns about Z, too."""
     anchor: int
-    """Number of the mover that all nodes go with; -1 of a body that nothing holds."""
+    """Number of the mover that all nodes go with; `FREE` of a body that nothing holds, `HELD` of one the world does."""
     capsules: tuple[RoundCollider, ...]
     boxes: tuple[BoxCollider, ...]
     ground: float | None
@@ -182,7 +190,7 @@ class ShapeContacts:
     @property
     def turns(self) -> bool:
         """Whether the body's own frame turns."""
-        return self.anchor < 0 or self.turning[self.anchor]
+        return self.anchor == FREE or (self.anchor >= 0 and self.turning[self.anchor])
 
     @cached_property
     def _facing(self) -> tuple[int, ...]:
@@ -223,7 +231,7 @@ class ShapeContacts:
         """
         count = len(self.modes)
         levers = np.ones(len(scale))
-        if self.anchor < 0:
+        if self.anchor == FREE:
             around = self.mean - self.mean.mean(axis=0)
             levers[[3, 4, 5, 9, 10, 11]] = np.sqrt((around**2).sum(axis=1).mean())
         roots = len(scale) - 2 * count
@@ -270,7 +278,7 @@ class ShapeContacts:
         """Return where all will be after `dt` [s]; a free root coasts."""
         size = self.mover_size
         movers = state[..., :size] + dt * control
-        if self.anchor >= 0:
+        if self.anchor != FREE:
             placement = placement_of(self.turning, self.anchor)
             return _Moment(movers, placement.origin(movers), placement.rows(movers))
         root = state[..., 2 * size : 2 * size + ROOT]
@@ -482,7 +490,7 @@ class ShapeContacts:
             ground = number(ground, "shape contacts: ground", -MAX_DISTANCE, MAX_DISTANCE)
         contacts = cls(
             turning=turning,
-            anchor=whole(described["anchor"], "shape contacts: anchor", -1, len(turning) - 1),
+            anchor=whole(described["anchor"], "shape contacts: anchor", HELD, len(turning) - 1),
             capsules=tuple(RoundCollider(*one) for one in capsules),
             boxes=tuple(BoxCollider(*one) for one in boxes),
             ground=ground,

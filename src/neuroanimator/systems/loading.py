@@ -20,6 +20,7 @@ from neuroanimator.definitions.carried import (
     read_definition_text,
     remembered_folders,
 )
+from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -37,7 +38,15 @@ from neuroanimator.systems.rigid.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
 from neuroanimator.systems.soft.mesh_file import read_mesh
-from neuroanimator.systems.soft.shape_file import ShapeFile, made_for, read_shapes
+from neuroanimator.systems.soft.scene import Scene
+from neuroanimator.systems.soft.shape_file import (
+    ShapeFile,
+    flex_scene,
+    made_for,
+    made_for_model,
+    read_flex_shapes,
+    read_shapes,
+)
 from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import (
@@ -70,7 +79,7 @@ def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
     emulator = load_emulator(shipped_path(definition.name, definition.substeps))
     shapes = emulator.skeleton.shapes
     assert shapes is not None
-    return SoftSystem(definition, ShapeFile(mesh, shapes, emulator.rest))
+    return SoftSystem(definition, Scene(definition, mesh), ShapeFile(shapes, emulator.rest))
 
 
 class Loader(NamedTuple):
@@ -88,7 +97,7 @@ class MissingPhysicsError(BadFileError):
     """The model of a system is not at hand, or is not the one that is named."""
 
 
-def _read_model(toml: Path, definition: Definition) -> ModelFiles:
+def _read_model(toml: Path, definition: Definition | FlexDefinition) -> ModelFiles:
     """Return the files of the model that a TOML file names, which are known from now on."""
     tree = toml.parent / definition.tree if definition.tree else None
     files = read_model_files(toml.parent / definition.model, tree)
@@ -98,32 +107,51 @@ def _read_model(toml: Path, definition: Definition) -> ModelFiles:
 
 def _pack_model(toml: Path, definition: Definition) -> Any:
     files = _read_model(toml, definition)
+    return _model_named(toml, files)
+
+
+def _model_named(toml: Path, files: ModelFiles) -> dict[str, Any]:
+    """Return how a definition text names the files of a model."""
     return {"toml": toml.name, "main": files.main, "sha256": files.digests}
 
 
 def _make_model(definition: Definition, files: Any, text: str) -> System:
     found = _find_model(definition.name, files, text)
     model = compile_model(found, definition.base, definition.passive)
+    if model.nflex:
+        raise BadFileError(
+            f"{found.main}: it has a soft body, of which 'kind = \"mujoco\"' says nothing. Write the TOML file again: "
+            f"neuroanimator new {found.main} --force"
+        )
     return ModelSystem(definition, model, text)
 
 
 def names_model(text: str) -> bool:
     """Return whether the definition in `text` names a model's files, which are not in it."""
-    if not text:
-        return False
-    written = read_definition_text(text)
-    return written.kind == "mujoco" and not is_whole_model(written.files)
+    return _model_part(text) is not None
 
 
 def named_model(text: str) -> ModelFiles | None:
     """Return the files of the model that `text` names; None if it names none, or if they are not at hand."""
-    if not names_model(text):
+    named = _model_part(text)
+    if named is None:
         return None
-    written = read_definition_text(text)
     try:
-        return _find_model(written.definition.name, written.files, text)
+        return _find_model(read_definition_text(text).definition.name, named, text)
     except MissingPhysicsError:
         return None
+
+
+def _model_part(text: str) -> Any:
+    """Return how the definition in `text` names a model's files, which are not in it; None if it names none."""
+    if not text:
+        return None
+    written = read_definition_text(text)
+    if written.kind == "flex":
+        return written.files["model"]
+    if written.kind == "mujoco" and not is_whole_model(written.files):
+        return written.files
+    return None
 
 
 def _find_model(name: str, named: Any, text: str) -> ModelFiles:
@@ -160,8 +188,8 @@ def _model_beside(toml: Path) -> ModelFiles | None:
     """
     if not toml.is_file():
         return None
-    loader, definition = _read_definition(toml)
-    if loader is not LOADERS["mujoco"]:
+    _, definition = _read_definition(toml)
+    if not isinstance(definition, Definition | FlexDefinition):
         return None
     folder = toml.parent.resolve()
     for path in (definition.model, definition.tree or ""):
@@ -202,7 +230,24 @@ def _pack_shapes(toml: Path, definition: SoftDefinition) -> dict[str, Any]:
 
 def _make_soft(definition: SoftDefinition, files: dict[str, Any], text: str) -> System:
     path = _find_shapes(definition.name, files, text)
-    return SoftSystem(definition, read_shapes(path, definition), text)
+    file, mesh = read_shapes(path, definition)
+    return SoftSystem(definition, Scene(definition, mesh), file, text)
+
+
+def _pack_flex(toml: Path, definition: FlexDefinition) -> dict[str, Any]:
+    files = _read_model(toml, definition)
+    shapes = made_for_model(toml, definition, files)
+    return {
+        "model": _model_named(toml, files),
+        "shapes": {"name": shapes.name, "sha256": trust_file(shapes)},
+    }
+
+
+def _make_flex(definition: FlexDefinition, files: dict[str, Any], text: str) -> System:
+    scene = flex_scene(definition, _find_model(definition.name, files["model"], text))
+    path = _find_shapes(definition.name, files["shapes"], text)
+    file = read_flex_shapes(path, scene)
+    return SoftSystem(definition, scene, file, text)
 
 
 def named_shapes(text: str) -> Path | None:
@@ -210,10 +255,13 @@ def named_shapes(text: str) -> Path | None:
     if not text:
         return None
     written = read_definition_text(text)
-    if written.kind != "soft":
+    if written.kind not in ("soft", "flex"):
         return None
+    files = written.files
+    if written.kind == "flex":
+        files = files["shapes"]
     try:
-        return _find_shapes(written.definition.name, written.files, text)
+        return _find_shapes(written.definition.name, files, text)
     except MissingPhysicsError:
         return None
 
@@ -238,6 +286,7 @@ LOADERS = {
     "python": Loader(_trust_source, _pack_function, PythonSystem),
     "recorded": Loader(_trust_source, _pack_recording, RecordedSystem),
     "soft": Loader(_pack_shapes, _pack_shapes, _make_soft),
+    "flex": Loader(_pack_flex, _pack_flex, _make_flex),
 }
 """Loaders of each kind of system; the kinds are those of `definitions.carried.TABLES`."""
 
@@ -276,9 +325,10 @@ def resolve(reference: str) -> tuple[str, str, int]:
 def _travelling(definition: Any) -> dict[str, Any]:
     """Return the definition as JSON values, without the folders it was read from: nobody else has these."""
     values = definition.model_dump(mode="json")
-    if isinstance(definition, Definition):
+    if isinstance(definition, Definition | FlexDefinition):
         values["model"] = Path(definition.model).name
         del values["tree"]
+    if isinstance(definition, Definition):
         for key in ("holding", "passive"):
             if not values[key]:  # as before there was such a key
                 del values[key]

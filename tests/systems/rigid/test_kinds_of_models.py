@@ -212,8 +212,8 @@ REFUSED = {
     "models inside models are not supported. Write one model: python -c": model_with(
         others='<asset><model name="x" file="x.xml"/></asset>'
     ),
-    "soft bodies of MuJoCo are not supported": model_with(
-        others='<deformable><flex name="f"/></deformable>'
+    "composites are not supported. Write a rope": model_with(
+        others='<worldbody><body><composite type="cable"/></body></worldbody>'
     ),
     "plugins run foreign code": model_with(
         others='<extension><plugin plugin="mujoco.pid"/></extension>'

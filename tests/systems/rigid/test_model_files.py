@@ -347,9 +347,8 @@ PICTURE = '<asset><texture type="2d" file="bomb.png"/></asset>'
 REFUSALS = {
     "bodies (nbody=602): at most 500": '<worldbody><replicate count="600"><body name="many"/></replicate></worldbody>',
     "bad format in attribute 'count'": '<worldbody><replicate count="x"/></worldbody>',
-    "composite: soft bodies": '<worldbody><body><composite type="cable" count="999 1 1"/></body></worldbody>',
-    "flexcomp 'f': soft bodies": '<worldbody><flexcomp name="f" count="99 99 99"/></worldbody>',
-    "flex: soft bodies": '<deformable><flex body="b"/></deformable>',
+    "composite: composites are not supported": '<worldbody><body><composite type="cable" count="999 1 1"/></body></worldbody>',
+    "flexcomp 'f' count='99 99 99': 970,299 nodes": '<worldbody><flexcomp name="f" count="99 99 99"/></worldbody>',
     "plugin: plugins run": '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>',
     "model: models inside": '<asset><model file="m.xml"/></asset>',
     "takes more than 2 GB": SKY,

@@ -9,6 +9,7 @@ import pytest
 from soft_bodies import moving_states
 
 import neuroanimator as na
+from neuroanimator.appearance.shapes import COARSE_MODES
 from neuroanimator.control.policies import train_policy
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
@@ -22,14 +23,14 @@ SIDE = 12
 """Number of nodes along an edge of the cloth."""
 
 
-def square_obj() -> str:
+def square_obj(side: int = SIDE) -> str:
     """Return a cloth of 1 m that hangs along -Z, as an OBJ file."""
-    line = np.linspace(0, 1, SIDE)
+    line = np.linspace(0, 1, side)
     rows = [f"v {x - 0.5:.4f} 0 {1.5 - z:.4f}" for z in line for x in line]
-    for row in range(SIDE - 1):
-        for column in range(SIDE - 1):
-            first = row * SIDE + column + 1
-            rows.append(f"f {first} {first + SIDE} {first + SIDE + 1} {first + 1}")
+    for row in range(side - 1):
+        for column in range(side - 1):
+            first = row * side + column + 1
+            rows.append(f"f {first} {first + side} {first + side + 1} {first + 1}")
     return "\n".join(rows) + "\n"
 
 
@@ -60,7 +61,10 @@ def taken_apart(system, states: np.ndarray) -> np.ndarray:
 def test_modes_are_orthogonal_and_of_one_size(cloth):
     modes = cloth.shapes.modes.reshape(len(cloth.shapes.modes), -1)
     products = modes @ modes.T / len(cloth.shapes.mean)
-    np.testing.assert_allclose(products, np.eye(len(modes)), atol=1e-3)
+    identity = np.eye(len(modes))
+    exact = products[:COARSE_MODES, :COARSE_MODES]
+    np.testing.assert_allclose(exact, identity[:COARSE_MODES, :COARSE_MODES], atol=1e-4)
+    np.testing.assert_allclose(products, identity, atol=1e-2)
 
 
 def test_a_state_put_together_and_taken_apart_is_the_same(cloth):
@@ -127,18 +131,19 @@ def test_results_do_not_depend_on_threads_or_on_the_rows_beside(cloth):
     np.testing.assert_array_equal(one[3:5], few)
 
 
-def test_shapes_are_found_once_and_again_after_a_change(toml: Path):
+def test_shapes_are_found_once_and_again_after_a_change(tmp_path: Path):
+    (tmp_path / "cloth.obj").write_text(square_obj(4))
+    toml, _ = write_definition(str(tmp_path / "cloth.obj"))
+    toml.write_text(toml.read_text().replace("shapes = 96", "shapes = 24"))
     name, text, substeps = resolve(str(toml))
     assert (name, substeps) == ("cloth", 40)
     assert resolve(str(toml))[1] == text
     shapes = toml.with_name("cloth.shapes.safetensors")
     before = shapes.read_bytes()
     toml.write_text(toml.read_text().replace("bend = 0.5", "bend = 0.6"))
-    try:
-        resolve(str(toml))
-        assert shapes.read_bytes() != before
-    finally:
-        toml.write_text(toml.read_text().replace("bend = 0.6", "bend = 0.5"))
+    resolve(str(toml))
+    assert shapes.read_bytes() != before
+    toml.write_text(toml.read_text().replace("bend = 0.6", "bend = 0.5"))
     assert resolve(str(toml))[1] == text
     assert shapes.read_bytes() == before
 
@@ -160,11 +165,11 @@ def trained(toml: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[na.Em
     folder = tmp_path_factory.mktemp("trained")
     name, text, substeps = resolve(str(toml))
     config = na.DatasetConfig(
-        system=name, definition=text, substeps=substeps, count=600, samples_per_run=36
+        system=name, definition=text, substeps=substeps, count=2880, samples_per_run=36
     )
     na.generate(config, folder / "data")
     data = na.read_transitions(folder / "data")
-    settings = na.TrainingConfig(updates=250, batch=64, widths=(32, 32), unroll=1)
+    settings = na.TrainingConfig(updates=500, batch=128, widths=(32, 32), unroll=1)
     emulator = na.train(data, settings, folder / "run")
     path = folder / "cloth.emulator.safetensors"
     emulator.save(path)

@@ -413,9 +413,9 @@ def test_a_mover_that_is_called_as_a_part_of_the_root_is_refused(jelly):
     definition = jelly.scene.definition
     movers = {"velocity": definition.movers["paddle"]}
     named = definition.model_copy(update={"movers": movers})
-    file = ShapeFile(read_mesh("a.msh", msh_4(*cube()).encode()), jelly.shapes, jelly.rest)
+    scene = Scene(named, jelly.scene.mesh)
     with pytest.raises(NeuroAnimatorError, match="two parts are called 'velocity'. Rename a mover"):
-        SoftSystem(named, file)
+        SoftSystem(named, scene, ShapeFile(jelly.shapes, jelly.rest))
 
 
 def test_a_solid_is_drawn_with_normals_at_all_nodes(jelly, tmp_path: Path):

@@ -141,8 +141,8 @@ def test_moving_and_turning_the_world_does_not_change_the_physics(cape):
 
 def test_moving_and_turning_the_world_does_not_change_what_is_shown(cape):
     contacts = cape.structure.shape_contacts
-    states = moving_states(cape)[20:30]
-    controls = cape.sample_paths(np.random.default_rng(1), 10, 1, 1 / 30, states)[:, 0]
+    states = moving_states(cape)[:200]
+    controls = cape.sample_paths(np.random.default_rng(1), 200, 1, 1 / 30, states)[:, 0]
     here = np.concatenate(contacts.shown(states, controls, 1 / 30), axis=-1)
     assert here.shape[-1] == contacts.size
     moved = elsewhere(cape, states, SHIFT, ANGLE)

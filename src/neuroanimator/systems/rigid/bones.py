@@ -83,13 +83,19 @@ def _shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
     first = int(model.body_geomadr[body])
     shapes: list[Shape] = []
     for geom in range(first, first + int(model.body_geomnum[body])):
-        is_visible = model.geom_rgba[geom][3] > 0
-        if is_visible and model.geom_group[geom] < DRAWN_GROUPS:
-            shapes.append(_shape(model, geom))
+        if is_drawn(model, geom):
+            shapes.append(shape_of_geom(model, geom))
     return tuple(shapes)
 
 
-def _shape(model: mujoco.MjModel, geom: int) -> Shape:
+def is_drawn(model: mujoco.MjModel, geom: int) -> bool:
+    """Return whether a viewer would draw a geom."""
+    is_visible = model.geom_rgba[geom][3] > 0
+    return bool(is_visible and model.geom_group[geom] < DRAWN_GROUPS)
+
+
+def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
+    """Return what is drawn of a geom, in the frame of its body."""
     geom_type = int(model.geom_type[geom])
     sized_shape = SHAPES.get(geom_type, _bounding_box)
     kind, size = sized_shape(model, geom)

@@ -130,8 +130,11 @@ def _compiled_spec(request: ModelRequest) -> mujoco.MjModel:
     """Return the model MuJoCo makes of a request."""
     documents = request.documents
     with _quiet():
+        # The mesh of a flexcomp is read with the XML, all others when the model is compiled.
         spec = mujoco.MjSpec.from_string(
-            documents.main, include=documents.includes, assets=documents.assets
+            documents.main,
+            include=documents.includes | documents.assets,
+            assets=documents.assets,
         )
         spec.memory = MEMORY_LIMIT
         # Threads, or the cache, wait for ever for a lock of one that got no memory.

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.files.numbers import MIN_STEP
-from neuroanimator.systems.rigid.model_xml import refuse
+from neuroanimator.systems.rigid.model_xml import NODE_LIMIT, refuse
 
 BODY_LIMIT = 500
 """Maximum number of a model's bodies."""
@@ -29,13 +29,17 @@ MEMORY_LIMIT = 256 * 2**20
 """Maximum size of a compiled model and of its state, and size of MuJoCo's working memory for it [bytes]."""
 
 LARGEST = {
+    "nodes": ("nflexvert", NODE_LIMIT, "Make the soft body of fewer"),
     "bodies": ("nbody", BODY_LIMIT, "Join bodies that are fixed to each other"),
     "degrees of freedom": ("nv", FREEDOM_LIMIT, "Fix joints that need not move"),
     "model memory": ("nbuffer", MEMORY_LIMIT, "Use fewer or simpler meshes, and smaller pictures"),
     "sensor readings": ("nsensordata", NUMBER_LIMIT, "Write a smaller model"),
     "activations": ("na", NUMBER_LIMIT, "Write a smaller model"),
 }
-"""MuJoCo's name of each number that is limited, the limit, and what to do about a model that has more."""
+"""MuJoCo's name of each number that is limited, the limit, and what to do about a model that has more.
+
+Each node of a soft body may be a body of its own, with three degrees of freedom.
+"""
 
 
 def check_model(main: str, model: mujoco.MjModel) -> None:
@@ -51,9 +55,10 @@ def check_model(main: str, model: mujoco.MjModel) -> None:
             "delay",
             "what an actuator or a sensor remembers of the past is no part of the state. Remove nsample and delay",
         )
+    of_nodes = {"nbody": model.nflexvert, "nv": 3 * model.nflexvert}
     for name, (field, limit, advice) in LARGEST.items():
         size = getattr(model, field)
-        if size > limit:
+        if size > limit + of_nodes.get(field, 0):
             refuse(main, f"{name} ({field}={size:,})", f"at most {limit:,} is supported. {advice}")
     for name in dir(model.opt):
         if name.endswith("iterations") and getattr(model.opt, name) > ITERATION_LIMIT:

@@ -23,6 +23,9 @@ ATTRIBUTE_LIMIT = 100
 DEPTH_LIMIT = 100
 """Maximum number of elements around an element: they are written again by recursion."""
 
+NODE_LIMIT = 10_000
+"""Maximum number of nodes of a model's soft bodies: a step of one so large takes tens of milliseconds."""
+
 MAX_FILE = 64 * 2**20
 """Maximum size of a model's file [bytes]."""
 
@@ -37,6 +40,9 @@ MAX_UP = 4
 
 PATH_PARTS = 12
 """Maximum number of last parts tried of the path of a URDF's mesh."""
+
+MAX_DIGITS = 10
+"""Number of digits that no count of nodes has."""
 
 MAX_TAG = 40
 """Maximum number of characters of an element's tag shown in an error."""
@@ -62,13 +68,8 @@ FLATTEN = (
 )
 """Advice on a model that attaches others."""
 
-SOFT = "soft bodies of MuJoCo are not supported. Remove it, or bring a mesh: neuroanimator new cloth.obj (or solid.msh)"
-
 REFUSED = {
-    **dict.fromkeys(
-        ("composite", "flexcomp", "flex"),
-        "soft bodies of MuJoCo are not supported. Remove it, or bring a mesh: neuroanimator new cloth.obj (or solid.msh)",
-    ),
+    "composite": "composites are not supported. Write a rope, a cloth or a solid as a <flexcomp>",
     **dict.fromkeys(("attach", "model"), FLATTEN),
     "plugin": "plugins run foreign code. Remove it",
 }
@@ -342,6 +343,8 @@ def _attach_files(
             continue
         if element.tag in REFUSED:
             refuse_at(element, "", REFUSED[element.tag])
+        if element.tag == "flexcomp":
+            _check_count(element)
         for attribute in element.file_attributes():
             folders = _folders(element, attribute, settings, main)
             name, content = source.find(element, attribute, folders)
@@ -350,6 +353,19 @@ def _attach_files(
             element.set(attribute, _key(source, name))
             files[_key(source, name)] = content
     return files
+
+
+def _check_count(element: Element) -> None:
+    """Refuse a grid of more nodes than supported before MuJoCo makes them; what is no numbers it refuses itself."""
+    nodes = 1
+    for text in element.get("count", "").split():
+        nodes *= int(text) if text.isascii() and text.isdigit() and len(text) < MAX_DIGITS else 1
+    if nodes > NODE_LIMIT:
+        refuse_at(
+            element,
+            "count",
+            f"{nodes:,} nodes; at most {NODE_LIMIT:,} are supported. Make it of fewer",
+        )
 
 
 def _folders(element: Element, attribute: str, settings: dict[str, str], main: str) -> list[str]:

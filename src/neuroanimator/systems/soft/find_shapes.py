@@ -11,12 +11,14 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
+from neuroanimator.errors import ArgumentError
 from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import rotation_rows
-from neuroanimator.state.shape_contacts import placement_of
-from neuroanimator.systems.soft.program import LANES
-from neuroanimator.systems.soft.scene import Motion, Scene
+from neuroanimator.state.shape_contacts import FREE, placement_of
+from neuroanimator.systems.soft.own_frame import OwnMotion
+from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.terminal import progress_bar
 
@@ -24,7 +26,7 @@ SETTLING = 12.0
 """Time in which a body comes to rest under weight, if it is stopped every `BLOCK` frames [s]."""
 
 RUN = 16.0
-"""Time of each of `LANES` runs [s]."""
+"""Time of each run [s]."""
 
 BLOCK = 16
 """Number of frames simulated at once."""
@@ -34,6 +36,9 @@ BLOCKS = 3
 
 THROW = 3
 """Number of blocks after which a free body is put elsewhere, at rest or thrown."""
+
+FARTHEST = 100.0
+"""Distance over the size of the body at which a motion has diverged."""
 
 EVERY = 2
 """Distance of snapshots within a run, in frames."""
@@ -59,11 +64,16 @@ class Found(NamedTuple):
     """The state in which it rests, and its movers."""
 
 
-def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Found:
-    """Return the shapes of the body of `scene`, and where it rests."""
+def find_shapes(
+    definition: SoftDefinition | FlexDefinition, scene: SoftScene, seed: int = 0
+) -> Found:
+    """Return the shapes of the body of `scene`, and where it rests.
+
+    Raises ArgumentError if the physics diverges in every run.
+    """
     rng = np.random.default_rng(seed)
     dt = definition.substeps * definition.physics.step
-    steps = round(dt / definition.physics.truth_step)
+    steps = round(dt / scene.finding_step)
     settling = round(SETTLING / dt)
     frames = round(RUN / dt)
     with progress_bar("finding shapes", settling + frames) as bar:
@@ -75,9 +85,9 @@ def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Foun
         sketch = Sketch(definition.shapes + SPARE)
         snapshots: list[np.ndarray] = []
         still = np.zeros_like(mean)
-        motion = _side_by_side(Motion(mean, still, centre))
+        motion = _side_by_side(Motion(mean, still, centre), scene.runs)
         for first in range(0, frames, BLOCK):
-            if scene.anchor < 0 and first % (THROW * BLOCK) == 0:
+            if scene.anchor == FREE and first % (THROW * BLOCK) == 0:
                 motion = _thrown(scene, rng, mean, centre, paths[first], motion)
             block = paths[first : first + BLOCK + 1]
             played = scene.play(motion, block, dt, steps)
@@ -86,7 +96,21 @@ def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Foun
             moving = rates[first : first + BLOCK]
             own = scene.own_motion(positions, velocities, movers, moving, mean, motion.origin.T)
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
-            away = own.positions - mean.astype(np.float32)
+            away = own.positions - mean.astype(own.positions.dtype)
+            fits = (np.abs(away) < FARTHEST * scene.size).all(axis=(0, 2, 3))  # false for NaN too
+            if not fits.any():
+                raise ArgumentError(
+                    f"physics: the body flies apart in steps of {scene.finding_step:g} s while its movers wander. "
+                    "Take smaller steps, or let movers be slower."
+                )
+            if not fits.all():
+                motion = Motion(*(part[..., fits] for part in motion))
+                own = OwnMotion(*(part[:, fits] for part in own))
+                away = away[:, fits]
+                movers = movers[:, fits]
+                moving = moving[:, fits]
+                paths = paths[..., fits]
+                rates = rates[:, fits]
             snapshots.append(away[::EVERY].reshape(-1, mean.size))
             if len(snapshots) == BLOCKS or first + BLOCK >= frames:
                 sketch.add(np.concatenate(snapshots))
@@ -97,16 +121,16 @@ def find_shapes(definition: SoftDefinition, scene: Scene, seed: int = 0) -> Foun
     shapes = Shapes(
         mean,
         modes.reshape(-1, *mean.shape).astype(float),
-        scene.body.faces,
+        scene.faces,
         len(at_rest),
         placement_of(scene.movers.turning, scene.anchor),
     )
     return Found(shapes, np.concatenate([at_rest, np.zeros(2 * len(modes))]))
 
 
-def _settled(scene: Scene, dt: float, steps: int, frames: int) -> Float[np.ndarray, "N 3"]:
+def _settled(scene: SoftScene, dt: float, steps: int, frames: int) -> Float[np.ndarray, "N 3"]:
     """Return where nodes [m] are after the body has hung from movers at rest, or lain on the ground."""
-    positions = scene.body.positions
+    positions = scene.positions
     still = np.zeros_like(positions)
     for first in range(0, frames, BLOCK):
         count = min(BLOCK, frames - first)
@@ -117,22 +141,22 @@ def _settled(scene: Scene, dt: float, steps: int, frames: int) -> Float[np.ndarr
 
 
 def _random_paths(
-    scene: Scene, rng: np.random.Generator, frames: int, dt: float
+    scene: SoftScene, rng: np.random.Generator, frames: int, dt: float
 ) -> tuple[Float[np.ndarray, "F D L"], Float[np.ndarray, "T L D"]]:
     """Return (positions and headings of movers, from rest on; their rates)."""
-    starts = np.repeat(scene.movers.rest[None], LANES, axis=0)
+    starts = np.repeat(scene.movers.rest[None], scene.runs, axis=0)
     rates = scene.movers.random_paths(rng, starts, np.zeros_like(starts), frames, dt)
     moved = np.cumsum(dt * rates, axis=1)
     paths = np.concatenate([starts[:, None], starts[:, None] + moved], axis=1)
     return np.moveaxis(paths, 0, -1), np.moveaxis(rates, 0, 1)
 
 
-def _side_by_side(motion: Motion) -> Motion:
-    return Motion(*(np.repeat(part[..., None], LANES, axis=-1) for part in motion))
+def _side_by_side(motion: Motion, count: int) -> Motion:
+    return Motion(*(np.repeat(part[..., None], count, axis=-1) for part in motion))
 
 
 def _thrown(
-    scene: Scene,
+    scene: SoftScene,
     rng: np.random.Generator,
     mean: Float[np.ndarray, "N 3"],
     centre: Float[np.ndarray, " 3"],

@@ -2,49 +2,30 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.state.shape_contacts import BoxCollider, RoundCollider, ShapeContacts
+from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
 from neuroanimator.systems.soft.mesh_file import Mesh
 from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body, some
 from neuroanimator.systems.soft.movers import Movers
-from neuroanimator.systems.soft.own_frame import OwnMotion, seen_from_mover, seen_from_root
-from neuroanimator.systems.soft.program import SoftProgram
+from neuroanimator.systems.soft.program import LANES, SoftProgram
 from neuroanimator.systems.soft.soft_body import Air, Box, Capsule, Plane, SoftBody
-
-CONTACT_REACH = 0.1
-"""Distance from which contacts are shown, over the size of the body."""
+from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 
 WITHIN = 1e-3
 """Depth in a collider from which a node begins inside it, over the size of the body."""
 
-WORLD = np.zeros(())
-"""The origin of the world, for however many bodies."""
 
+class Scene(SoftScene):
+    """A soft body of springs among M movers, the first of which that holds it is its anchor."""
 
-class Motion(NamedTuple):
-    """A body at a moment; several side by side have a last axis for them."""
-
-    positions: Float[np.ndarray, "N 3 ..."]
-    """From the origin [m]."""
-    velocities: Float[np.ndarray, "N 3 ..."]
-    """[m/s]"""
-    origin: Float[np.ndarray, " ..."] = WORLD
-    """Position in the world [m]: float32 is exact near the body alone."""
-
-    def recentred(self) -> Motion:
-        """Return the same motion from an origin amid the nodes."""
-        middle = self.positions.mean(axis=0)
-        return Motion(self.positions - middle, self.velocities, self.origin + middle)
-
-
-class Scene:
-    """A soft body among M movers, the first of which that holds it is its anchor."""
+    integrator = "xpbd"
+    """Extended position-based dynamics in small steps."""
+    lanes = LANES
+    runs = LANES
 
     def __init__(self, definition: SoftDefinition, mesh: Mesh):
         """Raises ArgumentError for a mesh, a pin or a collider that cannot be."""
@@ -55,13 +36,28 @@ class Scene:
             raise ArgumentError(
                 "movers: nothing holds the cloth, and how it flies is not emulated. Give a mover pins."
             )
-        self.anchor = holding[0] if holding else -1
-        """Number of the mover that holds the body; -1 if none does."""
-        if self.anchor < 0 and definition.ground is None:
+        self.anchor = holding[0] if holding else FREE
+        if self.anchor == FREE and definition.ground is None:
             raise ArgumentError(
                 "movers: nothing holds the body, and it falls for ever. Add a [ground], or give a mover pins."
             )
+        self.mesh = mesh
         self.body = self._body(mesh)
+        self.finding_step = definition.physics.truth_step
+        self.positions = self.body.positions
+        self.faces = self.body.faces
+        self.masses = self.body.masses
+        self.margin = self.body.margin
+        self.capsules = tuple(
+            RoundCollider(one.mover, one.start, one.along, one.radius + self.margin)
+            for one in self.body.capsules
+        )
+        self.boxes = tuple(
+            BoxCollider(one.mover, one.centre, one.half, self.margin) for one in self.body.boxes
+        )
+        self.has_ground = definition.ground is not None
+        self.ground_height = None if definition.ground is None else definition.ground.height
+        self.wind = self.body.air.wind
         self._refuse_overlap()
 
     def _body(self, mesh: Mesh) -> SoftBody:
@@ -119,43 +115,6 @@ class Scene:
                     boxes.append(Box(collider.box, collider.friction, number, collider.start))
         return boxes
 
-    @property
-    def size(self) -> float:
-        """Longest edge of the body's bounding box at rest [m]."""
-        return float(np.ptp(self.body.positions, axis=0).max())
-
-    @property
-    def ground(self) -> float:
-        """Height at which nodes touch the ground [m]; without one, minus infinity."""
-        ground = self.definition.ground
-        return -np.inf if ground is None else ground.height + self.body.margin
-
-    def contacts(
-        self,
-        mean: Float[np.ndarray, "N 3"],
-        modes: Float[np.ndarray, "K N 3"],
-        nodes: tuple[int, ...],
-    ) -> ShapeContacts:
-        """Return the contacts of these `nodes` of a body with this mean and these modes."""
-        body = self.body
-        return ShapeContacts(
-            turning=self.movers.turning,
-            anchor=self.anchor,
-            capsules=tuple(
-                RoundCollider(one.mover, one.start, one.along, one.radius + body.margin)
-                for one in body.capsules
-            ),
-            boxes=tuple(
-                BoxCollider(one.mover, one.centre, one.half, body.margin) for one in body.boxes
-            ),
-            ground=self.ground if body.planes else None,
-            wind=body.air.wind,
-            reach=CONTACT_REACH * self.size,
-            nodes=nodes,
-            mean=mean[list(nodes)],
-            modes=modes[:, list(nodes)],
-        )
-
     def _refuse_overlap(self) -> None:
         """Raise ArgumentError, which names it, for a collider with nodes in it as the body lies in its mesh."""
         body = self.body
@@ -174,21 +133,6 @@ class Scene:
             if len(inside):
                 raise ArgumentError(f"ground: nodes {some(inside)} begin under it. Lower it.")
 
-    def centre(self, positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3"]:
-        """Return the origin of the body's own frame [m] where its nodes are at `positions`, and movers at rest."""
-        if self.anchor < 0:
-            return np.average(positions, axis=0, weights=self.body.masses)
-        entry = self.movers.places[self.anchor].entry
-        return self.movers.rest[entry : entry + 3]
-
-    def state_at_rest(self, centre: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " S"]:
-        """Return a state but for its shapes: all at rest, a free body upright at `centre` [m]."""
-        state = np.concatenate([self.movers.rest, np.zeros(self.movers.size)])
-        if self.anchor < 0:
-            upright = np.array([1.0, 0.0, 0.0, 0.0])
-            state = np.concatenate([state, centre, upright, np.zeros(6)])
-        return state
-
     def play(
         self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
@@ -205,23 +149,3 @@ class Scene:
             duration,
             steps,
         )
-
-    def own_motion(
-        self,
-        positions: Float[np.ndarray, "*B N 3"],
-        velocities: Float[np.ndarray, "*B N 3"],
-        movers: Float[np.ndarray, "*B D"],
-        rates: Float[np.ndarray, "*B D"],
-        mean: Float[np.ndarray, "N 3"],
-        origin: Float[np.ndarray, " ..."] = WORLD,
-    ) -> OwnMotion:
-        """Return the motion of nodes in the body's own frame; `positions` are from `origin`, `mean` is of the nodes in it."""
-        if self.anchor < 0:
-            own = seen_from_root(positions, velocities, mean, self.body.masses)
-            own.root[..., :3] += origin
-            return own
-        place = self.movers.places[self.anchor]
-        entries = slice(place.entry, place.entry + place.size)
-        position = movers[..., entries].copy()
-        position[..., :3] -= origin
-        return seen_from_mover(positions, velocities, position, rates[..., entries])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.shapes import TENSORS, Shapes
+from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import (
@@ -19,15 +22,18 @@ from neuroanimator.files.atomic import (
     read_tensors,
     write_tensors,
 )
-from neuroanimator.state.shape_contacts import first_amplitude, placement_of
+from neuroanimator.state.shape_contacts import FREE, first_amplitude, placement_of
+from neuroanimator.systems.rigid.compiled_model import compile_model
+from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.soft.find_shapes import find_shapes
+from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh, read_mesh
 from neuroanimator.systems.soft.scene import Scene
 
 ENDING = ".shapes.safetensors"
 """Ending of the file's name, after that of the TOML file."""
 
-METHOD = 3
+METHOD = 4
 """Number of the way shapes are found, raised whenever others would be."""
 
 MAX_NUMBER = 1e6
@@ -35,70 +41,113 @@ MAX_NUMBER = 1e6
 
 
 class ShapeFile(NamedTuple):
-    """A mesh, its shapes, and the state of rest."""
+    """The shapes of a body, and the state of rest."""
 
-    mesh: Mesh
     shapes: Shapes
     rest: Float[np.ndarray, " S"]
 
 
 def made_for(toml: Path, definition: SoftDefinition) -> Path:
     """Return the path of the shapes of a TOML file; they are found first, in under a minute, unless they are there."""
-    path = toml.with_name(toml.stem + ENDING)
     mesh = toml.parent / definition.mesh
     content = read_bounded(mesh, MAX_FILE)
-    origin = _origin(definition, content)
+    values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
+    text = canonical_json({"method": METHOD, "definition": values})
+    origin = hashlib.sha256(text.encode() + content).hexdigest()
+    return _made(toml, definition, origin, lambda: Scene(definition, read_mesh(mesh.name, content)))
+
+
+def made_for_model(toml: Path, definition: FlexDefinition, files: ModelFiles) -> Path:
+    """Return the path of the shapes of a TOML file about a model with a flex; they are found first unless they are there."""
+    values = definition.model_dump(mode="json", exclude={"name", "goals", "model", "tree"})
+    text = canonical_json({"method": METHOD, "definition": values, "files": files.digests})
+    origin = hashlib.sha256(text.encode()).hexdigest()
+    return _made(toml, definition, origin, lambda: flex_scene(definition, files))
+
+
+def flex_scene(definition: FlexDefinition, files: ModelFiles) -> FlexScene:
+    """Return the scene of a model with a flex; BadFileError names what is not supported."""
+    return FlexScene(definition, files.main, compile_model(files))
+
+
+def _made(
+    toml: Path,
+    definition: SoftDefinition | FlexDefinition,
+    origin: str,
+    scene_of: Callable[[], Scene | FlexScene],
+) -> Path:
+    """Return the path of the shapes that follow from what has the hash `origin`."""
+    path = toml.with_name(toml.stem + ENDING)
     if path.exists():
         _, metadata = read_tensors(path, "shapes")
         if metadata.get("origin") == origin:
             return path
-    found_mesh = read_mesh(mesh.name, content)
-    found = find_shapes(definition, Scene(definition, found_mesh))
+    scene = scene_of()
+    found = find_shapes(definition, scene)
     tensors = found.shapes.tensors()
-    tensors["positions"] = found_mesh.positions.astype(np.float32)
-    tensors["elements"] = found_mesh.elements.astype(np.int32)
     tensors["rest"] = found.rest.astype(np.float32)
+    if isinstance(scene, Scene):
+        tensors["positions"] = scene.mesh.positions.astype(np.float32)
+        tensors["elements"] = scene.mesh.elements.astype(np.int32)
     write_tensors(path, tensors, {"kind": "shapes", "origin": origin})
     return path
 
 
-def read_shapes(path: Path, definition: SoftDefinition) -> ShapeFile:
-    """Return what `made_for` wrote; BadFileError names what is wrong with the file."""
+def read_shapes(path: Path, definition: SoftDefinition) -> tuple[ShapeFile, Mesh]:
+    """Return what `made_for` wrote, and the mesh; BadFileError names what is wrong with the file."""
+    turning = tuple(mover.turns for mover in definition.movers.values())
+    holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
+    anchor = holding[0] if holding else FREE
     tensors, _ = read_tensors(path, "shapes")
+    with _faults_named(path):
+        file = _checked(tensors, turning, anchor)
+        return file, _mesh_of(tensors, file.shapes, 3 + definition.is_solid)
+
+
+def read_flex_shapes(path: Path, scene: FlexScene) -> ShapeFile:
+    """Return what `made_for_model` wrote; BadFileError names what is wrong with the file."""
+    tensors, _ = read_tensors(path, "shapes")
+    with _faults_named(path):
+        file = _checked(tensors, scene.movers.turning, scene.anchor)
+        if file.shapes.mean.shape != scene.positions.shape:
+            raise ValueError("another number of nodes in the model than in the shapes")
+        return file
+
+
+@contextmanager
+def _faults_named(path: Path) -> Iterator[None]:
     try:
-        return _checked(tensors, definition)
+        yield
     except (ValueError, KeyError) as error:
         raise BadFileError(
             f"{path.name}: {one_line(error)}. Remove it; it is made again."
         ) from error
 
 
-def _checked(tensors: dict[str, np.ndarray], definition: SoftDefinition) -> ShapeFile:
-    turning = tuple(mover.turns for mover in definition.movers.values())
-    holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
-    anchor = holding[0] if holding else -1
+def _checked(tensors: dict[str, np.ndarray], turning: tuple[bool, ...], anchor: int) -> ShapeFile:
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
     size = first + 2 * len(own["scales"])
     shapes = Shapes.from_tensors(own, first, placement_of(turning, anchor), size)
-    positions = tensors["positions"]
-    elements = tensors["elements"]
-    if elements.ndim != 2 or elements.shape[1] != 3 + definition.is_solid:
-        raise ValueError("elements of another kind")
     rest = tensors["rest"]
-    if positions.shape != shapes.mean.shape:
-        raise ValueError("another number of nodes in the mesh than in the shapes")
     if rest.shape != (size,):
         raise ValueError("a state of another size")
-    for array in (positions, elements, rest):
-        if not (np.abs(array) <= MAX_NUMBER).all():
-            raise ValueError("a number that is too large")
-    mesh = Mesh(positions.astype(float), elements.astype(int))
-    return ShapeFile(mesh, shapes, rest.astype(float))
+    _check_numbers(rest)
+    return ShapeFile(shapes, rest.astype(float))
 
 
-def _origin(definition: SoftDefinition, mesh: bytes) -> str:
-    """Return a hash of all that the shapes follow from."""
-    values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
-    text = canonical_json({"method": METHOD, "definition": values})
-    return hashlib.sha256(text.encode() + mesh).hexdigest()
+def _mesh_of(tensors: dict[str, np.ndarray], shapes: Shapes, corners: int) -> Mesh:
+    positions = tensors["positions"]
+    elements = tensors["elements"]
+    if elements.ndim != 2 or elements.shape[1] != corners:
+        raise ValueError("elements of another kind")
+    if positions.shape != shapes.mean.shape:
+        raise ValueError("another number of nodes in the mesh than in the shapes")
+    _check_numbers(positions)
+    _check_numbers(elements)
+    return Mesh(positions.astype(float), elements.astype(int))
+
+
+def _check_numbers(array: np.ndarray) -> None:
+    if not (np.abs(array) <= MAX_NUMBER).all():
+        raise ValueError("a number that is too large")

@@ -9,23 +9,24 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
-from neuroanimator.definitions.soft import ColliderTable, SoftDefinition
+from neuroanimator.definitions.flex import FlexDefinition
+from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import refuse_twins
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import turn
 from neuroanimator.state.segments import Driven, Lag, Plain, Position, Quaternion, Segment, Velocity
+from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.state.structure import Structure
+from neuroanimator.systems.soft.flex_bones import scenery, shapes_below
+from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.own_frame import with_steady_signs
-from neuroanimator.systems.soft.program import LANES
-from neuroanimator.systems.soft.scene import WORLD, Motion, Scene
+from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.shape_file import ShapeFile
+from neuroanimator.systems.soft.soft_scene import WORLD, Motion
 from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
-
-SMALL_STEPS = "xpbd"
-"""The only integrator there is: extended position-based dynamics in small steps."""
 
 BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
@@ -65,19 +66,25 @@ class SoftSystem(System):
     run_steps = 160
     window_steps = LONG_WINDOW
 
-    def __init__(self, definition: SoftDefinition, file: ShapeFile, definition_text: str = ""):
-        """`definition_text` is what the system can be made from again."""
+    def __init__(
+        self,
+        definition: SoftDefinition | FlexDefinition,
+        scene: Scene | FlexScene,
+        file: ShapeFile,
+        definition_text: str = "",
+    ):
+        """`scene` is that of the definition, `definition_text` what the system can be made from again."""
         self.name = definition.name
         self.definition_text = definition_text
         self.shapes = file.shapes
-        self.scene = Scene(definition, file.mesh)
+        self.scene = scene
         self.rest = file.rest
         if self.is_free:
             self.run_steps = THROW_STEPS
         physics = definition.physics
-        self.scheme = Scheme(SMALL_STEPS, physics.step)
-        self.truth = Scheme(SMALL_STEPS, physics.truth_step)
-        self.fine = Scheme(SMALL_STEPS, physics.fine_step)
+        self.scheme = Scheme(scene.integrator, physics.step)
+        self.truth = Scheme(scene.integrator, physics.truth_step)
+        self.fine = Scheme(scene.integrator, physics.fine_step)
         movers = self.scene.movers
         count = len(self.shapes.modes)
         self.state = Layout(
@@ -98,14 +105,14 @@ class SoftSystem(System):
         self.structure = self._structure(definition.contact_nodes)
         self.skeleton = Skeleton(tuple(self._bones()), shapes=self.shapes)
         self.body_length = self.scene.size
-        self.has_ground = definition.ground is not None
-        self.ground_height = None if definition.ground is None else definition.ground.height
+        self.has_ground = scene.has_ground
+        self.ground_height = scene.ground_height
         self.goals = self.goals_of(definition.goals)
 
     @property
     def is_free(self) -> bool:
-        """Whether no mover holds the body."""
-        return self.scene.anchor < 0
+        """Whether nothing holds the body."""
+        return self.scene.anchor == FREE
 
     def _structure(self, contact_nodes: int) -> Structure:
         first = self.shapes.first
@@ -121,7 +128,7 @@ class SoftSystem(System):
             plain = range(first - 3, first + 2 * count)
         segments.append(Plain(size=2 * count))
         surface = np.unique(self.shapes.faces)
-        spread = _spread_nodes(self.shapes.mean[surface], contact_nodes)
+        spread = _spread_nodes(self.shapes.mean[surface], contact_nodes, self.scene.margin)
         nodes = tuple(surface[list(spread)].tolist())
         return Structure(
             angles=(),
@@ -134,8 +141,12 @@ class SoftSystem(System):
 
     def _bones(self) -> list[Bone]:
         bones = []
+        if isinstance(self.scene, FlexScene):
+            bones += scenery(self.scene.model, self.scene.data)
         movers = self.scene.movers
-        for name, mover, place in zip(movers.names, movers.tables, movers.places, strict=True):
+        for number, (name, mover, place) in enumerate(
+            zip(movers.names, movers.tables, movers.places, strict=True)
+        ):
             axes = np.eye(3).tolist()
             joints = [
                 Joint("slide", place.entry + axis, tuple(axes[axis]), (0.0, 0.0, 0.0))
@@ -143,9 +154,16 @@ class SoftSystem(System):
             ]
             if place.turns:
                 joints.append(Joint("hinge", place.entry + 3, tuple(axes[2]), (0.0, 0.0, 0.0)))
-            shapes = [_shape(collider) for collider in mover.colliders]
-            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), UPRIGHT, tuple(joints), tuple(shapes)))
+            shapes = self._drawn(number, mover)
+            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), UPRIGHT, tuple(joints), shapes))
         return bones
+
+    def _drawn(self, number: int, mover: MoverTable) -> tuple[Shape, ...]:
+        """Return what is drawn of a mover: its geoms, or its colliders."""
+        scene = self.scene
+        if isinstance(scene, FlexScene):
+            return shapes_below(scene.model, scene.data, scene.bodies[number])
+        return tuple(_shape(collider) for collider in mover.colliders)
 
     def motion(self, states: Float[np.ndarray, "L S"]) -> Motion:
         """Return the nodes of states, side by side: (N, 3, L) each, from their own frames' origins."""
@@ -156,10 +174,11 @@ class SoftSystem(System):
         rates = states[:, first + len(self.shapes.modes) :]
         velocities = np.tensordot(rates, self.shapes.modes, axes=1)
         spin = np.zeros((len(states), 1, 3))
+        velocity = np.zeros((len(states), 3))
         if self.is_free:
             velocity = states[:, first - 6 : first - 3]
             spin[:, 0] = states[:, first - 3 : first]
-        else:
+        elif placement.position >= 0:
             velocity = states[:, size + placement.position : size + placement.position + 3]
             if placement.heading >= 0:
                 spin[:, 0, 2] = states[:, size + placement.heading]
@@ -191,9 +210,10 @@ class SoftSystem(System):
         substeps: int,
         threads: int,
     ) -> None:
+        lanes = self.scene.lanes
         groups = [
-            np.arange(first, first + LANES).clip(max=len(states) - 1)
-            for first in range(0, len(states), LANES)
+            np.arange(first, first + lanes).clip(max=len(states) - 1)
+            for first in range(0, len(states), lanes)
         ]
 
         def run(rows: np.ndarray) -> None:
@@ -291,11 +311,11 @@ def _shape(collider: ColliderTable) -> Shape:
     return Shape("capsule", sizes, middle, tuple(turned.tolist()), COLOUR)
 
 
-def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int) -> tuple[int, ...]:
-    """Return `count` nodes far from each other, each the farthest from those before it; all if there are no more."""
+def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int, apart: float) -> tuple[int, ...]:
+    """Return `count` nodes far from each other, each the farthest from those before it; fewer if they lie `apart` [m]."""
     chosen = [0]
     distance = np.linalg.norm(positions - positions[0], axis=1)
-    while len(chosen) < min(count, len(positions)):
+    while len(chosen) < min(count, len(positions)) and distance.max() > apart:
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
     return tuple(sorted(chosen))

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import rotation_rows
-from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.soft_body import GRAVITY
+from neuroanimator.systems.soft.soft_scene import SoftScene
 
 REST_SHARE = 0.5
 """Share of the bodies that begin at rest."""
@@ -16,9 +16,12 @@ REST_SHARE = 0.5
 TRIES = 8
 """Number of throws tried until one begins outside of all colliders."""
 
+ROUNDING = 1e-6
+"""What 32 bits leave open of a distance, over the size of the body."""
+
 
 def random_roots(
-    scene: Scene,
+    scene: SoftScene,
     rng: np.random.Generator,
     mean: Float[np.ndarray, "N 3"],
     centre: Float[np.ndarray, " 3"],
@@ -26,24 +29,28 @@ def random_roots(
 ) -> list[Float[np.ndarray, " 13"] | None]:
     """Return positions, quaternions, velocities and angular velocities; None of a body that movers leave no room.
 
-    `mean` are the nodes in the body's own frame, `centre` is where that is at rest, and `movers` are where these are.
+    `mean` are the nodes in the body's own frame, `centre` is where that is at rest, and `movers` are where these are. No
+    node is deeper in anything than `SoftScene.margin`, or than the deepest at rest: what a body lies on, it touches.
     """
     nodes = tuple(range(len(mean)))
     contacts = scene.contacts(mean, np.zeros((0, *mean.shape)), nodes)
     rates = np.zeros(scene.movers.size)
+    at_rest = contacts.distances(scene.state_at_rest(centre))
+    deepest = min(-scene.margin, *(distance.min() for distance in at_rest))
+    deepest -= ROUNDING * scene.size
     roots: list[np.ndarray | None] = [None] * len(movers)
     for number, row in enumerate(movers):
         for _ in range(TRIES):
             root = _random_root(scene, rng, mean, centre)
             distances = contacts.distances(np.concatenate([row, rates, root]))
-            if all((distance > -scene.body.margin).all() for distance in distances):
+            if all((distance > deepest).all() for distance in distances):
                 roots[number] = root
                 break
     return roots
 
 
 def _random_root(
-    scene: Scene,
+    scene: SoftScene,
     rng: np.random.Generator,
     mean: Float[np.ndarray, "N 3"],
     centre: Float[np.ndarray, " 3"],

@@ -1,0 +1,220 @@
+"""Proposal for a MuJoCo model with a soft body: its mocap bodies move, and what they may do is tried."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.definitions.flex import FlexDefinition
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.tables import check_table
+from neuroanimator.scaffold.defaults import FINE_PARTS, rounded, usual_name
+from neuroanimator.scaffold.proposal import Proposal
+from neuroanimator.systems.soft.flex_model import flex_body, mover_names, tied_bodies
+from neuroanimator.systems.soft.flex_scene import FlexScene, Touching
+from neuroanimator.systems.soft.soft_scene import Motion
+from neuroanimator.terminal import phase
+
+SUPER_STEP = 1 / 30
+"""Longest super step [s], unless one step is longer."""
+
+SPEED = 1.0
+"""Largest speed of a mover that strikes, over the size of the body [1/s]."""
+
+CARRYING = 0.5
+"""The same of one that carries it."""
+
+REACH = 0.15
+"""Distance that a mover which carries the body wanders, over the size of the body."""
+
+BEYOND = 0.2
+"""Distance that one which strikes goes beyond the body's middle, over the size of the body."""
+
+TRIAL = 4.0
+"""Longest time in which movers go there, and that in which they come back, in a trial [s]."""
+
+FAR = 100.0
+"""Distance that a node has flown, over the size of the body, when it has flown apart."""
+
+PATIENCE = 8.0
+"""Processor time after which a trial ends [s]."""
+
+HALVINGS = 2
+"""Number of times that steps, or speeds, are halved."""
+
+SAFE_STEPS = 2
+"""Shortest time constant of contacts, in steps: MuJoCo takes no shorter one."""
+
+DEEP = 0.1
+"""Depth of contacts over the thickness of a geom from which on they should be harder, or movers slower."""
+
+MAX_SHAPES = 64
+"""Number of shapes proposed, if the nodes are so many."""
+
+COMMENTS = {
+    "model": "one flex, and mocap bodies that move",
+    "substeps": "steps in a super step",
+    "shapes": "numbers the body is told by; more are more exact and slower. Found when they are first needed",
+    "physics": "Steps [s]: the model's own, the teacher's, and the reference's. The integrator is the model's.",
+    "physics.contact_time": "MuJoCo's solref of contacts with movers, and of ties to them [s]; 0 is the model's own",
+}
+"""Comments on the values of the TOML file."""
+
+AS_MODELLED = "As hard as the model says."
+
+HARDENED = "Harder than the model says, by physics.contact_time."
+
+MOVERS = (
+    "Mocap bodies: a control is a velocity, at most `speed` [m/s]. They wander by about `reach` [m] while shapes are found.\n"
+    "Contacts are all that MuJoCo {version} finds: in trial runs up to {count} with one geom, {depth:.1f} mm deep. {hardness}"
+)
+"""Title of the movers' table."""
+
+
+class Trial(NamedTuple):
+    """What was seen while movers went there and back."""
+
+    has_diverged: bool
+    worst: Touching
+    """The most and the deepest of all contacts."""
+    cost: float
+    """Processor time of a super step [s]."""
+
+
+def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False) -> Proposal:
+    """Return a definition of the compiled `model` at `path`, which has a flex.
+
+    Raises BadFileError for what is not supported, ArgumentError if `has_options` of other models are given, or if the
+    physics diverges.
+    """
+    if has_options:
+        raise ArgumentError(
+            f"{path.name} has a soft body, which begins as it hangs. Leave --keyframe, --base and --passive out."
+        )
+    step = float(model.opt.timestep)
+    substeps = max(1, int(SUPER_STEP / step + 1e-6))
+    body = flex_body(path.name, model)
+    movers = {
+        name: _mover(model, number, body.positions) for name, number in mover_names(model).items()
+    }
+    values: dict[str, Any] = {
+        "name": usual_name(path),
+        "kind": "flex",
+        "model": path.name,
+        "substeps": substeps,
+        "shapes": min(MAX_SHAPES, len(body.axes)),
+        "physics": {
+            "step": step,
+            "truth_step": step / 2,
+            "fine_step": rounded(step / FINE_PARTS, 12),
+        },
+        "movers": movers,
+    }
+    with phase("simulating"):
+        trial = _tried(values, path.name, model)
+        while trial.has_diverged and values["physics"]["truth_step"] > step / 2**HALVINGS:
+            values["physics"]["truth_step"] /= 2
+            trial = _tried(values, path.name, model)
+        if trial.has_diverged:
+            raise ArgumentError(
+                f"{path.name}: the soft body flies apart even in steps of {values['physics']['truth_step']:g} s. Give it a "
+                "smaller timestep, more damping or softer material."
+            )
+        if trial.worst.share > DEEP or tied_bodies(model) - {0}:
+            values["physics"]["contact_time"] = SAFE_STEPS * step
+            trial = _tried(values, path.name, model)
+        halvings = 0
+        while trial.worst.share > DEEP and halvings < HALVINGS:
+            for mover in movers.values():
+                mover["speed"] = [rounded(speed / 2, 6) for speed in mover["speed"]]
+            trial = _tried(values, path.name, model)
+            halvings += 1
+    definition = check_table(values, path.name, FlexDefinition)
+    warnings = []
+    if trial.worst.share > DEEP:
+        warnings.append(
+            f"movers: nodes go {1000 * trial.worst.depth:.0f} mm deep into a geom, however slow it is. Write thicker or "
+            "rounder geoms, a softer body, or a smaller timestep."
+        )
+    version = mujoco.mj_versionString()
+    depth = 1000 * trial.worst.depth
+    hardness = HARDENED if "contact_time" in values["physics"] else AS_MODELLED
+    title = MOVERS.format(
+        version=version, count=trial.worst.contacts, depth=depth, hardness=hardness
+    )
+    comments = COMMENTS | {"movers": title}
+    names = list(definition.movers)
+    kind = ("rope", "cloth", "solid")[int(model.flex_dim[0]) - 1]
+    told = (
+        (
+            "soft body",
+            f"{kind} of {len(body.positions):,} nodes, {np.ptp(body.positions, axis=0).max():g} m",
+        ),
+        ("movers", ", ".join(names)),
+        ("contacts", f"up to {trial.worst.contacts} with one geom, {depth:.1f} mm deep"),
+        ("physics", f"{1000 * trial.cost:.1f} ms a super step of the teacher's"),
+    )
+    parts = (*names, *(f"{name}_velocity" for name in names))
+    return Proposal(definition, comments, parts, tuple(warnings), told)
+
+
+def _mover(model: mujoco.MjModel, body: int, nodes: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
+    """Return the table of a mocap body: it carries the soft body about, or wanders from its position to beyond it."""
+    size = float(np.ptp(nodes, axis=0).max())
+    if body in tied_bodies(model):
+        speed = CARRYING * size
+        reach = [REACH * size] * 3
+    else:
+        speed = SPEED * size
+        away = np.abs(model.body_pos[body] - nodes.mean(axis=0))
+        reach = (away + BEYOND * size).tolist()
+    return {"speed": [rounded(speed, 3)] * 3, "reach": [rounded(far, 3) for far in reach]}
+
+
+def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
+    """Return what is seen while every mover goes there and back, at its speed: through the body, or its reach."""
+    definition = check_table(values, name, FlexDefinition)
+    scene = FlexScene(definition, name, model)
+    dt = definition.substeps * definition.physics.step
+    steps = round(dt / definition.physics.truth_step)
+    path = _there_and_back(scene, dt)
+    motion = Motion(scene.positions, np.zeros_like(scene.positions))
+    seen = [Touching(0, 0.0, 0.0)]
+    begun = time.process_time()
+    for frame in range(len(path) - 1):
+        positions, velocities = scene.play(motion, path[frame : frame + 2], dt, steps)
+        motion = Motion(positions[0], velocities[0])
+        if not (np.abs(motion.positions - scene.positions) < FAR * scene.size).all():
+            return Trial(True, seen[0], 0.0)
+        seen.append(scene.touching(motion.positions, path[frame + 1]))
+        if time.process_time() - begun > PATIENCE:
+            break
+    cost = (time.process_time() - begun) / (len(seen) - 1)
+    counts, depths, shares = zip(*seen, strict=True)
+    return Trial(False, Touching(max(counts), max(depths), max(shares)), cost)
+
+
+def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F D"]:
+    """Return positions of the movers [m], none of which turns."""
+    middle = scene.body.positions.mean(axis=0)
+    ends = []
+    movers = scene.movers
+    for mover, body in zip(movers.tables, scene.bodies, strict=True):
+        end = np.add(mover.position, mover.reach)
+        if body not in tied_bodies(scene.model):
+            away = middle - mover.position
+            distance = float(np.linalg.norm(away))
+            end = middle + away / max(distance, 1e-9) * BEYOND * scene.size
+        ends.append(end)
+    change = np.concatenate(ends) - movers.rest
+    longest = float((np.abs(change) / movers.speed).max())
+    frames = min(math.ceil(longest / dt), round(TRIAL / dt))
+    shares = np.linspace(0, 1, frames + 1)
+    shares = np.concatenate([shares, shares[-2::-1]])
+    return movers.rest + shares[:, None] * change

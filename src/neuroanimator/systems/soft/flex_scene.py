@@ -1,0 +1,239 @@
+"""A soft body of MuJoCo's and what moves: a model with a flex, made ready to be played.
+
+What is drawn of a cloth or a solid are its nodes. A rope has no surface: what is drawn of it are three crossing
+ribbons, whose edges lie r (a × t) to both sides of each node, with a the axes of the world and t along the rope.
+Ribbons, too, follow linearly from the nodes, and two of them at least are wide, whichever way the rope goes.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.definitions.flex import FlexDefinition
+from neuroanimator.definitions.soft import MoverTable
+from neuroanimator.errors import ArgumentError
+from neuroanimator.executor.cores import core_count
+from neuroanimator.state.shape_contacts import FREE, HELD, BoxCollider, RoundCollider
+from neuroanimator.systems.rigid.warnings import warnings_counted
+from neuroanimator.systems.soft.flex_model import (
+    FlexBody,
+    colliders_of,
+    flex_body,
+    ground_height,
+    harden,
+    is_pinned,
+    mover_names,
+    thicknesses,
+    tied_bodies,
+)
+from neuroanimator.systems.soft.movers import Movers
+from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
+from neuroanimator.text import listed, quoted
+
+SIDES = 6
+"""Number of points drawn of each node of a rope: two edges of three ribbons."""
+
+
+class Touching(NamedTuple):
+    """How a flex touches geoms."""
+
+    contacts: int
+    """Number of contacts with the geom that has the most."""
+    depth: float
+    """Depth of the deepest contact [m]."""
+    share: float
+    """The greatest depth over the geom's thickness."""
+
+
+class FlexScene(SoftScene):
+    """A flex among M mocap bodies; the one that carries it is its anchor, if nothing pins it to the world."""
+
+    integrator = "mujoco"
+    """Whatever integrator the model says."""
+    lanes = 1
+    runs = 6
+    has_ground = False
+    """Its planes are drawn as geoms."""
+    wind = (0.0, 0.0, 0.0)
+    """What wind the model has, it has everywhere and always."""
+
+    def __init__(self, definition: FlexDefinition, main: str, model: mujoco.MjModel):
+        """Raises BadFileError for what is not supported of the model in the file `main`, ArgumentError for other movers."""
+        self.body = flex_body(main, model)
+        self.model = model.__copy__()
+        harden(self.model, definition.physics.contact_time)
+        self.finding_step = definition.physics.step
+        """The teacher's would be dear."""
+        bodies = mover_names(model)
+        if set(bodies) != set(definition.movers):
+            raise ArgumentError(
+                f"movers: wanted the mocap bodies of {main}, {listed(sorted(bodies))}; came "
+                f"{listed([quoted(name) for name in definition.movers])}. Name the same ones."
+            )
+        self.bodies = [bodies[name] for name in definition.movers]
+        """The mocap bodies of the movers."""
+        self.data = mujoco.MjData(model)
+        """The model at rest."""
+        mujoco.mj_fwdPosition(model, self.data)
+        tables = {}
+        for name, table in definition.movers.items():
+            position = tuple(self.data.xpos[bodies[name]].tolist())
+            tables[name] = MoverTable(position=position, **table.model_dump())
+        self.movers = Movers(tables)
+        self.anchor = self._anchor()
+        self.margin = self.body.margin
+        self.positions = self.drawn_points(self.body.positions)
+        self.faces = self.body.faces
+        self.masses = self.body.masses
+        if len(self.body.pairs):
+            self.faces = _ribbons(self.body.pairs)
+            self.masses = np.repeat(self.body.masses, SIDES) / SIDES
+        self.ground_height = ground_height(model, self.data)
+        if self.anchor == FREE and self.ground_height is None:
+            raise ArgumentError(
+                f"{main}: nothing holds the soft body, and it falls for ever. Add a horizontal plane, pin nodes, or tie some "
+                "to a mocap body by an equality (connect)."
+            )
+        capsules: list[RoundCollider] = []
+        boxes: list[BoxCollider] = []
+        for number, body in enumerate(self.bodies):
+            for collider in colliders_of(model, self.data, body, number, self.margin):
+                if isinstance(collider, BoxCollider):
+                    boxes.append(collider)
+                else:
+                    capsules.append(collider)
+        self.capsules = tuple(capsules)
+        self.boxes = tuple(boxes)
+        self._models: dict[float, mujoco.MjModel] = {}
+
+    def _anchor(self) -> int:
+        """Return the number of the mover that carries the flex, or what holds it instead."""
+        tied = tied_bodies(self.model)
+        if is_pinned(self.model) or 0 in tied:
+            return HELD
+        for number, body in enumerate(self.bodies):
+            if body in tied:
+                return number
+        return FREE
+
+    def play(
+        self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
+    ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
+        model = self._stepping(duration / steps)
+        if paths.ndim == 2:
+            with warnings_counted:
+                return self._play(model, motion, paths, steps)
+        lanes = range(paths.shape[2])
+
+        def run(lane: int) -> tuple[np.ndarray, np.ndarray]:
+            origin = motion.origin[..., lane] if motion.origin.ndim else motion.origin
+            own = Motion(motion.positions[..., lane], motion.velocities[..., lane], origin)
+            return self._play(model, own, paths[..., lane], steps)
+
+        with warnings_counted, ThreadPoolExecutor(min(len(lanes), core_count())) as pool:
+            played = list(pool.map(run, lanes))
+        positions = np.stack([one for one, _ in played], axis=-1)
+        velocities = np.stack([one for _, one in played], axis=-1)
+        return positions, velocities
+
+    def touching(
+        self, positions: Float[np.ndarray, "N 3"], movers: Float[np.ndarray, " D"]
+    ) -> Touching:
+        """Return how a body with its nodes there touches the geoms of the movers."""
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self.body.slides(self._nodes(positions))
+        self.put_movers(data, movers)
+        with warnings_counted:
+            mujoco.mj_fwdPosition(self.model, data)
+        geoms = data.contact.geom.max(axis=1)
+        roots = self.model.body_rootid[self.model.geom_bodyid[geoms]]
+        is_mover = (geoms >= 0) & np.isin(roots, self.bodies)
+        geoms = geoms[is_mover]
+        depths = -data.contact.dist[is_mover]
+        count = int(np.bincount(geoms).max(initial=0))
+        shares = depths / thicknesses(self.model)[geoms]
+        return Touching(count, float(depths.max(initial=0.0)), float(shares.max(initial=0.0)))
+
+    def _stepping(self, step: float) -> mujoco.MjModel:
+        """Return the model with this timestep [s]."""
+        model = self._models.get(step)
+        if model is None:
+            model = self.model.__copy__()
+            model.opt.timestep = step
+            self._models[step] = model
+        return model
+
+    def _play(
+        self, model: mujoco.MjModel, motion: Motion, path: Float[np.ndarray, "F D"], steps: int
+    ) -> tuple[Float[np.ndarray, "F-1 N 3"], Float[np.ndarray, "F-1 N 3"]]:
+        """Return what `play` does of one body; after it has diverged NaN."""
+        data = mujoco.MjData(model)
+        data.qpos[:] = self.body.slides(self._nodes(motion.positions + motion.origin))
+        data.qvel[:] = self.body.rates(self._nodes(motion.velocities))
+        frames = len(path) - 1
+        positions = np.full((frames, *self.positions.shape), np.nan)
+        velocities = positions.copy()
+        for frame in range(frames):
+            if not np.isfinite(data.qpos).all():
+                break
+            change = path[frame + 1] - path[frame]
+            try:
+                for step in range(steps):
+                    self.put_movers(data, path[frame] + step / steps * change)
+                    mujoco.mj_step(model, data)
+            except mujoco.FatalError:
+                break  # what MuJoCo raises where an element is nowhere any more
+            positions[frame] = self.drawn_points(self.body.placed(data.qpos)) - motion.origin
+            velocities[frame] = self.drawn_points(self.body.moved(data.qvel))
+        return positions, velocities
+
+    def put_movers(self, data: mujoco.MjData, entries: Float[np.ndarray, " D"]) -> None:
+        """Put the mocap bodies where movers are [m], turned by their headings [rad]."""
+        for body, place in zip(self.bodies, self.movers.places, strict=True):
+            number = self.model.body_mocapid[body]
+            data.mocap_pos[number] = entries[place.entry : place.entry + 3]
+            if place.turns:
+                half = entries[place.entry + 3] / 2
+                turned = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+                mujoco.mju_mulQuat(data.mocap_quat[number], turned, self.model.body_quat[body])
+
+    def _nodes(self, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "N 3"]:
+        """Return the nodes of what is drawn of them."""
+        if not len(self.body.pairs):
+            return points
+        return points.reshape(-1, SIDES, 3).mean(axis=1)
+
+    def drawn_points(self, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
+        """Return what is drawn of nodes; of their velocities, those of what is drawn."""
+        if not len(self.body.pairs):
+            return nodes
+        return _ribbon_points(self.body, nodes)
+
+
+def _ribbon_points(body: FlexBody, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
+    """Return the edges of a rope's ribbons, those of each node together."""
+    first, second = body.pairs.T
+    lengths = np.linalg.norm(body.positions[second] - body.positions[first], axis=1)
+    pieces = (nodes[second] - nodes[first]) / lengths[:, None]
+    along = np.zeros_like(nodes)
+    np.add.at(along, first, pieces)
+    np.add.at(along, second, pieces)
+    along /= np.maximum(np.bincount(body.pairs.ravel(), minlength=len(nodes)), 1)[:, None]
+    across = body.margin * np.cross(np.eye(3)[None], along[:, None])
+    edges = np.concatenate([across, -across], axis=1)
+    return (nodes[:, None] + edges).reshape(-1, 3)
+
+
+def _ribbons(pairs: Int[np.ndarray, "E 2"]) -> Int[np.ndarray, "F 3"]:
+    """Return the triangles of a rope's ribbons."""
+    faces = []
+    for side in range(SIDES // 2):
+        left, right = SIDES * pairs + side, SIDES * pairs + side + SIDES // 2
+        faces.append(np.stack([left[:, 0], right[:, 0], right[:, 1]], axis=1))
+        faces.append(np.stack([left[:, 0], right[:, 1], left[:, 1]], axis=1))
+    return np.concatenate(faces)

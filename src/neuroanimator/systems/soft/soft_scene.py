@@ -1,0 +1,148 @@
+"""What shapes, states and contacts of a soft body are made from, whatever its physics is."""
+
+from __future__ import annotations
+
+import abc
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider, ShapeContacts
+from neuroanimator.systems.soft.movers import Movers
+from neuroanimator.systems.soft.own_frame import OwnMotion, seen_from_mover, seen_from_root
+
+CONTACT_REACH = 0.1
+"""Distance from which contacts are shown, over the size of the body."""
+
+WORLD = np.zeros(())
+"""The origin of the world, for however many bodies."""
+
+
+class Motion(NamedTuple):
+    """A body at a moment; several side by side have a last axis for them."""
+
+    positions: Float[np.ndarray, "N 3 ..."]
+    """From the origin [m]."""
+    velocities: Float[np.ndarray, "N 3 ..."]
+    """[m/s]"""
+    origin: Float[np.ndarray, " ..."] = WORLD
+    """Position in the world [m]: float32 is exact near the body alone."""
+
+    def recentred(self) -> Motion:
+        """Return the same motion from an origin amid the nodes."""
+        middle = self.positions.mean(axis=0)
+        return Motion(self.positions - middle, self.velocities, self.origin + middle)
+
+
+class SoftScene(abc.ABC):
+    """A soft body of N nodes among M movers, one of which may be its anchor: its own frame goes and turns with it."""
+
+    integrator: str
+    """Name of its schemes."""
+    lanes: int
+    """Number of bodies that are best played side by side."""
+    runs: int
+    """Number of motions in which shapes are looked for."""
+    finding_step: float
+    """The step with which shapes are looked for [s]."""
+    movers: Movers
+    anchor: int
+    """Number of the mover that holds the body; `FREE` of one that nothing holds, `HELD` of one that the world does."""
+    positions: Float[np.ndarray, "N 3"]
+    """Nodes as the mesh or the model has them [m]."""
+    faces: Int[np.ndarray, "F 3"]
+    """Corners of the surface's triangles, counterclockwise from outside."""
+    masses: Float[np.ndarray, " N"]
+    """Masses of the nodes [kg]."""
+    margin: float
+    """Distance at which nodes touch colliders [m]."""
+    capsules: tuple[RoundCollider, ...]
+    boxes: tuple[BoxCollider, ...]
+    ground_height: float | None
+    """Height of the ground [m]; None without one."""
+    wind: tuple[float, float, float]
+    """Velocity of the air [m/s]."""
+    has_ground: bool
+    """Whether a plane is drawn at height zero."""
+
+    @property
+    def ground(self) -> float:
+        """Height at which nodes touch the ground [m]; without one, minus infinity."""
+        if self.ground_height is None:
+            return -np.inf
+        return self.ground_height + self.margin
+
+    @property
+    def size(self) -> float:
+        """Longest edge of the body's bounding box at rest [m]."""
+        return float(np.ptp(self.positions, axis=0).max())
+
+    @abc.abstractmethod
+    def play(
+        self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
+    ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
+        """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
+
+        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame.
+        """
+
+    def contacts(
+        self,
+        mean: Float[np.ndarray, "N 3"],
+        modes: Float[np.ndarray, "K N 3"],
+        nodes: tuple[int, ...],
+    ) -> ShapeContacts:
+        """Return the contacts of these `nodes` of a body with this mean and these modes."""
+        return ShapeContacts(
+            turning=self.movers.turning,
+            anchor=self.anchor,
+            capsules=self.capsules,
+            boxes=self.boxes,
+            ground=self.ground if np.isfinite(self.ground) else None,
+            wind=self.wind,
+            reach=CONTACT_REACH * self.size,
+            nodes=nodes,
+            mean=mean[list(nodes)],
+            modes=modes[:, list(nodes)],
+        )
+
+    def centre(self, positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3"]:
+        """Return the origin of the body's own frame [m] where its nodes are at `positions`, and movers at rest."""
+        if self.anchor == FREE:
+            return np.average(positions, axis=0, weights=self.masses)
+        if self.anchor < 0:
+            return np.zeros(3)
+        entry = self.movers.places[self.anchor].entry
+        return self.movers.rest[entry : entry + 3]
+
+    def state_at_rest(self, centre: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " S"]:
+        """Return a state but for its shapes: all at rest, a free body upright at `centre` [m]."""
+        state = np.concatenate([self.movers.rest, np.zeros(self.movers.size)])
+        if self.anchor == FREE:
+            upright = np.array([1.0, 0.0, 0.0, 0.0])
+            state = np.concatenate([state, centre, upright, np.zeros(6)])
+        return state
+
+    def own_motion(
+        self,
+        positions: Float[np.ndarray, "*B N 3"],
+        velocities: Float[np.ndarray, "*B N 3"],
+        movers: Float[np.ndarray, "*B D"],
+        rates: Float[np.ndarray, "*B D"],
+        mean: Float[np.ndarray, "N 3"],
+        origin: Float[np.ndarray, " ..."] = WORLD,
+    ) -> OwnMotion:
+        """Return the motion of nodes in the body's own frame; `positions` are from `origin`, `mean` is of the nodes in it."""
+        if self.anchor == FREE:
+            own = seen_from_root(positions, velocities, mean, self.masses)
+            own.root[..., :3] += origin
+            return own
+        if self.anchor < 0:
+            rest = np.zeros((*movers.shape[:-1], 3))
+            return seen_from_mover(positions, velocities, rest - origin, rest)
+        place = self.movers.places[self.anchor]
+        entries = slice(place.entry, place.entry + place.size)
+        position = movers[..., entries].copy()
+        position[..., :3] -= origin
+        return seen_from_mover(positions, velocities, position, rates[..., entries])
