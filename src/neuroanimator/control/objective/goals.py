@@ -195,13 +195,22 @@ def _part_of(system: System, entry: int) -> str:
 
 
 def _judged_entries(system: System, goal: Goal) -> list[tuple[int, int, float]]:
-    """Return (state entry, number of the difference, tolerance) of all that `goal` names; of a quaternion three."""
+    """Return (state entry, number of the difference, tolerance) of all that `goal` names; of a quaternion three.
+
+    Raises ArgumentError for what follows the controls exactly: no difference tells of it.
+    """
     frame = Frame.of(system.structure, 0.0)
     wanted = {}
     for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True):
         wanted[entry] = tolerance
     judged = []
     for placed in place_segments(frame.segments or (Plain(size=system.state.size),)):
+        own = wanted.keys() & set(range(placed.entries.start, placed.entries.stop))
+        if own and not placed.segment.change_size:
+            raise ArgumentError(
+                f"goal: '{_part_of(system, min(own))}' follows the controls exactly, and no goal judges it. Name a part that "
+                "moves by itself, or a node of the body (reach_node)."
+            )
         for number in range(placed.segment.change_size):
             entry = placed.entries.start + number
             if entry in wanted:
