@@ -42,7 +42,7 @@ SOFT: dict[str, Any] = {
     "orthogonalisation_steps": 3,
     "updates": 8_000,
     "unroll": LONG_WINDOW,
-    "unroll_share": 1.0,
+    "unroll_share": 0.6,
     "error_growth": 1.0,
 }
 """Soft bodies: they are damped, so that errors grow slowly at last, and what they are off by then is what counts."""
