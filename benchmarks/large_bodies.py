@@ -1,8 +1,8 @@
 """Bodies of thousands of nodes; each part writes results/large_bodies_PART.csv.
 
-python benchmarks/large_bodies.py equal_error [cape flag]         emulators that ship beside the physics: error and time
+python benchmarks/large_bodies.py equal_error [cape flag jelly]   emulators that ship beside the physics: error and time
 python benchmarks/large_bodies.py physics                         a cloth in C, by mesh and small steps: time, convergence
-python benchmarks/large_bodies.py sheet [cape flag]               docs/images/soft-bodies.png: physics and emulators
+python benchmarks/large_bodies.py sheet [cape flag jelly]         docs/images/soft-bodies.png: physics and emulators
 python benchmarks/large_bodies.py flex                            the same meshes as flexes of MuJoCo: time of a step
 
 Equal error: runs of 1 s along smooth random paths of what moves that training never saw, some time after rest. The truth is
@@ -16,7 +16,7 @@ Physics: a cloth of 1 m hangs by its upper edge from a bar that is moved, and a 
 from rest. Times are of one core in float32: of one cloth, and of one of sixteen side by side. Differences are of all
 nodes, root mean square, from the same mesh in the most small steps, and from the finest mesh in as many, at the nodes both have.
 
-Flex: a model with the cape or the flag hangs or falls for a while; a step that stays finite is the largest of
+Flex: a model with the cape, the flag or the jelly hangs or falls for a while; a step that stays finite is the largest of
 some. Its parameters are MuJoCo's, so that times can be compared, not motions.
 """
 

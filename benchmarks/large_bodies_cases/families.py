@@ -10,9 +10,13 @@ from jaxtyping import Float, Int
 from soft_meshes import (
     CAPE,
     FLAG,
+    JELLY,
     cape,
     flag,
     grid_faces,
+    grid_tetrahedra,
+    jelly,
+    outward,
 )
 
 from neuroanimator.definitions.soft import SoftDefinition
@@ -40,7 +44,11 @@ class Family(NamedTuple):
 
     def mesh(self, shape: Shape) -> Mesh:
         """Return the mesh of this grid."""
-        return Mesh(self.nodes(shape), grid_faces(*shape))
+        nodes = self.nodes(shape)
+        if len(shape) == 2:
+            return Mesh(nodes, grid_faces(*shape))
+        layers, side, _ = shape
+        return Mesh(nodes, outward(nodes, grid_tetrahedra(layers, side)))
 
     def scene(self, definition: SoftDefinition, shape: Shape) -> Scene:
         """Return the physics of the body that `definition` is of, by another mesh; ArgumentError where that cannot be."""
@@ -73,6 +81,17 @@ FAMILIES = {
         lambda shape: flag(*shape),
         lambda shape: np.arange(shape[0]) * shape[1],
         CLOTH_OPPONENTS,
+    ),
+    "jelly": Family(
+        (*JELLY, JELLY[1]),
+        lambda shape: jelly(*shape[:2]),
+        lambda shape: np.arange(shape[1] * shape[2]),
+        (
+            (1.0, (160, 80, 60, 40, 20)),
+            (0.7, (80, 40, 20)),
+            (0.5, (40, 20, 10)),
+            (0.35, (20, 10, 5)),
+        ),
     ),
 }
 """Every soft body that ships."""

@@ -9,14 +9,14 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from soft_meshes import obj_text
+from soft_meshes import msh_text, obj_text
 
 from large_bodies_cases.families import FAMILIES, Family
 
 SUPER_STEP = 1 / 30
 """[s]"""
 
-STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
+STEPS = {"cape": (4e-3, 2e-3, 1e-3), "flag": (4e-3, 2e-3, 1e-3), "jelly": (1e-3, 5e-4, 2e-4, 1e-4)}
 """Steps tried, the largest first [s]."""
 
 DURATION = 0.1
@@ -35,10 +35,10 @@ MODEL = """
   <worldbody>
     <geom type="plane" size="5 5 .1" pos="0 0 -1"/>
     <body mocap="true" pos="0 0 0.6"><geom type="capsule" size="0.05" fromto="0 -.2 0 0 .2 0"/></body>
-    <flexcomp name="body" type="mesh" file="{file}" dim="2" radius="0.005" mass="0.3">
-      <edge equality="true" damping="0.01"/>
+    <flexcomp name="body" type="{kind}" file="{file}" dim="{dim}" radius="0.005" mass="{mass}">
+      {stiffness}
       <contact selfcollide="none" internal="false"/>
-      <pin id="{pins}"/>
+      {pins}
     </flexcomp>
   </worldbody>
 </mujoco>
@@ -49,7 +49,7 @@ def flex_rows() -> list[dict[str, Any]]:
     """Return a row per body: the largest step that stays finite, its time and that of a super step."""
     rows = []
     for name, family in FAMILIES.items():
-        for step in STEPS:
+        for step in STEPS[name]:
             model = compiled(name, family, step)
             seconds = time_of_step(model)
             if seconds is not None:
@@ -67,13 +67,28 @@ def flex_rows() -> list[dict[str, Any]]:
 
 
 def compiled(name: str, family: Family, step: float) -> mujoco.MjModel:
-    """Return the model of a cloth whose edges are equalities: of MuJoCo's ways the one of the largest steps."""
+    """Return the model: a cloth's edges are equalities, a solid is elastic."""
     mesh = family.mesh(family.shape)
-    pins = " ".join(str(pin) for pin in family.pins(family.shape))
+    is_solid = len(family.shape) == 3
+    kind, dim, ending, mass = ("gmsh", 3, "msh", 4) if is_solid else ("mesh", 2, "obj", 0.3)
+    text = msh_text if is_solid else obj_text
+    stiffness = '<edge equality="true" damping="0.01"/>'
+    if is_solid:
+        stiffness = '<elasticity young="3e4" poisson="0.4" damping="0.01"/>'
+    ids = " ".join(str(pin) for pin in family.pins(family.shape))
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / f"{name}.obj"
-        file.write_text(obj_text(mesh.positions, mesh.elements))
-        return mujoco.MjModel.from_xml_string(MODEL.format(step=step, file=file, pins=pins))
+        file = Path(folder) / f"{name}.{ending}"
+        file.write_text(text(mesh.positions, mesh.elements))
+        written = MODEL.format(
+            step=step,
+            kind=kind,
+            file=file,
+            dim=dim,
+            mass=mass,
+            stiffness=stiffness,
+            pins=f'<pin id="{ids}"/>' if ids else "",
+        )
+        return mujoco.MjModel.from_xml_string(written)
 
 
 def time_of_step(model: mujoco.MjModel) -> float | None:

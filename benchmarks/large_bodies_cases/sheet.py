@@ -22,7 +22,7 @@ SHOWN = (0, STEPS // 2, STEPS - 1)
 LIGHT = np.array([0.4, 0.7, 0.6])
 """Direction towards the light."""
 
-LOOK = {"cape": (12, 160), "flag": (8, -60)}
+LOOK = {"cape": (12, 160), "flag": (8, -60), "jelly": (18, -60)}
 """Elevation and azimuth of the camera [degrees]."""
 
 COLOUR = (0.75, 0.16, 0.16)
