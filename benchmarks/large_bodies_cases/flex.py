@@ -37,7 +37,7 @@ MODEL = """
     <body mocap="true" pos="0 0 0.6"><geom type="capsule" size="0.05" fromto="0 -.2 0 0 .2 0"/></body>
     <flexcomp name="body" type="{kind}" file="{file}" dim="{dim}" radius="0.005" mass="{mass}">
       {stiffness}
-      <contact selfcollide="none" internal="false"/>
+      <contact selfcollide="none"/>
       {pins}
     </flexcomp>
   </worldbody>
