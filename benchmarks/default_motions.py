@@ -27,6 +27,15 @@ from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.zoo import default_motion_path
 from neuroanimator_studio.description import short_numbers
 
+WANDERED = 5.0
+"""Length of a soft body's motion [s]."""
+
+WANDERINGS = 200
+"""Number of paths the liveliest is taken of."""
+
+EDGE = 0.9
+"""Trust's score that such a motion stays below."""
+
 PLANNED = 20
 """Super steps a plan looks ahead while the arm is held upright: a second."""
 
@@ -119,6 +128,21 @@ def park(emulator: na.Emulator, system: na.System) -> Drive:
     return Drive(start, found.controls)
 
 
+def wander(emulator: na.Emulator, system: na.System) -> Drive:
+    """Return a soft body along the liveliest of some smooth random paths that stay within training."""
+    rng = np.random.default_rng(0)
+    steps = round(WANDERED / emulator.dt)
+    drives = []
+    ways = []
+    for controls in system.sample_paths(rng, WANDERINGS, steps, emulator.dt):
+        drive = Drive(np.array(system.rest), controls)
+        _, scores = drive.trusted_motion(emulator)
+        if scores.max() < EDGE:
+            drives.append(drive)
+            ways.append((controls / np.array(emulator.bounds.high)).std())
+    return drives[int(np.argmax(ways))]
+
+
 MOTIONS = {
     "dolphin": leap,
     "fish": swim,
@@ -126,6 +150,9 @@ MOTIONS = {
     "pendulum": swing_up,
     "pendulum-passive": swing,
     "truck": park,
+    "cape": wander,
+    "flag": wander,
+    "jelly": wander,
 }
 """How the motion of each system is found."""
 

@@ -19,7 +19,7 @@ from neuroanimator.animation.showcase import (
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.zoo import SHIPPED, default_motion_path
+from neuroanimator.files.zoo import SHIPPED, SOFT, default_motion_path
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import Start, start_state
 
@@ -71,7 +71,7 @@ def shipped_drive(emulator: Emulator) -> Drive | None:
 
     It was found for one super step; between two of its controls there are those in between.
     """
-    if emulator.definition or (emulator.system, 50) not in SHIPPED:
+    if emulator.definition or emulator.system not in dict([*SHIPPED, *SOFT]):
         return None
     motion = json.loads(default_motion_path(emulator.system).read_text(encoding="ascii"))
     found = np.array(motion["controls"], float)
