@@ -61,7 +61,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (
             ["generate", "pendlum", "--out", "d"],
             2,
-            "No system called 'pendlum'. Did you mean pendulum? Systems: cube, dolphin, fish, ",
+            "No system called 'pendlum'. Did you mean pendulum? Systems: cape, cube, dolphin, fish, ",
         ),
         (["generate", "pendulum", "--out", "d", "--substeps", "0"], 2, "substeps: "),
         (["generate", "pendulum", "--out", "d", "--substeps", "7"], 2, "whole number"),
@@ -81,7 +81,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
             3,
             "missing.toml",
         ),
-        (["evaluate", "missing"], 3, "Shipped: dolphin-100"),
+        (["evaluate", "missing"], 3, "Shipped: cape-40, dolphin-100"),
         (["evaluate", "cube"], 3, "no emulator of cube ships"),
         (["info", "cube-50"], 3, "no emulator of cube ships"),
         (["export", "cube", "--out", "cube.h"], 3, "no emulator of cube ships"),

@@ -227,7 +227,9 @@ def test_a_crowded_repeating_or_deep_header_is_refused(tmp_path: Path):
 
 
 def test_a_missing_file_names_what_ships():
-    with pytest.raises(NeuroAnimatorError, match="Shipped: dolphin-100, dolphin-25, dolphin-50"):
+    with pytest.raises(
+        NeuroAnimatorError, match="Shipped: cape-40, dolphin-100, dolphin-25, dolphin-50"
+    ):
         find_emulator("nowhere")
 
 

@@ -97,6 +97,7 @@ def test_the_table_is_of_every_network_and_of_nothing_else():
         "trust",
         "error bounds",
         "validation",
+        "validation_window",
     }
 
 

@@ -111,7 +111,7 @@ def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_targe
         (2.0, 0.013, 0.4, "good"),
     ],
 )
-def test_a_soft_body_is_judged_by_where_its_nodes_are_after_a_while_too(
+def test_a_soft_body_is_judged_by_where_its_nodes_are_after_a_while(
     seconds: float, error: float, kept: float, word: str
 ):
     window = WindowErrors(*(np.float32(number) for number in (seconds, error, kept)))
@@ -120,7 +120,11 @@ def test_a_soft_body_is_judged_by_where_its_nodes_are_after_a_while_too(
     assert verdict.word == word
     assert f"its nodes are off by {error:.1%} of the body's size" in str(verdict)
     poor = judge(0.6, {NO_CHANGE: 1.0})
-    assert window.judged(poor).word == (word if word == "useless" else "poor")
+    assert (
+        window.judged(poor).word == word
+    )  # a step is off mostly by rates of wrinkles, which die out
+    useless = judge(2.0, {NO_CHANGE: 1.0})
+    assert window.judged(useless).word == "useless"
 
 
 def test_what_never_moves_stands_still_whatever_the_network_says(with_target):

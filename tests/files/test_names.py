@@ -59,7 +59,7 @@ def test_a_shipped_emulator_is_loaded_by_its_name(name: str):
 
 
 def test_an_unknown_name_lists_the_shipped_ones_and_a_path_is_never_a_name(tmp_path, monkeypatch):
-    with pytest.raises(na.NeuroAnimatorError, match="Shipped: dolphin-100"):
+    with pytest.raises(na.NeuroAnimatorError, match="Shipped: cape-40, dolphin-100"):
         na.Emulator.load("fish-51")
     for path in ("./fish-50", "fish-50.emulator.safetensors", tmp_path / "fish-50"):
         with pytest.raises(na.NeuroAnimatorError) as caught:

@@ -108,7 +108,7 @@ def test_a_run_with_other_settings_is_refused_and_untouched(
     [
         ("updates", 0),
         ("batch", 1),
-        ("unroll", 9),
+        ("unroll", 17),
         ("learning_rate", float("nan")),
         ("network", "deep"),
         ("x", 1),

@@ -113,7 +113,7 @@ def test_bad_numbers_are_refused_by_name():
     system = pendulum()
     with pytest.raises(
         NeuroAnimatorError,
-        match=r"No system called 'pendlum'. Did you mean pendulum\? Systems: cube, dolphin, fish, ",
+        match=r"No system called 'pendlum'. Did you mean pendulum\? Systems: cape, cube, dolphin, fish, ",
     ):
         load_system("pendlum")
     with pytest.raises(
