@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
-from neuroanimator import Clip
+from neuroanimator import (
+    Clip,
+    DatasetConfig,
+    Emulator,
+    TrainingConfig,
+    generate,
+    read_transitions,
+    train,
+)
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import Placement
+from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.soft.soft_system import SoftSystem
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -83,3 +93,17 @@ def moving_states(system: SoftSystem) -> np.ndarray:
     controls = system.sample_paths(rng, count, steps, dt, starts)
     states = system.simulate(starts, controls, dt).states
     return rng.permutation(states[:, 1:].reshape(count * steps, -1))
+
+
+def hasty_emulator(toml: Path, folder: Path) -> Emulator:
+    """Return an emulator of the soft body of a TOML file after a few updates, read back from its file."""
+    name, text, substeps = resolve(str(toml))
+    config = DatasetConfig(
+        system=name, definition=text, substeps=substeps, count=200, samples_per_run=12
+    )
+    generate(config, folder / "data")
+    settings = TrainingConfig(updates=250, batch=16, widths=(16, 16), unroll=1)
+    trained = train(read_transitions(folder / "data"), settings, folder / "run")
+    file = folder / f"{name}.emulator.safetensors"
+    trained.save(file)
+    return Emulator.load(file)

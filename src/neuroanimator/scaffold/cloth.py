@@ -59,31 +59,21 @@ def propose_cloth(path: Path) -> Proposal:
     middle = (low + high) / 2
     across = _thinnest_axis(positions)
     ball = middle + AWAY * size * across
-    values: dict[str, Any] = {
-        "name": usual_name(path),
-        "kind": "soft",
-        "mesh": path.name,
-        "substeps": 40,
-        "shapes": 96,
-        "physics": {
-            "step": STEP,
-            "truth_step": STEP / TRUTH_PARTS,
-            "fine_step": STEP / FINE_PARTS,
-        },
-        "cloth": {"density": 0.2, "stretch": 20.0, "bend": 0.5, "thickness": _rounded(0.01 * size)},
+    values = usual_values(path) | {
+        "cloth": {"density": 0.2, "stretch": 20.0, "bend": 0.5, "thickness": rounded(0.01 * size)},
         "air": {"drag": 0.5, "density": 1.2, "wind": [0.0, 0.0, 0.0]},
         "movers": {
             "holder": {
-                "position": _rounded(positions[pins].mean(axis=0)),
-                "speed": [_rounded(0.5 * size)] * 3,
-                "reach": [_rounded(0.15 * size)] * 3,
+                "position": rounded(positions[pins].mean(axis=0)),
+                "speed": [rounded(0.5 * size)] * 3,
+                "reach": [rounded(0.15 * size)] * 3,
                 "pins": pins.tolist(),
             },
             "ball": {
-                "position": _rounded(ball),
-                "speed": [_rounded(size)] * 3,
-                "reach": _rounded(size * (0.25 + 0.75 * np.abs(across))),
-                "colliders": [{"radius": _rounded(BALL * size)}],
+                "position": rounded(ball),
+                "speed": [rounded(size)] * 3,
+                "reach": rounded(size * (0.25 + 0.75 * np.abs(across))),
+                "colliders": [{"radius": rounded(BALL * size)}],
             },
         },
     }
@@ -95,6 +85,22 @@ def propose_cloth(path: Path) -> Proposal:
     )
     parts = ("holder", "ball", "holder_velocity", "ball_velocity")
     return Proposal(definition, COMMENTS, parts, told=told)
+
+
+def usual_values(path: Path) -> dict[str, Any]:
+    """Return what is proposed for any soft body whose mesh is at `path`."""
+    return {
+        "name": usual_name(path),
+        "kind": "soft",
+        "mesh": path.name,
+        "substeps": 40,
+        "shapes": 96,
+        "physics": {
+            "step": STEP,
+            "truth_step": STEP / TRUTH_PARTS,
+            "fine_step": STEP / FINE_PARTS,
+        },
+    }
 
 
 def _held_edge(positions: Float[np.ndarray, "N 3"], size: float) -> tuple[np.ndarray, str]:
@@ -112,5 +118,6 @@ def _thinnest_axis(positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3
     return axes[-1]
 
 
-def _rounded(values: Any) -> Any:
+def rounded(values: Any) -> Any:
+    """Return numbers as a TOML file has them: whole micrometres."""
     return np.round(values, 6).tolist()

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.tables import check_table
-from neuroanimator.scaffold.cloth import FINE_PARTS, STEP, TRUTH_PARTS
-from neuroanimator.scaffold.defaults import usual_name
+from neuroanimator.scaffold.cloth import rounded, usual_values
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.systems.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.systems.soft.scene import Scene
@@ -59,28 +57,18 @@ def propose_solid(path: Path) -> Proposal:
     paddle[0] = low[0] - GAP * size - half[0]
     paddle[2] = low[2] + half[2]
     stretch = float(f"{-DENSITY * GRAVITY[2] * size / SAG:.2g}")
-    values: dict[str, Any] = {
-        "name": usual_name(path),
-        "kind": "soft",
-        "mesh": path.name,
-        "substeps": 40,
-        "shapes": 96,
-        "physics": {
-            "step": STEP,
-            "truth_step": STEP / TRUTH_PARTS,
-            "fine_step": STEP / FINE_PARTS,
-        },
+    values = usual_values(path) | {
         "solid": {"density": DENSITY, "stretch": stretch, "bulk": HARDER * stretch},
-        "ground": {"height": _rounded(low[2]), "friction": 0.5},
+        "ground": {"height": rounded(low[2]), "friction": 0.5},
         "movers": {
             "paddle": {
-                "position": _rounded(paddle),
-                "speed": [_rounded(5 * size)] * 3,
-                "reach": _rounded(size * np.array([0.6, 0.4, 0.3])),
+                "position": rounded(paddle),
+                "speed": [rounded(5 * size)] * 3,
+                "reach": rounded(size * np.array([0.6, 0.4, 0.3])),
                 "turns": True,
                 "turn_speed": 3.0,
                 "turn_reach": 0.5,
-                "colliders": [{"box": _rounded(half)}],
+                "colliders": [{"box": rounded(half)}],
             },
         },
     }
@@ -90,7 +78,3 @@ def propose_solid(path: Path) -> Proposal:
     told = (("mesh", count), ("held", "by nothing: it lies on the ground"))
     parts = ("paddle", "paddle_heading", "position", "velocity")
     return Proposal(definition, COMMENTS, parts, told=told)
-
-
-def _rounded(values: Any) -> Any:
-    return np.round(values, 6).tolist()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
+from jelly_mesh import cube
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body
@@ -26,26 +25,10 @@ def strip(columns, rows, width=0.2, length=0.6):
     return np.stack([x.ravel(), 0 * x.ravel(), z.ravel()], axis=1), faces
 
 
-def box(cells=2, size=0.1):
-    """Return nodes and tetrahedra of a cube."""
-    line = np.linspace(0, size, cells + 1)
-    positions = np.array(list(product(line, line, line)))
-    nodes = np.arange((cells + 1) ** 3).reshape([cells + 1] * 3)
-    found = []
-    for i, j, k in product(range(cells), repeat=3):
-        corner = nodes[i : i + 2, j : j + 2, k : k + 2]
-        for axes in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)):
-            place = np.zeros(3, int)
-            path = [corner[tuple(place)]]
-            for axis in axes:
-                place[axis] = 1
-                path.append(corner[tuple(place)])
-            found.append(path)
-    tetrahedra = np.array(found)
-    corners = positions[tetrahedra]
-    inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
-    tetrahedra[inverted] = tetrahedra[inverted][:, [1, 0, 2, 3]]
-    return positions, tetrahedra
+def box(cells: int = 2, size: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """Return nodes and tetrahedra of a cube that begins at the origin."""
+    positions, tetrahedra = cube(cells, size)
+    return positions + np.array([size / 2, size / 2, 0.0]), tetrahedra
 
 
 def at_rest(body: SoftBody) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jelly_mesh import cube, msh_2, msh_4
-from soft_bodies import moving_states
+from soft_bodies import hasty_emulator, moving_states
 
 import neuroanimator as na
 from neuroanimator.control.policies import train_policy
@@ -263,16 +263,7 @@ def test_nothing_is_inside_a_box_that_turns(toml: Path, jelly):
 
 @pytest.fixture(scope="module")
 def emulator(toml: Path, tmp_path_factory: pytest.TempPathFactory) -> na.Emulator:
-    folder = tmp_path_factory.mktemp("trained")
-    name, text, substeps = resolve(str(toml))
-    config = na.DatasetConfig(
-        system=name, definition=text, substeps=substeps, count=200, samples_per_run=12
-    )
-    na.generate(config, folder / "data")
-    settings = na.TrainingConfig(updates=250, batch=16, widths=(16, 16), unroll=1)
-    trained = na.train(na.read_transitions(folder / "data"), settings, folder / "run")
-    trained.save(folder / "jelly.emulator.safetensors")
-    return na.Emulator.load(folder / "jelly.emulator.safetensors")
+    return hasty_emulator(toml, tmp_path_factory.mktemp("trained"))
 
 
 def test_the_prediction_of_a_turned_world_is_the_turned_prediction(jelly, emulator):

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from soft_bodies import moving_states
+from soft_bodies import hasty_emulator, moving_states
 
 import neuroanimator as na
 from neuroanimator.state.rotation import rotate_in_plane
-from neuroanimator.systems.loading import resolve
 
 SIDE = 8
 """Number of nodes along an edge of the cloth."""
@@ -190,16 +189,7 @@ def test_wind_is_shown_from_where_the_body_heads(toml: Path):
 
 @pytest.fixture(scope="module")
 def emulator(toml: Path, tmp_path_factory: pytest.TempPathFactory) -> na.Emulator:
-    folder = tmp_path_factory.mktemp("trained")
-    name, text, substeps = resolve(str(toml))
-    config = na.DatasetConfig(
-        system=name, definition=text, substeps=substeps, count=200, samples_per_run=12
-    )
-    na.generate(config, folder / "data")
-    settings = na.TrainingConfig(updates=250, batch=16, widths=(16, 16), unroll=1)
-    trained = na.train(na.read_transitions(folder / "data"), settings, folder / "run")
-    trained.save(folder / "cape.emulator.safetensors")
-    return na.Emulator.load(folder / "cape.emulator.safetensors")
+    return hasty_emulator(toml, tmp_path_factory.mktemp("trained"))
 
 
 def test_the_prediction_of_a_turned_world_is_the_turned_prediction(cape, emulator):
