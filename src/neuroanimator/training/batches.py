@@ -55,6 +55,20 @@ def draw_batches(
     return jnp.concatenate([batches[:, from_rare:], rare[drawn]], axis=1), 1 / density
 
 
+def parts_of(
+    key: PRNGKeyArray,
+    states: Float[Array, "N T S"],
+    controls: Float[Array, "N H C"],
+    rows: Int[Array, " B"],
+    unroll: int,
+) -> tuple[Float[Array, "B F S"], Float[Array, "B U C"]]:
+    """Return `unroll` super steps of each of the windows in `rows`, from a random one on: more examples of dear physics."""
+    latest = controls.shape[1] - unroll
+    first = jax.random.randint(key, (len(rows), 1), 0, latest + 1)
+    steps = first + jnp.arange(unroll + 1)
+    return states[rows[:, None], steps], controls[rows[:, None], steps[:, :-1]]
+
+
 def seen_by(
     symmetries: tuple[Symmetry, ...],
     key: PRNGKeyArray,

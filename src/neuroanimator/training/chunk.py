@@ -12,7 +12,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
-from neuroanimator.training.batches import draw_batches, folded, seen_by
+from neuroanimator.training.batches import draw_batches, folded, parts_of, seen_by
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.loss import unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
@@ -83,9 +83,13 @@ def train_chunk(
         row_weights = None
         if weights is not None:
             row_weights = weights[rows]
-        states = windows.states[rows, : unroll + 1]
-        controls = windows.controls[rows, :unroll]
         fold_key = jax.random.fold_in(key, rows[0])
+        if problem.structure.shape_contacts is None:
+            states = windows.states[rows, : unroll + 1]
+            controls = windows.controls[rows, :unroll]
+        else:
+            part_key = jax.random.fold_in(fold_key, 2)
+            states, controls = parts_of(part_key, windows.states, windows.controls, rows, unroll)
         return _batch_loss(problem, network, fold_key, states, controls, row_weights)
 
     optimizer = make_optimizer(config)

@@ -20,18 +20,20 @@ RIDGE = 1e-4
 
 
 def with_linear_start(emulator: Emulator, data: Transitions) -> Emulator:
-    """Return `emulator` with its linear map fitted to the first super steps of `data`, which are latent windows.
+    """Return `emulator` with its linear map fitted to super steps of `data`, which are latent windows.
 
     A network without a linear map stays as it is.
     """
     network = emulator.network
     if not isinstance(network, LinearGlu):
         return emulator
-    every = -(-len(data.states) // MAX_ROWS)
-    states = data.states[::every]
-    controls = data.controls[::every, 0]
-    features = np.asarray(_features(emulator, as_jax(states[:, 0]), as_jax(controls)), float)
-    changes = np.asarray(emulator.frame.remainder(states[:, 0], states[:, 1]), float)
+    controls = data.controls.reshape(-1, data.controls.shape[-1])
+    every = -(-len(controls) // MAX_ROWS)
+    size = data.states.shape[-1]
+    before = data.states[:, :-1].reshape(-1, size)[::every]
+    after = data.states[:, 1:].reshape(-1, size)[::every]
+    features = np.asarray(_features(emulator, as_jax(before), as_jax(controls[::every])), float)
+    changes = np.asarray(emulator.frame.remainder(before, after), float)
     normaliser = emulator.normaliser
     scale = np.asarray(normaliser.change_scale, float)
     moves = scale > 0

@@ -18,6 +18,7 @@ from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import USUAL_SUBSTEPS, resolve, trust_files
 from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.train import Report, train
 
 
@@ -84,6 +85,12 @@ class SoftRecipe:
     updates: int
 
 
+SOFT_RANDOM_RUNS = 256
+"""Number of runs along random paths by which errors of soft bodies are bounded: their physics is dear."""
+
+SOFT_OPTIMISED_RUNS = 128
+"""Number of runs under controls that descents found, likewise."""
+
 SOFT_RECIPES = {
     name: SoftRecipe(**system.recipe) for name, system in SHIPPED_SYSTEMS.items() if system.is_soft
 }
@@ -143,7 +150,8 @@ def cook_soft(
 ) -> Path:
     """Return the file of the emulator that the recipe of a soft body makes in `folder`; a killed run goes on where it stopped.
 
-    It is made of copies of the packaged TOML file and mesh, as one makes an emulator of a body of one's own.
+    It is made of copies of the packaged TOML file and mesh, as one makes an emulator of a body of one's own, and has error
+    bounds.
     """
     assets = resources.files("neuroanimator.systems") / "assets"
     folder.mkdir(parents=True, exist_ok=True)
@@ -169,7 +177,10 @@ def cook_soft(
     )
     emulator = train(read_transitions(data), training, own, on_report=on_report)
     out = folder / shipped_path(name, substeps).name
-    packaged = replace(emulator, spec=replace(emulator.spec, definition=""))
+    bounded = fit_error_bounds(
+        emulator, random_runs=SOFT_RANDOM_RUNS, optimised_runs=SOFT_OPTIMISED_RUNS
+    )
+    packaged = replace(bounded, spec=replace(bounded.spec, definition=""))
     provenance = read_metadata(own)["provenance"]
     provenance["dataset"]["definition"] = ""
     save(packaged, out, provenance)

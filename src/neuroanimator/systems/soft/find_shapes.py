@@ -145,7 +145,7 @@ def _random_paths(
 ) -> tuple[Float[np.ndarray, "F D L"], Float[np.ndarray, "T L D"]]:
     """Return (positions and headings of movers, from rest on; their rates)."""
     starts = np.repeat(scene.movers.rest[None], scene.runs, axis=0)
-    rates = scene.movers.random_paths(rng, starts, np.zeros_like(starts), frames, dt)
+    rates = scene.random_paths(rng, starts, np.zeros_like(starts), frames, dt)
     moved = np.cumsum(dt * rates, axis=1)
     paths = np.concatenate([starts[:, None], starts[:, None] + moved], axis=1)
     return np.moveaxis(paths, 0, -1), np.moveaxis(rates, 0, 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
@@ -11,9 +13,6 @@ from neuroanimator.state.shape_contacts import place_movers
 
 WAVES = 3
 """Number of sinusoids in a path along an axis."""
-
-TEMPO = (0.05, 1.0)
-"""Lowest and highest frequency of a path [Hz]."""
 
 SLOWER = 0.3
 """Lowest frequency of a path's sinusoids over the highest."""
@@ -33,8 +32,25 @@ HOLDING = (0.1, 0.4)
 RETURN = 0.5
 """Time constant at which a mover that is off its path comes back to it [s]."""
 
-RESPONSE = 0.1
-"""Time constant at which it takes up a velocity [s]."""
+
+class Pace(NamedTuple):
+    """How lively random paths are."""
+
+    slowest: float
+    """Least of the highest frequencies of paths [Hz]."""
+    fastest: float
+    """Largest of them [Hz]."""
+    weakest: float
+    """Least size of a path, over the largest there may be."""
+    response: float
+    """Time constant at which a mover takes up a velocity [s]."""
+
+
+CARRYING = Pace(slowest=0.05, fastest=1.0, weakest=0.0, response=0.1)
+"""Of what holds or strikes a body."""
+
+THROWING = Pace(slowest=0.5, fastest=2.5, weakest=0.3, response=0.03)
+"""Of what a body that nothing holds lies on: slower paths seldom throw it."""
 
 
 class Movers:
@@ -100,14 +116,15 @@ class Movers:
         rates: Float[np.ndarray, "B D"],
         steps: int,
         dt: float,
+        pace: Pace,
     ) -> Float[np.ndarray, "B T D"]:
         """Return rates of smooth random paths about rest, one for each of the `starts` and its rates at first.
 
         Some movers hardly move and others as fast as they may, all hold still now and then, and what begins elsewhere
         comes within reach first.
         """
-        wanted = self._waves(rng, len(starts), steps, dt)
-        follow = 1 - np.exp(-dt / RESPONSE)
+        wanted = self._waves(rng, len(starts), steps, dt, pace)
+        follow = 1 - np.exp(-dt / pace.response)
         position = starts
         rate = rates
         path = []
@@ -120,22 +137,27 @@ class Movers:
         return np.stack(path, axis=1) if path else np.zeros((len(starts), 0, self.size))
 
     def _waves(
-        self, rng: np.random.Generator, count: int, steps: int, dt: float
+        self,
+        rng: np.random.Generator,
+        count: int,
+        steps: int,
+        dt: float,
+        pace: Pace,
     ) -> Float[np.ndarray, "B F D"]:
         """Return positions and headings after none to `steps` steps, within reach."""
         movers = len(self.places)
         own = np.repeat(np.arange(movers), [place.size for place in self.places])
-        slowest, fastest = np.log(TEMPO)
-        tempo = np.exp(rng.uniform(slowest, fastest, (count, movers)))[:, own]
-        strength = rng.uniform(0, 1, (count, movers))
+        exponents = rng.uniform(np.log(pace.slowest), np.log(pace.fastest), (count, movers))
+        highest = np.exp(exponents)[:, own]
+        strength = rng.uniform(pace.weakest, 1, (count, movers))
         strength[rng.random((count, movers)) < STILL_SHARE] *= STILL
-        farthest = self.speed / (2 * np.pi * tempo)
+        farthest = self.speed / (2 * np.pi * highest)
         size = np.minimum(self.reach, farthest) * strength[:, own]
         time = self._own_time(rng, count, steps, dt)[:, :, own]
         total = np.zeros((count, steps + 1, self.size))
         for _ in range(WAVES):
-            frequency = tempo * rng.uniform(SLOWER, 1, tempo.shape)
-            phase = rng.uniform(0, 2 * np.pi, tempo.shape)
+            frequency = highest * rng.uniform(SLOWER, 1, highest.shape)
+            phase = rng.uniform(0, 2 * np.pi, highest.shape)
             total += np.sin(2 * np.pi * frequency[:, None] * time + phase[:, None])
         # Their sum is pressed into ±1: beyond its reach no mover goes.
         return self.rest + size[:, None] * np.sin(total * np.sqrt(2 / WAVES))

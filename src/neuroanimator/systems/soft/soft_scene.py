@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider, ShapeContacts
-from neuroanimator.systems.soft.movers import Movers
+from neuroanimator.systems.soft.movers import CARRYING, THROWING, Movers
 from neuroanimator.systems.soft.own_frame import OwnMotion, seen_from_mover, seen_from_root
 
 CONTACT_REACH = 0.1
@@ -77,6 +77,18 @@ class SoftScene(abc.ABC):
     def size(self) -> float:
         """Longest edge of the body's bounding box at rest [m]."""
         return float(np.ptp(self.positions, axis=0).max())
+
+    def random_paths(
+        self,
+        rng: np.random.Generator,
+        starts: Float[np.ndarray, "B D"],
+        rates: Float[np.ndarray, "B D"],
+        steps: int,
+        dt: float,
+    ) -> Float[np.ndarray, "B T D"]:
+        """Return rates of the movers along `Movers.random_paths`, fast enough to throw a body that nothing holds."""
+        pace = THROWING if self.anchor == FREE else CARRYING
+        return self.movers.random_paths(rng, starts, rates, steps, dt, pace)
 
     @abc.abstractmethod
     def play(

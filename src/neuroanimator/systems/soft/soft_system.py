@@ -290,9 +290,8 @@ class SoftSystem(System):
         """
         if starts is None:
             starts = np.repeat(self.rest[None], count, axis=0)
-        movers = self.scene.movers
-        size = movers.size
-        return movers.random_paths(rng, starts[:, :size], starts[:, size : 2 * size], steps, dt)
+        size = self.scene.movers.size
+        return self.scene.random_paths(rng, starts[:, :size], starts[:, size : 2 * size], steps, dt)
 
 
 def _shape(collider: ColliderTable) -> Shape:

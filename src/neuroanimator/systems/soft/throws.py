@@ -1,17 +1,19 @@
-"""Where a body that nothing holds may begin: at rest, or thrown over the ground, undeformed."""
+"""Where a body that nothing holds may begin: at rest, or thrown over where that is, undeformed."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.state.placement import turn
-from neuroanimator.state.rotation import rotation_rows
+from neuroanimator.state.rotation import facing, multiply
 from neuroanimator.systems.soft.soft_body import GRAVITY
 from neuroanimator.systems.soft.soft_scene import SoftScene
 
 REST_SHARE = 0.5
 """Share of the bodies that begin at rest."""
+
+TILT = 0.5
+"""Standard deviation of its rotation about each horizontal axis [rad]."""
 
 TRIES = 8
 """Number of throws tried until one begins outside of all colliders."""
@@ -55,20 +57,20 @@ def _random_root(
     mean: Float[np.ndarray, "N 3"],
     centre: Float[np.ndarray, " 3"],
 ) -> Float[np.ndarray, " 13"]:
-    """Return position, quaternion, velocity and angular velocity of a body at rest at `centre`, or thrown over the ground.
+    """Return position, quaternion, velocity and angular velocity of a body at rest at `centre`, or thrown near it.
 
-    It is up to its own size over the ground, as fast as after a fall from there, and turns as it would roll so fast.
+    It is up to its own size over there, as fast as after a fall from that height, turned about the vertical and tilted, and
+    spins.
     """
     size = scene.size
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     if rng.random() < REST_SHARE:
         return np.concatenate([centre, upright, np.zeros(6)])
-    quaternion = rng.normal(size=4)
-    quaternion /= np.linalg.norm(quaternion)
-    turned = turn(rotation_rows(quaternion), mean)
-    position = centre + size * rng.uniform(-0.5, 0.5, 3)
-    position[2] = scene.ground - turned[:, 2].min() + size * rng.uniform(0, 1)
+    tilt = np.concatenate([[2 / TILT], rng.normal(size=2), [0.0]])
+    heading = rng.uniform(-np.pi, np.pi)
+    quaternion = multiply(tilt / np.linalg.norm(tilt), facing(np.asarray(heading)))
+    position = centre + size * rng.uniform((-0.5, -0.5, 0), (0.5, 0.5, 1))
     speed = np.sqrt(-2 * GRAVITY[2] * size) * rng.uniform(0, 1)
     velocity = speed * rng.normal(size=3) / np.sqrt(3)
-    angular_velocity = 2 * speed / size * rng.normal(size=3) / np.sqrt(3)
+    angular_velocity = rng.uniform(0, 2) * speed / size * rng.normal(size=3) / np.sqrt(3)
     return np.concatenate([position, quaternion, velocity, angular_velocity])
