@@ -14,7 +14,7 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.training.batches import draw_batches, folded, parts_of, seen_by
 from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.loss import unrolled_loss
+from neuroanimator.training.loss import robust_loss, unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
 
 RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
@@ -123,4 +123,7 @@ def _batch_loss(
         states, controls = seen_by(problem.symmetries, view_key, states, controls)
     if structure.symmetry_order > 1:
         states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
-    return unrolled_loss(emulator, states, controls, weights, problem.config.error_growth)
+    growth = problem.config.error_growth
+    if structure.shape_contacts is not None:
+        return robust_loss(emulator, states, controls, growth)
+    return unrolled_loss(emulator, states, controls, weights, growth)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from typing import Any, Literal
 
@@ -161,5 +162,15 @@ class TrainingConfig(Settings):
         return max(1, self.batch // unroll)
 
     def unroll_at(self, chunk: int) -> int:
-        """Return how many super steps the loss of chunk number `chunk` spans."""
-        return self.unroll if chunk >= round(self.chunks * (1 - self.unroll_share)) else 1
+        """Return how many super steps the loss of chunk number `chunk` spans.
+
+        More than `MAX_UNROLL` are come to by doubling, in half of the updates that are unrolled.
+        """
+        first = round(self.chunks * (1 - self.unroll_share))
+        if chunk < first:
+            return 1
+        if self.unroll <= MAX_UNROLL:
+            return self.unroll
+        doublings = math.ceil(math.log2(self.unroll))
+        share = (chunk - first) / (self.chunks - first)
+        return min(self.unroll, 2 ** (1 + int(2 * share * (doublings - 1))))
