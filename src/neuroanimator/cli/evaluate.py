@@ -84,10 +84,22 @@ def run(
     out: Annotated[Path, typer.Option(help="Sweep: folder for data and emulators.")] = Path(
         "out/sweep"
     ),
+    episodes: Annotated[int, typer.Option(help="Of a file that 'policy' made: episodes.")] = 100,
+    seed: Annotated[int, typer.Option(help="Of such a file: seed of the starts.")] = 0,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
-    """Measure emulators on unseen runs against fine physics, and their speed against it; or choose n by --sweep."""
+    """Measure emulators on unseen runs against fine physics, and their speed against it; or choose n by --sweep.
+
+    Of a policy that 'policy' made: what it earns.
+    """
+    if any(name.endswith(".policy.safetensors") for name in emulators):
+        if len(emulators) > 1:
+            raise ArgumentError(f"evaluate: wanted one policy, came {len(emulators)} files.")
+        from neuroanimator.cli.policy_returns import evaluate_policy  # needs the extra [gym]
+
+        evaluate_policy(Path(emulators[0]), system, episodes, seed, as_json=json)
+        return
     if sweep:
         budget = SweepBudget(tolerance, seconds, count, updates)
         with chosen_executor(executor, workers) as spread:

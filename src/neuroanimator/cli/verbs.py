@@ -27,6 +27,7 @@ VERBS = {
     "improve": "Learn where an emulator is weak.",
     "animate": "Animate a motion without running the physics.",
     "control": "Find a controller, replay it on the physics.",
+    "policy": "Learn a policy that walks, on the physics.",
     "export": "Export emulators as programs, clips as films.",
     "studio": "Serve the page that shows every system.",
     "info": "Check a file or a dataset and show what it is.",

@@ -121,8 +121,8 @@ def read_definition_text(text: str) -> Written:
 def data_identity(text: str) -> str:
     """Return what datasets depend on of the definition in the JSON `text`; a text that is none as it is.
 
-    Goals are no physics, nor is the TOML file's name. How recordings are cut into what is learnt from and what is tested
-    is part of their data.
+    Goals and tasks are no physics, nor is the TOML file's name. How recordings are cut into what is learnt from and what is
+    tested is part of their data.
     """
     try:
         values = parse_json_object(text, MAX_DEFINITION)
@@ -131,8 +131,9 @@ def data_identity(text: str) -> str:
     definition = values.get("definition")
     if not isinstance(definition, dict):
         return text
-    if definition.get("goals"):
-        values |= {"definition": definition | {"goals": {}}}
+    if definition.get("goals") or "task" in definition:
+        physics = {key: value for key, value in definition.items() if key != "task"}
+        values |= {"definition": physics | {"goals": {}}}
         text = canonical_json(values)
     files = values.get("files")
     if isinstance(files, dict) and "toml" in files:

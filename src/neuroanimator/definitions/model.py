@@ -18,6 +18,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.task import TaskTable
 from neuroanimator.files.names import ModelPath, PartName, SystemName
 from neuroanimator.files.tables import Finite, Share, Step, Table
 
@@ -121,4 +122,6 @@ class Definition(Table):
     groups: dict[PartName, tuple[str, ...]] = Field(default={})
     """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
     sampling: Sampling = Sampling()
+    task: TaskTable | None = None
+    """What a policy is to do; of no meaning to emulators."""
     goals: dict[SystemName, GoalTable] = Field(default={})

@@ -46,8 +46,18 @@ def default_of(env_id: str, argument: str) -> Any:
         if isinstance(node, ast.arguments):
             default = _default_in(node, argument)
             if default is not None:
-                return ast.literal_eval(default)
+                return ast.literal_eval(_Infinities().visit(default))
     return None
+
+
+class _Infinities(ast.NodeTransformer):
+    """Writes `float("inf")` as the number it is."""
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        """Return the number a call of `float` stands for; other calls as they are."""
+        if isinstance(node.func, ast.Name) and node.func.id == "float":
+            return ast.Constant(float(ast.literal_eval(node.args[0])))
+        return node
 
 
 def _default_in(arguments: ast.arguments, name: str) -> ast.expr | None:

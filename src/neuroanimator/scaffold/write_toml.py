@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from neuroanimator.definitions.task import TaskTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.names import SYSTEM_PATTERN
@@ -56,14 +57,17 @@ def write_definition(
     source = Path(model)
     path = out or source.with_suffix(".toml")
     reset_noise = 0.0
+    task = None
     if not source.suffix:
-        source, reset_noise = _copy_from_gymnasium(model, path.parent)
+        source, task, reset_noise = _copy_from_gymnasium(model, path.parent)
         name = name or usual_name(Path(model))
     if path.exists() and not force:
         raise ArgumentError(
             f"{path} exists, and may hold your edits. --force overwrites it; --out names another."
         )
-    changes = {"name": name} if name else {}
+    changes: dict[str, Any] = {"name": name} if name else {}
+    if task is not None:
+        changes["task"] = task
     if source.suffix in PROPOSERS:
         has_model_options = keyframe or base != "fixed" or passive or tree is not None
         proposal = _propose_without_model(source, path, bool(has_model_options))
@@ -126,9 +130,10 @@ def _propose_without_model(source: Path, path: Path, has_model_options: bool) ->
     return PROPOSERS[source.suffix](source)
 
 
-def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, float]:
-    """Copy the MJCF of the environment `name` into `folder`; return its path there, and the noise of the resets."""
+def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, TaskTable | None, float]:
+    """Copy the MJCF of the environment `name` into `folder`; return its path there, its task, and the noise of the resets."""
     from neuroanimator.gym import mjcf_of
+    from neuroanimator.gym.locomotion import gymnasium_task
     from neuroanimator.gym.models import default_of
 
     original = mjcf_of(name)
@@ -136,4 +141,7 @@ def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, float]:
     if target.exists() and target.read_bytes() != original.read_bytes():
         raise BadFileError(f"{target} exists and is another model. Use another folder.")
     write_whole(target, original.read_bytes())
-    return target, default_of(name, "reset_noise_scale") or 0.0
+    task = None
+    if default_of(name, "forward_reward_weight") is not None:
+        task = gymnasium_task(name)
+    return target, task, default_of(name, "reset_noise_scale") or 0.0

@@ -1,0 +1,162 @@
+"""The verb `policy`: learn to walk, run or hop by the task that a TOML file names."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.definitions.carried import read_definition_text
+from neuroanimator.definitions.model import Definition
+from neuroanimator.definitions.task import TaskTable
+from neuroanimator.emulator.emulator import Emulator, load_emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.gym.learn_policy import (
+    EVALUATED,
+    LearningReport,
+    PolicyLearning,
+    learn_policy,
+)
+from neuroanimator.gym.locomotion import locomotion_rules
+from neuroanimator.systems import load_system
+from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase, print_rows, progress_bar
+from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.train import run_folder, train
+
+EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 10 --out hopper.policy.safetensors"
+
+TRANSITIONS = 36_000
+"""Number of random transitions that the emulator begins with: it learns from what policies do afterwards."""
+
+WIDTHS = (192, 128)
+"""Units in each layer of the emulator."""
+
+EMULATOR_UPDATES = 1000
+
+SECONDS_A_MINUTE = 60
+
+MAX_MINUTES = 10_000
+
+MAX_UPDATES = 1_000_000
+
+PERCENT = 100
+
+TINY = 1e-6
+"""Share by which super steps may differ and still be the same."""
+
+
+def run(
+    system: Annotated[
+        str, typer.Argument(help="TOML file with a [task], as 'new Hopper-v5' writes.")
+    ],
+    out: Annotated[Path, typer.Option(help="File for the policy.")],
+    emulator: Annotated[
+        Path | None,
+        typer.Option(
+            help="Emulator of one step of the task to begin with; if not given, one is made."
+        ),
+    ] = None,
+    updates: Annotated[
+        int, typer.Option(help="Updates of the policy, each of 4,096 steps of physics.")
+    ] = PolicyLearning.updates,
+    minutes: Annotated[
+        float | None,
+        typer.Option(help="Learn for so long instead; how far that goes depends on the machine."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of weights, starts and noise.")] = 0,
+) -> None:
+    """Learn a policy on the true physics, by slopes from an emulator; needs the extra [gym].
+
+    The rules are those of [task]. The best policy on the way, by whole episodes, is kept.
+    """
+    if minutes is not None and not 0 < minutes <= MAX_MINUTES:
+        raise ArgumentError(
+            f"minutes: wanted more than 0, at most {MAX_MINUTES:,}, came {minutes:g}."
+        )
+    if not 1 <= updates <= MAX_UPDATES:
+        raise ArgumentError(f"updates: wanted 1 to {MAX_UPDATES:,}, came {updates:,}.")
+    with phase("loading"):
+        trust_files(system)
+        name, definition, _ = resolve(system)
+        body = load_system(system)
+        task = _task(system, definition)
+        rules = locomotion_rules(task, body.structure, body.rest)
+    began = time.monotonic()
+    if emulator is None:
+        leaps = _first_emulator(name, definition, task, out, seed)
+    else:
+        leaps = _checked(load_emulator(emulator), body, task)
+    learning = PolicyLearning(updates=updates, seed=seed)
+    limit = None
+    if minutes is not None:
+        limit = SECONDS_A_MINUTE * minutes - (time.monotonic() - began)
+    told: list[LearningReport] = []
+    with progress_bar("learning", PERCENT) as bar:
+        policy = learn_policy(
+            body,
+            leaps,
+            rules,
+            learning,
+            seconds=limit,
+            on_share=lambda share: bar.advance_to(round(PERCENT * share)),
+            on_report=told.append,
+        )
+    policy.save(out, {"seed": seed, "updates": told[-1].update})
+    best = max(report.mean_return for report in told)
+    print_rows(
+        [
+            ("policy", out),
+            ("steps of physics", f"{told[-1].steps:,}"),
+            ("mean return", f"{best:.0f} of {EVALUATED} episodes, the best on the way"),
+            ("judge it", f"neuroanimator evaluate {out} --episodes 100"),
+        ]
+    )
+
+
+def _task(path: str, definition: str) -> TaskTable:
+    """Return the task of a TOML file; ArgumentError where there is none."""
+    written = read_definition_text(definition).definition if definition else None
+    if isinstance(written, Definition) and written.task is not None:
+        return written.task
+    raise ArgumentError(
+        f"{path}: no [task]. 'neuroanimator new Hopper-v5' writes one for Gymnasium's environments that go forward; "
+        "copy it and change its numbers, or learn by na.gym.EpisodeRules of your own."
+    )
+
+
+def _first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed: int) -> Emulator:
+    """Return an emulator of one step of the task, as random controls have it."""
+    config = DatasetConfig(
+        system=name,
+        definition=definition,
+        substeps=task.hold,
+        count=TRANSITIONS,
+        samples_per_run=36,
+        seed=seed,
+    )
+    with phase("simulating random motions"):
+        data = simulate_transitions(config)
+    training = TrainingConfig.usual(
+        data.system.structure, widths=WIDTHS, updates=EMULATOR_UPDATES, unroll_share=0.0, seed=seed
+    )
+    path = run_folder(out) / f"{name}.emulator.safetensors"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with progress_bar("training its emulator", EMULATOR_UPDATES) as bar:
+        return train(data, training, path, on_chunk=bar.advance_to)
+
+
+def _checked(emulator: Emulator, system: System, task: TaskTable) -> Emulator:
+    """Return an emulator of this system and one step of its task; ArgumentError says what it is instead."""
+    wanted = task.hold * system.physics_dt
+    if emulator.state != system.state or abs(emulator.dt - wanted) > TINY * wanted:
+        raise ArgumentError(
+            f"emulator: wanted one of {system.name} in super steps of {wanted:g} s, came one of {emulator.system} in "
+            f"{emulator.dt:g} s. Leave it out, or train one with --substeps {task.hold}."
+        )
+    return emulator

@@ -1,0 +1,68 @@
+"""What `evaluate` prints of a policy that `policy` learnt: its returns on the true environment, and inside its emulator."""
+
+from __future__ import annotations
+
+from json import dumps
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.definitions.carried import read_definition_text
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.gym.bodies import environment_returns, returns_of
+from neuroanimator.gym.locomotion import locomotion_rules
+from neuroanimator.gym.state_policy import load_state_policy
+from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
+from neuroanimator.systems.loading import trust_files
+from neuroanimator.terminal import phase, print_rows
+
+MAX_EPISODES = 100_000
+
+
+def evaluate_policy(
+    path: Path, toml: Path | None, episodes: int, seed: int, *, as_json: bool
+) -> None:
+    """Print the returns of `episodes` episodes without noise."""
+    if not 1 <= episodes <= MAX_EPISODES:
+        raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
+    with phase("loading"):
+        policy = load_state_policy(path)
+        if toml:
+            trust_files(toml)
+        system = system_of(policy.emulator)
+        task = read_definition_text(policy.emulator.definition).definition.task
+        rules = locomotion_rules(task, system.structure, system.rest)
+    where = task.environment or "the physics"
+    with phase(f"{episodes} episodes in {where}"):
+        if task.environment:
+            returns = environment_returns(policy, task.environment, episodes, seed)
+        else:
+            stepper = physics_stepper(system, system.scheme, policy.dt)
+            returns = returns_of(policy, stepper, rules, episodes, seed)
+    with phase(f"{episodes} episodes in the emulator"):
+        leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
+        inside = returns_of(policy, leaps, rules, episodes, seed)
+    found = {"environment": where, "episodes": episodes} | _numbers(returns)
+    found["mean_return_inside"] = float(inside.mean())
+    if as_json:
+        print(dumps(found, indent=2))
+        return
+    print_rows(
+        [
+            ("policy", path),
+            ("episodes", f"{episodes:,} in {where}"),
+            ("mean return", f"{returns.mean():.0f}"),
+            ("least, most", f"{returns.min():.0f}, {returns.max():.0f}"),
+            ("in the emulator", f"{inside.mean():.0f}"),
+        ]
+    )
+
+
+def _numbers(returns: Float[np.ndarray, " B"]) -> dict[str, float]:
+    return {
+        "mean_return": float(returns.mean()),
+        "least_return": float(returns.min()),
+        "largest_return": float(returns.max()),
+    }

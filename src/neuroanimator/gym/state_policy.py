@@ -1,0 +1,170 @@
+"""Policies u = π(s) of a state: a network, what it is shown of the state, and their file."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from neuroanimator.emulator.artifact import FAULTS, check_format, first_line
+from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
+from neuroanimator.emulator.description import blank, describe
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.networks import MAX_LAYER
+from neuroanimator.emulator.networks.network import prefixed
+from neuroanimator.emulator.tensors import emulator_leaves, to_numpy, with_tensors
+from neuroanimator.errors import BadFileError
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.numbers import entries, listed, whole
+
+FORMAT = 1
+"""The version of the file format, raised whenever an older reader would misunderstand a file."""
+
+KIND = "state-policy"
+
+MAKER = "policy"
+"""Command that makes policies anew that are too old to be read."""
+
+MAX_SHOWN = 10.0
+"""Numbers shown to a network are within ± this, in standard deviations."""
+
+FIRST_GAIN = 0.01
+"""Factor of a policy's last weights at first: it begins in the middle of the controls' range."""
+
+EPSILON = 1e-5
+
+
+class Perceptron(eqx.Module):
+    """Fully connected layers; hidden ones are normalised over their units, and gated by x · sigmoid(x)."""
+
+    weights: tuple[Float[Array, "I O"], ...]
+    biases: tuple[Float[Array, " O"], ...]
+
+    @classmethod
+    def fresh(cls, sizes: tuple[int, ...], key: PRNGKeyArray, last_gain: float) -> Perceptron:
+        """Return layers of these sizes, inputs first, with orthogonal weights, the last times `last_gain`."""
+        weights = []
+        biases = []
+        keys = jax.random.split(key, len(sizes) - 1)
+        gains = [np.sqrt(2.0)] * (len(sizes) - 2) + [last_gain]
+        for size, following, gain, layer_key in zip(
+            sizes[:-1], sizes[1:], gains, keys, strict=True
+        ):
+            weights.append(gain * jax.nn.initializers.orthogonal()(layer_key, (size, following)))
+            biases.append(jnp.zeros(following))
+        return cls(tuple(weights), tuple(biases))
+
+    def __call__(self, rows: Float[Array, "*B I"]) -> Float[Array, "*B O"]:
+        for weights, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            hidden = rows @ weights + bias
+            hidden = hidden - hidden.mean(axis=-1, keepdims=True)
+            variance = (hidden * hidden).mean(axis=-1, keepdims=True)
+            rows = jax.nn.silu(hidden / jnp.sqrt(variance + EPSILON))
+        return rows @ self.weights[-1] + self.biases[-1]
+
+
+class View(eqx.Module):
+    """What networks are shown of a state: some of its entries, by their mean and standard deviation."""
+
+    mean: Float[Array, " O"]
+    deviation: Float[Array, " O"]
+    entries: tuple[int, ...] = eqx.field(static=True)
+
+    def __call__(self, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
+        """Return the numbers shown, of order one."""
+        shown = states[..., np.array(self.entries)]
+        return jnp.clip((shown - self.mean) / (self.deviation + EPSILON), -MAX_SHOWN, MAX_SHOWN)
+
+
+class StatePolicy(eqx.Module):
+    """u = middle + half · tanh(network(what it is shown of the state))."""
+
+    emulator: Emulator
+    """Emulator of one step, which learnt along with it."""
+    view: View
+    network: Perceptron
+
+    def __repr__(self) -> str:
+        spec = self.emulator.spec
+        return f'StatePolicy("{spec.system}", dt {self.dt:g} s, {spec.control.size} controls)'
+
+    @property
+    def dt(self) -> float:
+        """Time a control is held [s]."""
+        return self.emulator.dt
+
+    def control_of(
+        self, states: Float[Array, "*B S"], noise: Float[Array, "*B C"] | float = 0.0
+    ) -> Float[Array, "*B C"]:
+        """Return the controls for bodies in `states`; `noise` is added before they are pressed into their bounds."""
+        middle = jnp.asarray(self.emulator.bounds.middle, jnp.float32)
+        half = jnp.asarray(self.emulator.bounds.half, jnp.float32)
+        return middle + half * jnp.tanh(self.network(self.view(states)) + noise)
+
+    def save(self, path: str | Path, provenance: dict[str, Any] | None = None) -> None:
+        """Write the policy as one `.safetensors` file; `provenance` says how it was learnt (any JSON)."""
+        write_tensors(
+            Path(path), to_numpy(_leaves(self)), _describe(self) | {"provenance": provenance or {}}
+        )
+
+
+def _leaves(policy: StatePolicy) -> dict[str, Any]:
+    """Return every array by its name in files."""
+    leaves: dict[str, Any] = prefixed("emulator", emulator_leaves(policy.emulator))
+    leaves |= {"view.mean": policy.view.mean, "view.deviation": policy.view.deviation}
+    for index, (weights, bias) in enumerate(
+        zip(policy.network.weights, policy.network.biases, strict=True)
+    ):
+        leaves[f"network.{index}.weights"] = weights
+        leaves[f"network.{index}.bias"] = bias
+    return leaves
+
+
+def _describe(policy: StatePolicy) -> dict[str, Any]:
+    return {
+        "kind": KIND,
+        "format": FORMAT,
+        "emulator": describe(policy.emulator),
+        "entries": list(policy.view.entries),
+        "widths": [len(bias) for bias in policy.network.biases[:-1]],
+    }
+
+
+def load_state_policy(path: Path) -> StatePolicy:
+    """Return the policy in the file at `path`; BadFileError says what is wrong with it."""
+    tensors, metadata = read_tensors(path, KIND)
+    check_format(path, metadata.get("format"), FORMAT, MAKER)
+    emulator = metadata.get("emulator")
+    emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
+    check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
+    try:
+        return with_tensors(_blank(metadata), _leaves, tensors)
+    except FAULTS as error:
+        raise BadFileError(
+            f"{path} is not a usable policy: {first_line(error)}. Make it again."
+        ) from error
+
+
+def _blank(metadata: dict[str, Any]) -> StatePolicy:
+    """Return a policy of the described structure with zeros for numbers."""
+    emulator = blank(metadata["emulator"], Emulator)
+    shown = entries(metadata["entries"], "entries", emulator.state.size)
+    widths = listed(metadata["widths"], "widths", _checked_width)
+    sizes = (len(shown), *widths, emulator.control.size)
+    pairs = list(pairwise(sizes))
+    network = Perceptron(
+        tuple(jnp.zeros(pair) for pair in pairs), tuple(jnp.zeros(size) for _, size in pairs)
+    )
+    view = View(jnp.zeros(len(shown)), jnp.zeros(len(shown)), shown)
+    return StatePolicy(emulator, view, network)
+
+
+def _checked_width(width: Any, label: str) -> int:
+    """Return the size of a hidden layer; ValueError if it is none."""
+    return whole(width, label, 1, MAX_LAYER)
