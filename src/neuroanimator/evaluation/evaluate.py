@@ -161,6 +161,12 @@ class Evaluation:
         return self.window.judged(verdict)
 
     @property
+    def is_unmatched(self) -> bool:
+        """Whether no physics that was tried is as accurate from what the state tells: of a soft body, its shapes alone."""
+        speed = self.measured_speed
+        return speed is not None and speed.equal_error_opponent.error > self.one_step_error
+
+    @property
     def equal_error_text(self) -> str:
         """The equal-error speed-up and its opponent, or why there is none."""
         if self.measured_speed is None:
@@ -168,6 +174,8 @@ class Evaluation:
         if self.verdict.is_useless:
             reason, _, _ = self.verdict.reasons[0].partition(" (")
             return f"none: {reason}"
+        if self.is_unmatched:
+            return "none: no physics that was tried is as accurate from what the state tells"
         speed = self.measured_speed
         scheme = speed.equal_error_opponent.scheme
         return (
@@ -283,7 +291,7 @@ class Evaluation:
         row["physics_us"] = speed.physics_seconds * 1e6
         if speed.jax_seconds:
             row["emulator_jax_us"] = speed.jax_seconds * 1e6
-        if not self.verdict.is_useless:
+        if not self.verdict.is_useless and not self.is_unmatched:
             scheme = speed.equal_error_opponent.scheme
             row["equal_error_speedup"] = speed.equal_error
             row["equal_error_baseline"] = f"{scheme.integrator} {scheme.dt * 1e3:.3g} ms"
