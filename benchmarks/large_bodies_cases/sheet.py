@@ -3,34 +3,36 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import neuroanimator as na
 from large_bodies_cases.equal_error import STEPS, Test, controls_of, known_states, unseen
+from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.export.film.drawing import draw_takes
+from neuroanimator.export.film.options import Film, Take
 from neuroanimator.files.atomic import write_whole
+from neuroanimator.state.placement import Placement
 from neuroanimator.systems.soft.soft_system import SoftSystem
+from neuroanimator.terminal import progress_bar
 
 SHOWN = (0, STEPS // 2, STEPS - 1)
 """Super steps that are drawn: the first, the middle and the last."""
 
-LIGHT = np.array([0.4, 0.7, 0.6])
-"""Direction towards the light."""
+SIZE = (320, 320)
+"""Width and height of each picture [pixels]."""
 
-LOOK = {"cape": (12, 160), "flag": (8, -60), "jelly": (18, -60)}
-"""Elevation and azimuth of the camera [degrees]."""
-
-COLOUR = (0.75, 0.16, 0.16)
+CAMERAS = {"cape": "back", "flag": "follow", "jelly": "follow"}
+"""From where each is seen."""
 
 
 def draw_sheet(names: list[str], path: Path) -> None:
     """Write a picture of each body's liveliest run to `path`."""
-    figure = Figure(figsize=(3.0 * len(SHOWN) * len(names), 6.4), layout="constrained")
+    figure = Figure(figsize=(2.2 * len(SHOWN) * len(names), 5.0), layout="constrained")
     parts = figure.subfigures(1, len(names), squeeze=False)[0]
     for part, name in zip(parts, names, strict=True):
         system = na.load_system(name)
@@ -38,16 +40,19 @@ def draw_sheet(names: list[str], path: Path) -> None:
         emulator = na.load_emulator(name)
         test = unseen(system, emulator.dt)
         run = liveliest(test)
-        emulated = rollout(emulator, test, run)
+        states = rollout(emulator, test, run)[list(SHOWN)]
+        emulated = na.Clip(name, emulator.skeleton, np.array(SHOWN) * test.dt, states)
         part.suptitle(f"{name}: physics above, emulator below")
-        for row, nodes in enumerate((test.truth[..., run], emulated)):
-            for column, step in enumerate(SHOWN):
-                place = row * len(SHOWN) + column + 1
-                axes = part.add_subplot(2, len(SHOWN), place, projection="3d")
-                draw(axes, nodes[step], test.truth[step, ..., run], system.shapes.faces, name)
-                axes.set_title(f"{(step + 1) * test.dt:.2f} s", fontsize="small")
+        axes = part.subplots(2, len(SHOWN))
+        for row, clip in zip(
+            axes, (of_nodes(emulated, test.truth[list(SHOWN), ..., run]), emulated), strict=True
+        ):
+            for column, (picture, step) in enumerate(zip(pictures(clip), SHOWN, strict=True)):
+                row[column].imshow(picture)
+                row[column].axis("off")
+                row[column].set_title(f"{(step + 1) * test.dt:.2f} s", fontsize="small")
     picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=70)
+    figure.savefig(picture, format="png", dpi=100)
     write_whole(path, picture.getvalue())
 
 
@@ -61,33 +66,29 @@ def liveliest(test: Test) -> int:
     return int(((last - states)[:, shapes] ** 2).sum(axis=1).argmax())
 
 
-def rollout(emulator: na.Emulator, test: Test, run: int) -> Float[np.ndarray, "T N 3"]:
-    """Return the emulator's nodes along one run [m]."""
+def rollout(emulator: na.Emulator, test: Test, run: int) -> Float[np.ndarray, "T S"]:
+    """Return the emulator's states along one run."""
     start = known_states(test)[run].astype(np.float32)
-    path = np.asarray(emulator.rollout(start, controls_of(test)[run].astype(np.float32)), float)
-    return test.system.shapes.decode(path[1:])
+    path = emulator.rollout(start, controls_of(test)[run].astype(np.float32))
+    return np.asarray(path, float)[1:]
 
 
-def draw(
-    axes: Any,
-    nodes: Float[np.ndarray, "N 3"],
-    centred: Float[np.ndarray, "N 3"],
-    faces: Int[np.ndarray, "F 3"],
-    name: str,
-) -> None:
-    """Draw a surface in plain light; pictures of both sides show the same part of space."""
-    corners = nodes[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    light = 0.35 + 0.65 * np.abs(normals @ LIGHT) / np.linalg.norm(LIGHT)
-    colours = np.clip(light[:, None] * np.array(COLOUR), 0, 1)
-    axes.add_collection3d(
-        Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=0.4)
-    )
-    middle = (centred.min(axis=0) + centred.max(axis=0)) / 2
-    half = 0.45 * np.ptp(centred, axis=0).max()
-    for axis, centre in zip("xyz", middle, strict=True):
-        getattr(axes, f"set_{axis}lim")(centre - half, centre + half)
-    axes.set_box_aspect((1, 1, 1))
-    axes.view_init(*LOOK[name])
-    axes.axis("off")
+def of_nodes(clip: na.Clip, nodes: Float[np.ndarray, "F N 3"]) -> na.Clip:
+    """Return `clip` with its surface's `nodes` [m] in each frame; what no shape of the emulator can tell is seen, too."""
+    shapes = clip.skeleton.shapes
+    assert shapes is not None
+    every = np.eye(len(nodes))
+    own = Shapes(np.zeros_like(nodes[0]), nodes, shapes.faces, clip.states.shape[1], Placement())
+    states = np.concatenate([clip.states, every], axis=1)
+    return replace(clip, states=states, skeleton=replace(clip.skeleton, shapes=own))
+
+
+def pictures(clip: na.Clip) -> list[UInt8[np.ndarray, "H W 3"]]:
+    """Return a picture of each frame, in the middle of which the body is."""
+    takes = []
+    for state in clip.states:
+        twice = np.stack([state, state])  # a clip of one frame has no rate
+        takes.append(Take((replace(clip, times=np.array([0.0, 1.0]), states=twice),)))
+    with progress_bar("drawing", 2 * len(takes)) as bar:
+        drawn = list(draw_takes(takes, Film(SIZE, CAMERAS[clip.name]), bar))
+    return drawn[::2]

@@ -177,6 +177,52 @@ def check_glb_and_usd_arrive_as_they_left():
         assert wanted <= colours, (wanted, colours)
 
 
+def check_soft_surfaces_arrive_as_they_left():
+    """Nodes to a millimetre, colour, normals and scale of a cape, a flag and a jelly, in GLB and USD."""
+    for name in ("cape", "flag", "jelly"):
+        for kind in ("glb", "usda"):
+            bpy.ops.wm.read_homefile(use_empty=True)
+            bpy.context.scene.render.fps = 30
+            path = str(Path(folder) / f"{name}.{kind}")
+            if kind == "glb":
+                bpy.ops.import_scene.gltf(filepath=path)
+            else:
+                bpy.ops.wm.usd_import(filepath=path)
+            (surface,) = [
+                part for part in bpy.data.objects if part.type == "MESH" and part.data.shape_keys
+            ]
+            np.testing.assert_allclose(
+                base_colour(surface.data.materials[0]), expected["cloth_light"], atol=1e-3
+            )
+            for frame, points, normals in zip(
+                expected[f"{name}_frames"],
+                expected[f"{name}_points"],
+                expected[f"{name}_normals"],
+                strict=True,
+            ):
+                check_surface(surface, int(frame), points, normals, expected[f"{name}_drawn"])
+
+
+def check_surface(surface, frame, points, normals, drawn):
+    """Hold a surface in a frame against nodes [m] and normals; of a solid's some importers keep the `drawn` ones alone."""
+    bpy.context.scene.frame_set(frame)
+    shown = surface.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    matrix = np.array(shown.matrix_world)
+    mesh = shown.data
+    found = np.array([vertex.co for vertex in mesh.vertices]) @ matrix[:3, :3].T + matrix[:3, 3]
+    if len(found) != len(points):
+        points = points[drawn]
+        normals = normals[drawn]
+        drawn = np.arange(len(drawn))
+    distances = np.linalg.norm(found - points, axis=1)
+    assert np.quantile(distances, 0.99) < 1e-3, "a millimetre"
+    assert distances.max() < 1e-2
+    turn = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+    turned = np.array([normal.vector for normal in mesh.vertex_normals]) @ turn.T
+    along = (turned * normals).sum(axis=1)[drawn]
+    assert np.degrees(np.arccos(np.clip(np.median(along), -1, 1))) < 10
+
+
 def base_colour(material):
     surface = next(
         (node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED"), None
@@ -191,4 +237,5 @@ check_a_target_is_reached()
 check_undo_takes_all_back()
 check_mistakes_get_one_line_and_lose_nothing()
 check_glb_and_usd_arrive_as_they_left()
+check_soft_surfaces_arrive_as_they_left()
 print("everything holds in Blender", bpy.app.version_string)

@@ -16,8 +16,10 @@ from npz_file import write_npz
 
 import neuroanimator as na
 from neuroanimator.animation.interpolate import interpolate_hermite
-from neuroanimator.animation.motion import named_start, random_motion
+from neuroanimator.animation.motion import default_motion, named_start, random_motion
+from neuroanimator.animation.push_out import push_out
 from neuroanimator.appearance.colour import linear_of
+from neuroanimator.export.morphs import CLOTH_RGBA, surface_normals
 from neuroanimator.state.pose import read_pose
 
 ROOT = Path(__file__).parents[2] / "blender"
@@ -25,6 +27,7 @@ PYTHON = os.environ.get("BLENDER_PYTHON", "")
 """A Python that has the wheel bpy."""
 
 SYSTEMS = ("truck", "lander", "fish")
+SOFT = ("cape", "flag", "jelly")
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +74,25 @@ def test_states_become_the_same_poses_in_blender(
         np.testing.assert_allclose(found[3], pose.roll, atol=1e-6)
 
 
+def write_soft_bodies(folder: Path) -> dict[str, np.ndarray]:
+    """Write a second of every soft body that ships into `folder`, and return what is to be seen of it."""
+    expected = {"cloth_light": linear_of(CLOTH_RGBA[:3])}
+    for name in SOFT:
+        emulator = na.load_emulator(name)
+        states = default_motion(emulator)[:40]
+        clip = push_out(na.make_clip(emulator, states), emulator)
+        na.write_glb(clip, folder / f"{name}.glb")
+        na.write_usd(clip, folder / f"{name}.usda")
+        shapes = clip.skeleton.shapes
+        assert shapes is not None
+        frames = np.array([0, len(clip.times) // 2, len(clip.times) - 1])
+        expected[f"{name}_frames"] = frames
+        expected[f"{name}_points"] = shapes.decode(clip.states[frames])
+        expected[f"{name}_normals"] = surface_normals(shapes, expected[f"{name}_points"])
+        expected[f"{name}_drawn"] = np.unique(shapes.faces)
+    return expected
+
+
 @pytest.mark.skipif(not PYTHON, reason="BLENDER_PYTHON names no Python with the wheel bpy")
 def test_a_person_in_blender(tmp_path: Path):
     extension = tmp_path / "neuroanimator.zip"
@@ -100,6 +122,7 @@ def test_a_person_in_blender(tmp_path: Path):
     expected["truck"] = clip.skeleton.world_poses(clip.states)[0][:, bones.index("chassis")]
     chassis = clip.skeleton.bones[bones.index("chassis")]
     expected["truck_light"] = linear_of([shape.colour[:3] for shape in chassis.shapes])
+    expected |= write_soft_bodies(tmp_path)
     np.savez(tmp_path / "expected.npz", **expected)
     command = [
         PYTHON,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -73,6 +74,11 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     # A hundred and more on an idle machine; here nothing is optimised, and others use the cores.
     assert row["nominal_speedup"] > 5
     assert found.speed.equal_error_opponent.error <= found.one_step_error
+    # What no physics matches, as of shapes that nodes are put together of, is at equal error with none.
+    matchless = replace(found, error_by_entry=1e-9 * found.error_by_entry)
+    assert found.row()["equal_error_speedup"] == found.speed.equal_error
+    assert matchless.row()["equal_error_speedup"] == "none"
+    assert matchless.equal_error_text.startswith("none: no physics")
     assert {o.scheme.integrator for o in found.speed.opponents} == set(OPPONENT_INTEGRATORS)
     assert found.rollout_errors[0] == pytest.approx(0, abs=1e-6)
     assert found.rollout_error_at(1.0) > found.rollout_error_at(0.1)

@@ -99,19 +99,28 @@ def _with_faces(
     faces: Int[np.ndarray, "F 3"],
     contacts: ShapeContacts,
 ) -> Float[np.ndarray, "P N 3"]:
-    """Return nodes outside of colliders, and so far that the middles of faces between them are, too."""
+    """Return nodes outside of colliders, and so far that the middles of faces between them are, too.
+
+    After the first round only faces are looked at of which a corner has moved.
+    """
+    points = contacts.pushed_out(points, states)
+    doubtful = faces
     for _ in range(FACE_ROUNDS):
-        points = contacts.pushed_out(points, states)
-        middles = points[:, faces].mean(axis=2)
+        middles = points[:, doubtful].mean(axis=2)
         pushes = contacts.pushed_out(middles, states) - middles
         is_pushed = np.abs(pushes).max(axis=2) > 0
+        if not is_pushed.any():
+            break
         total = np.zeros_like(points)
         count = np.zeros(points.shape[:2])
         for number in np.flatnonzero(is_pushed.any(axis=1)):
-            for corner in faces.T:
+            for corner in doubtful.T:
                 np.add.at(total[number], corner, pushes[number])
                 np.add.at(count[number], corner, is_pushed[number])
-        points = points + total / np.maximum(count, 1)[..., None]
+        moved = np.flatnonzero(count.any(axis=0))
+        steps = total[:, moved] / np.maximum(count[:, moved], 1)[..., None]
+        points[:, moved] = contacts.pushed_out(points[:, moved] + steps, states)
+        doubtful = faces[np.isin(faces, moved).any(axis=1)]
     return contacts.pushed_out(points, states)
 
 

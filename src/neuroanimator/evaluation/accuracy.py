@@ -104,7 +104,9 @@ def runs_error(test: HeldOut, runs: Runs) -> float:
 def self_divergence(test: HeldOut) -> Float[np.ndarray, " T"]:
     """Return how far the physics at its own step strays from fine physics."""
     system = test.system
-    runs = system.simulate(test.states[:, 0], test.controls, test.dt, scheme=system.scheme)
+    threads = core_count()
+    starts = test.states[:, 0]
+    runs = system.simulate(starts, test.controls, test.dt, scheme=system.scheme, threads=threads)
     is_whole = ~runs.has_diverged
     return rollout_error(test.frame, runs.states[is_whole], test.states[is_whole])
 

@@ -23,7 +23,7 @@ from neuroanimator.appearance.shapes import Shapes
 CLOTH_RGBA = (0.74, 0.25, 0.21, 1.0)
 """Red, green, blue (sRGB) and opacity of a surface."""
 
-TOLERANCE = 5e-4
+TOLERANCE = 2.5e-4
 """Distance of the nodes, at root mean square in the worst frame, below which no target is added, over the body's size."""
 
 NORMAL_TOLERANCE = 0.05

@@ -3,6 +3,9 @@
 import type { CatalogueEntry } from "../bundle/catalogue";
 import { element } from "../page/dom";
 
+/** Physics steps in a super step of the emulators that ship. */
+const USUAL = [50, 40];
+
 export class Picker {
   readonly element = element("nav", "picker");
   readonly #buttons = new Map<string, HTMLButtonElement>();
@@ -34,7 +37,7 @@ export class Picker {
 
 /** The system's name for the shipped ones; the file's own for others. */
 function labelOf(entry: CatalogueEntry): string {
-  const isUsual = entry.id === `${entry.system}-50` || entry.id === entry.system;
+  const isUsual = entry.id === entry.system || USUAL.some((substeps) => entry.id === `${entry.system}-${substeps}`);
   const name = isUsual ? entry.system : (entry.title ?? entry.id);
   return name.charAt(0).toUpperCase() + name.slice(1);
 }

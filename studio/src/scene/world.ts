@@ -446,7 +446,7 @@ export class World {
     return new Quaternion(turn.x, turn.z, -turn.y, turn.w);
   }
 
-  // The side of a cloth that is struck [rad]: what strikes it should be seen.
+  // The side of a cloth that is struck [rad]: what strikes it should be seen. What holds it is behind it instead.
   #faceOf(surface: Surface): number {
     const face = facing(surface);
     const striking = this.bones.find((bone) => this.facts.skeleton[bone]!.shapes.length > 0);
@@ -456,7 +456,8 @@ export class World {
     const [x, y] = toPhysics(this.#focus);
     const [strikerX, strikerY] = this.bonePoint(striking);
     const ahead = Math.cos(face) * (strikerX - x) + Math.sin(face) * (strikerY - y);
-    return ahead < 0 ? face + Math.PI : face;
+    const isHolder = this.facts.skeleton[striking]!.joints[0]?.entry === surface.placement.position;
+    return ahead < 0 === isHolder ? face : face + Math.PI;
   }
 
   #pose(state: ArrayLike<number>): void {

@@ -23,6 +23,9 @@ BODY_SHARE = 0.5
 MAX_SHARE = 0.7
 """Share of the picture's width, or of its height, that a body fills in the frame in which it is largest."""
 
+SURFACE_SHARE = 0.65
+"""The same as `BODY_SHARE` of a body with a surface of shapes, which is looked at for its folds."""
+
 MOTION_SHARE = 0.85
 """Share of the picture's width, or of its height, that several bodies fill, and a motion before a camera that stays."""
 
@@ -176,9 +179,15 @@ def _shots_from(
     size = max(float(np.median(boxes.sizes)), MIN_SIZE)
     is_in_place = len(clips) == 1 and boxes.whole.sizes[0] <= STAYING * boxes.sizes.max()
     extents = boxes.high - boxes.low
-    share = BODY_SHARE if len(clips) == 1 else MOTION_SHARE
+    share = BODY_SHARE
+    largest = MAX_SHARE
+    if clips[0].skeleton.shapes is not None:
+        share = SURFACE_SHARE
+        largest = MOTION_SHARE
+    if len(clips) > 1:
+        share = MOTION_SHARE
     usual = _distance(np.median(extents, axis=0), share, film)
-    distance = max(usual, _distance(extents.max(axis=0), MAX_SHARE, film))
+    distance = max(usual, _distance(extents.max(axis=0), largest, film))
     if film.camera == "still" or (film.camera == "follow" and is_in_place):
         lookat = np.repeat(boxes.whole.centres, len(boxes.low), axis=0)
         distance = max(
