@@ -191,7 +191,7 @@ def rows_of(name: str, *, is_quick: bool) -> list[dict[str, Any]]:
     super_steps = QUICK[1] if is_quick else STEPS
     kinds = [FULL, *REDUCED] if flex.is_solid else [EQUALITIES, FULL, *REDUCED]
     rows: list[dict[str, Any]] = [{"body": name, "what": "emulator", "times_emulator": 1.0}]
-    players: dict[Any, Callable[[], Any]] = {"emulator": roll_out}
+    players: dict[str, Callable[[], Any]] = {"0": roll_out}
     with warnings_counted, progress_bar(name, 1 + len(kinds) * len(SMALL_STEPS)) as bar:
         model = flex.compiled(FULL, TRUTH_STEPS)
         truth = flex.play(model, mujoco.MjData(model), TRUTH_STEPS, super_steps)
@@ -210,12 +210,12 @@ def rows_of(name: str, *, is_quick: bool) -> list[dict[str, Any]]:
                     continue
                 if what != EQUALITIES:
                     row |= errors_of(flex, nodes, truth)
-                players[len(rows)] = partial(mujoco.mj_step, model, data, steps)
+                players[str(len(rows))] = partial(mujoco.mj_step, model, data, steps)
                 rows.append(row)
         add_times(rows, players)
     columns = ["body", "what", "nodes", "degrees", "steps", "step_ms", "us_a_step"]
     columns += ["us_a_super_step", "times_emulator", *(f"error_{step}_percent" for step in SHOWN)]
-    return [{column: row.get(column, "") for column in columns} for row in rows]
+    return [{column: line.get(column, "") for column in columns} for line in rows]
 
 
 def errors_of(
@@ -228,13 +228,16 @@ def errors_of(
     return {f"error_{step}_percent": float(share[step - 1]) for step in SHOWN if step <= len(share)}
 
 
-def add_times(rows: list[dict[str, Any]], players: dict[Any, Callable[[], Any]]) -> None:
-    """Add to rows what a step and a super step take [µs], and how many times the emulator's that is."""
+def add_times(rows: list[dict[str, Any]], players: dict[str, Callable[[], Any]]) -> None:
+    """Add to rows what a step and a super step take [µs], and how many times the emulator's that is.
+
+    `players` are by the number of their row; that of the emulator rolls out for `STEPS` super steps.
+    """
     seconds = interleaved(players, TIMINGS)
-    emulator = seconds.pop("emulator") / STEPS * 1e6
+    emulator = seconds.pop("0") / STEPS * 1e6
     rows[0]["us_a_super_step"] = emulator
     for number, spent in seconds.items():
-        row = rows[number]
+        row = rows[int(number)]
         row["us_a_super_step"] = spent * 1e6
         row["times_emulator"] = spent * 1e6 / emulator
         row["us_a_step"] = spent / row["steps"] * 1e6

@@ -133,7 +133,7 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
         if trial.has_diverged:
             raise ArgumentError(
                 f"{path.name}: the soft body flies apart even in steps of {values['physics']['truth_step']:g} s. Give it a "
-                "smaller timestep, more damping or softer material."
+                'smaller timestep, integrator="discrete" or softer material.'
             )
         if trial.share > DEEP or tied_bodies(model) - {0}:
             values["physics"]["contact_time"] = SAFE_STEPS * step

@@ -247,6 +247,17 @@ def test_a_free_body_begins_at_rest_or_thrown_and_never_under_the_ground():
     assert 0.2 < at_rest / len(roots) < 0.8
 
 
+def test_a_cost_of_a_ropes_node_is_of_the_models_node(toml: Path):
+    rope = na.load_system(str(toml))
+    states = rope.sample_starts(np.random.default_rng(0), 1)
+    nodes = rope.motion(states)
+    last = nodes.positions[5, :, 0] + nodes.origin[:, 0]
+    seen = na.reach_node(rope, 5, [0, 0, 0], within=1).observe(states)[0]
+    np.testing.assert_allclose(seen, last, atol=1e-5)
+    lengths = np.linalg.norm(np.diff(rope.shapes.decode(rope.rest, range(6)), axis=0), axis=1)
+    np.testing.assert_allclose(lengths, 0.04, rtol=0.5)
+
+
 def test_its_definition_names_model_and_shapes_and_holds_neither(toml: Path):
     name, text, _ = resolve(str(toml))
     files = json.loads(text)["files"]
