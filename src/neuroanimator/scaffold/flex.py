@@ -16,8 +16,13 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import FINE_PARTS, rounded, usual_name
 from neuroanimator.scaffold.proposal import Proposal
-from neuroanimator.systems.soft.flex_model import flex_body, mover_names, tied_bodies
-from neuroanimator.systems.soft.flex_scene import FlexScene, Touching
+from neuroanimator.systems.soft.flex_model import (
+    flex_body,
+    mover_names,
+    thicknesses,
+    tied_bodies,
+)
+from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.soft_scene import Motion
 from neuroanimator.terminal import phase
 
@@ -81,8 +86,12 @@ class Trial(NamedTuple):
     """What was seen while movers went there and back."""
 
     has_diverged: bool
-    worst: Touching
-    """The most and the deepest of all contacts."""
+    contacts: int
+    """Largest number of contacts with one geom."""
+    depth: float
+    """Depth of the deepest contact beyond that at rest [m]: what a geom carries lies inside it from the start."""
+    share: float
+    """The greatest such depth over the geom's thickness."""
     cost: float
     """Processor time of a super step [s]."""
 
@@ -124,30 +133,28 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
         if trial.has_diverged:
             raise ArgumentError(
                 f"{path.name}: the soft body flies apart even in steps of {values['physics']['truth_step']:g} s. Give it a "
-                "smaller timestep, more damping or softer material."
+                'smaller timestep, integrator="discrete" or softer material.'
             )
-        if trial.worst.share > DEEP or tied_bodies(model) - {0}:
+        if trial.share > DEEP or tied_bodies(model) - {0}:
             values["physics"]["contact_time"] = SAFE_STEPS * step
             trial = _tried(values, path.name, model)
         halvings = 0
-        while trial.worst.share > DEEP and halvings < HALVINGS:
+        while trial.share > DEEP and halvings < HALVINGS:
             for mover in movers.values():
                 mover["speed"] = [rounded(speed / 2, 6) for speed in mover["speed"]]
             trial = _tried(values, path.name, model)
             halvings += 1
     definition = check_table(values, path.name, FlexDefinition)
     warnings = []
-    if trial.worst.share > DEEP:
+    if trial.share > DEEP:
         warnings.append(
-            f"movers: nodes go {1000 * trial.worst.depth:.0f} mm deep into a geom, however slow it is. Write thicker or "
+            f"movers: nodes go {1000 * trial.depth:.0f} mm deep into a geom, however slow it is. Write thicker or "
             "rounder geoms, a softer body, or a smaller timestep."
         )
     version = mujoco.mj_versionString()
-    depth = 1000 * trial.worst.depth
+    depth = 1000 * trial.depth
     hardness = HARDENED if "contact_time" in values["physics"] else AS_MODELLED
-    title = MOVERS.format(
-        version=version, count=trial.worst.contacts, depth=depth, hardness=hardness
-    )
+    title = MOVERS.format(version=version, count=trial.contacts, depth=depth, hardness=hardness)
     comments = COMMENTS | {"movers": title}
     names = list(definition.movers)
     kind = ("rope", "cloth", "solid")[int(model.flex_dim[0]) - 1]
@@ -157,7 +164,7 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
             f"{kind} of {len(body.positions):,} nodes, {np.ptp(body.positions, axis=0).max():g} m",
         ),
         ("movers", ", ".join(names)),
-        ("contacts", f"up to {trial.worst.contacts} with one geom, {depth:.1f} mm deep"),
+        ("contacts", f"up to {trial.contacts} with one geom, {depth:.1f} mm deep"),
         ("physics", f"{1000 * trial.cost:.1f} ms a super step of the teacher's"),
     )
     parts = (*names, *(f"{name}_velocity" for name in names))
@@ -185,19 +192,24 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
     steps = round(dt / definition.physics.truth_step)
     path = _there_and_back(scene, dt)
     motion = Motion(scene.positions, np.zeros_like(scene.positions))
-    seen = [Touching(0, 0.0, 0.0)]
+    at_rest = scene.touching(motion.positions, path[0])
+    seen = [at_rest]
     begun = time.process_time()
     for frame in range(len(path) - 1):
         positions, velocities = scene.play(motion, path[frame : frame + 2], dt, steps)
         motion = Motion(positions[0], velocities[0])
         if not (np.abs(motion.positions - scene.positions) < FAR * scene.size).all():
-            return Trial(True, seen[0], 0.0)
+            return Trial(True, 0, 0.0, 0.0, 0.0)
         seen.append(scene.touching(motion.positions, path[frame + 1]))
         if time.process_time() - begun > PATIENCE:
             break
     cost = (time.process_time() - begun) / (len(seen) - 1)
-    counts, depths, shares = zip(*seen, strict=True)
-    return Trial(False, Touching(max(counts), max(depths), max(shares)), cost)
+    contacts = max(int(one.contacts.max(initial=0)) for one in seen)
+    depths = np.max([one.depths for one in seen], axis=0) - at_rest.depths
+    shares = depths / thicknesses(scene.model)
+    return Trial(
+        False, contacts, float(depths.max(initial=0.0)), float(shares.max(initial=0.0)), cost
+    )
 
 
 def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F D"]:

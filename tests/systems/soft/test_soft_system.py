@@ -10,14 +10,18 @@ from soft_bodies import moving_states
 
 import neuroanimator as na
 from neuroanimator.appearance.shapes import COARSE_MODES
+from neuroanimator.control.objective.objective import Trajectory
 from neuroanimator.control.policies import train_policy
-from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.control.synthesis.objective_file import read_objective
+from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.soft.find_shapes import Sketch
 from neuroanimator.systems.soft.obj_file import read_obj
 from neuroanimator.training.validation import window_errors
+
+TUTORIAL = Path(__file__).parents[3] / "docs" / "tutorials" / "my-cloth.md"
 
 SIDE = 12
 """Number of nodes along an edge of the cloth."""
@@ -343,6 +347,39 @@ def test_a_cost_of_a_node_is_of_where_the_node_is(cloth):
     )
     with pytest.raises(NeuroAnimatorError, match="wanted 0 to 143, came 144"):
         na.reach_node(cloth, SIDE * SIDE, [0, 0, 0], within=1)
+
+
+def test_an_objective_file_asks_for_a_node_as_python_does(cloth, tmp_path: Path):
+    file = tmp_path / "corner.toml"
+    text = """system = "cloth"
+seconds = 1.0
+[[costs]]
+kind = "reach_node"
+node = 143
+position = [0.1, 0.2, 0.3]
+within = 0.5
+"""
+    file.write_text(text)
+    states = moving_states(cloth)[:5]
+    size = cloth.control.size
+    motion = Trajectory(states, np.zeros((4, size)), np.ones(size), 1 / 30)
+    meant = na.Objective.of(na.reach_node(cloth, 143, [0.1, 0.2, 0.3], within=0.5))
+    found = read_objective(file, cloth).objective
+    np.testing.assert_array_equal(found.residuals(motion), meant.residuals(motion))
+    file.write_text(text.replace("143", "144"))
+    with pytest.raises(
+        BadFileError, match=r"cost 1 \(reach_node\): node: wanted 0 to 143, came 144"
+    ):
+        read_objective(file, cloth)
+
+
+def test_the_tutorials_objective_is_of_the_flags_lower_corner(tmp_path: Path):
+    text = TUTORIAL.read_text().split("Save it as `corner.toml`")[1]
+    (tmp_path / "corner.toml").write_text(text.split("```toml\n")[1].split("```")[0])
+    flag = na.load_system("flag")
+    read_objective(tmp_path / "corner.toml", flag)
+    corner = flag.shapes.decode(flag.rest, [2399])[0]
+    np.testing.assert_allclose(corner, [0.44, 0.13, 0.54], atol=0.005)  # as the tutorial says
 
 
 def test_controls_that_bring_a_corner_to_a_point_do_so_on_the_physics(cloth, trained):

@@ -27,7 +27,9 @@ ADVICE = {
     "arena": CROWDED,
     "contact buffer": CROWDED,
     "out of memory": CROWDED,
-    "element body weight": "its soft body flies apart: give it a smaller timestep, less damping or softer material",
+    "element body weight": (
+        'its soft body flies apart: give it integrator="discrete", a smaller timestep, less damping or softer material'
+    ),
     "Inertia matrix": "a body or a joint has next to no inertia: give it some armature or mass",
 }
 """What helps against some complaints, by a part of their text."""

@@ -5,6 +5,7 @@ Snapshots go through a singular value decomposition of few rows at a time: what 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -77,8 +78,7 @@ def find_shapes(
     settling = round(SETTLING / dt)
     frames = round(RUN / dt)
     with progress_bar("finding shapes", settling + frames) as bar:
-        rest = _settled(scene, dt, steps, settling)
-        bar.advance_to(settling)
+        rest = _settled(scene, dt, steps, settling, bar.advance_to)
         centre = scene.centre(rest)
         mean = rest - centre
         paths, rates = _random_paths(scene, rng, frames, dt)
@@ -128,8 +128,13 @@ def find_shapes(
     return Found(shapes, np.concatenate([at_rest, np.zeros(2 * len(modes))]))
 
 
-def _settled(scene: SoftScene, dt: float, steps: int, frames: int) -> Float[np.ndarray, "N 3"]:
-    """Return where nodes [m] are after the body has hung from movers at rest, or lain on the ground."""
+def _settled(
+    scene: SoftScene, dt: float, steps: int, frames: int, on_frames: Callable[[int], None]
+) -> Float[np.ndarray, "N 3"]:
+    """Return where nodes [m] are after the body has hung from movers at rest, or lain on the ground.
+
+    `on_frames` is told the number of frames done.
+    """
     positions = scene.positions
     still = np.zeros_like(positions)
     for first in range(0, frames, BLOCK):
@@ -137,6 +142,7 @@ def _settled(scene: SoftScene, dt: float, steps: int, frames: int) -> Float[np.n
         paths = np.repeat(scene.movers.rest[None], count + 1, axis=0)
         path, _ = scene.play(Motion(positions, still), paths, dt, steps)
         positions = path[-1].astype(float)
+        on_frames(first + count)
     return positions
 
 

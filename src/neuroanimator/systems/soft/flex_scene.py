@@ -1,7 +1,7 @@
 """A soft body of MuJoCo's and what moves: a model with a flex, made ready to be played.
 
-What is drawn of a cloth or a solid are its nodes. A rope has no surface: what is drawn of it are three crossing
-ribbons, whose edges lie r (a × t) to both sides of each node, with a the axes of the world and t along the rope.
+What is drawn of a cloth or a solid are its nodes. A rope has no surface: after its nodes come the edges of three crossing
+ribbons, which lie r (a × t) to both sides of each node, with a the axes of the world and t along the rope.
 Ribbons, too, follow linearly from the nodes, and two of them at least are wide, whichever way the rope goes.
 """
 
@@ -28,7 +28,6 @@ from neuroanimator.systems.soft.flex_model import (
     harden,
     is_pinned,
     mover_names,
-    thicknesses,
     tied_bodies,
 )
 from neuroanimator.systems.soft.movers import Movers
@@ -36,18 +35,16 @@ from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.text import listed, quoted
 
 SIDES = 6
-"""Number of points drawn of each node of a rope: two edges of three ribbons."""
+"""Number of points drawn beside each node of a rope: two edges of three ribbons."""
 
 
 class Touching(NamedTuple):
-    """How a flex touches geoms."""
+    """How a flex touches each of G geoms; those that are no mover's it does not."""
 
-    contacts: int
-    """Number of contacts with the geom that has the most."""
-    depth: float
+    contacts: Int[np.ndarray, " G"]
+    """Number of contacts."""
+    depths: Float[np.ndarray, " G"]
     """Depth of the deepest contact [m]."""
-    share: float
-    """The greatest depth over the geom's thickness."""
 
 
 class FlexScene(SoftScene):
@@ -91,8 +88,9 @@ class FlexScene(SoftScene):
         self.faces = self.body.faces
         self.masses = self.body.masses
         if len(self.body.pairs):
-            self.faces = _ribbons(self.body.pairs)
-            self.masses = np.repeat(self.body.masses, SIDES) / SIDES
+            self.faces = _ribbons(self.body)
+            edges = np.repeat(self.body.masses, SIDES)
+            self.masses = np.concatenate([self.body.masses, edges]) / (1 + SIDES)
         self.ground_height = ground_height(model, self.data)
         if self.anchor == FREE and self.ground_height is None:
             raise ArgumentError(
@@ -154,10 +152,9 @@ class FlexScene(SoftScene):
         roots = self.model.body_rootid[self.model.geom_bodyid[geoms]]
         is_mover = (geoms >= 0) & np.isin(roots, self.bodies)
         geoms = geoms[is_mover]
-        depths = -data.contact.dist[is_mover]
-        count = int(np.bincount(geoms).max(initial=0))
-        shares = depths / thicknesses(self.model)[geoms]
-        return Touching(count, float(depths.max(initial=0.0)), float(shares.max(initial=0.0)))
+        depths = np.zeros(self.model.ngeom)
+        np.maximum.at(depths, geoms, -data.contact.dist[is_mover])
+        return Touching(np.bincount(geoms, minlength=self.model.ngeom), depths)
 
     def _stepping(self, step: float) -> mujoco.MjModel:
         """Return the model with this timestep [s]."""
@@ -203,20 +200,18 @@ class FlexScene(SoftScene):
                 mujoco.mju_mulQuat(data.mocap_quat[number], turned, self.model.body_quat[body])
 
     def _nodes(self, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "N 3"]:
-        """Return the nodes of what is drawn of them."""
-        if not len(self.body.pairs):
-            return points
-        return points.reshape(-1, SIDES, 3).mean(axis=1)
+        """Return the nodes of what is drawn of them: the first points."""
+        return points[: len(self.body.positions)]
 
     def drawn_points(self, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
-        """Return what is drawn of nodes; of their velocities, those of what is drawn."""
+        """Return what is drawn of nodes, these first; of their velocities, those of what is drawn."""
         if not len(self.body.pairs):
             return nodes
-        return _ribbon_points(self.body, nodes)
+        return np.concatenate([nodes, _edge_points(self.body, nodes)])
 
 
-def _ribbon_points(body: FlexBody, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
-    """Return the edges of a rope's ribbons, those of each node together."""
+def _edge_points(body: FlexBody, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
+    """Return points of the edges of a rope's ribbons, those of each node together."""
     first, second = body.pairs.T
     lengths = np.linalg.norm(body.positions[second] - body.positions[first], axis=1)
     pieces = (nodes[second] - nodes[first]) / lengths[:, None]
@@ -229,11 +224,12 @@ def _ribbon_points(body: FlexBody, nodes: Float[np.ndarray, "N 3"]) -> Float[np.
     return (nodes[:, None] + edges).reshape(-1, 3)
 
 
-def _ribbons(pairs: Int[np.ndarray, "E 2"]) -> Int[np.ndarray, "F 3"]:
+def _ribbons(body: FlexBody) -> Int[np.ndarray, "F 3"]:
     """Return the triangles of a rope's ribbons."""
     faces = []
     for side in range(SIDES // 2):
-        left, right = SIDES * pairs + side, SIDES * pairs + side + SIDES // 2
+        left = len(body.positions) + SIDES * body.pairs + side
+        right = left + SIDES // 2
         faces.append(np.stack([left[:, 0], right[:, 0], right[:, 1]], axis=1))
         faces.append(np.stack([left[:, 0], right[:, 1], left[:, 1]], axis=1))
     return np.concatenate(faces)

@@ -36,6 +36,9 @@ ENDING = ".shapes.safetensors"
 METHOD = 4
 """Number of the way shapes are found, raised whenever others would be."""
 
+FLEX_METHOD = 5
+"""The same of a flex: its points may be others."""
+
 MAX_NUMBER = 1e6
 """Largest number of a mesh or a state in a file."""
 
@@ -60,7 +63,7 @@ def made_for(toml: Path, definition: SoftDefinition) -> Path:
 def made_for_model(toml: Path, definition: FlexDefinition, files: ModelFiles) -> Path:
     """Return the path of the shapes of a TOML file about a model with a flex; they are found first unless they are there."""
     values = definition.model_dump(mode="json", exclude={"name", "goals", "model", "tree"})
-    text = canonical_json({"method": METHOD, "definition": values, "files": files.digests})
+    text = canonical_json({"method": FLEX_METHOD, "definition": values, "files": files.digests})
     origin = hashlib.sha256(text.encode()).hexdigest()
     return _made(toml, definition, origin, lambda: flex_scene(definition, files))
 
