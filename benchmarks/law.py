@@ -35,6 +35,8 @@ from large_bodies_cases.equal_error import (
     STEPS,
     Test,
     controls_of,
+    decoded,
+    emulated_states,
     errors_of,
     known_states,
     unseen,
@@ -158,16 +160,10 @@ def trained(folder: Path, carried: tuple[str, str, int], width: int, extent: Ext
     return na.train(transitions, settings, folder / f"cloth-{width}.emulator.safetensors")
 
 
-def rollouts(emulator: na.Emulator, test: Test) -> tuple[np.ndarray, np.ndarray]:
-    """Return the states the emulator begins the test's runs in, and its controls."""
-    return known_states(test).astype(np.float32), controls_of(test).astype(np.float32)
-
-
 def emulator_error(emulator: na.Emulator, test: Test) -> float:
     """Return the error after a second [%]."""
-    path = np.asarray(emulator.rollout(*rollouts(emulator, test)))
-    decoded = np.moveaxis(test.system.shapes.decode(path[:, 1:]), 0, -1)
-    return errors_of(test, decoded)[f"error_{STEPS}_percent"]
+    path = emulated_states(emulator, test)
+    return errors_of(test, decoded(test.system, path[:, 1:]))[f"error_{STEPS}_percent"]
 
 
 def implicit_seconds(body: SoftBody) -> float:
@@ -231,12 +227,13 @@ def row_of(side: int, extent: Extent, folder: Path) -> dict[str, Any]:
         if error <= MAX_ERROR:
             units = width
             break
-    states, controls = rollouts(emulator, test)
+    start = known_states(test)[0].astype(np.float32)
+    controls = controls_of(test)[0].astype(np.float32)
     alone = Motion(*(np.ascontiguousarray(part[..., 0]) for part in test.start[:2]))
     steps = system.truth.steps(FRAME)
     seconds = interleaved(
         {
-            "emulator": lambda: emulator.rollout(states[0], controls[0]),
+            "emulator": lambda: emulator.rollout(start, controls),
             "physics": lambda: system.scene.play(alone, test.paths[..., 0], FRAME, steps),
         },
         TIMINGS,

@@ -11,10 +11,15 @@ from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-import neuroanimator as na
-from large_bodies_cases.equal_error import STEPS, Test, controls_of, known_states, unseen
+from large_bodies_cases.equal_error import (
+    STEPS,
+    Test,
+    emulated_states,
+    known_states,
+    shipped,
+    unseen,
+)
 from neuroanimator.files.atomic import write_whole
-from neuroanimator.systems.soft.soft_system import SoftSystem
 
 SHOWN = (0, STEPS // 2, STEPS - 1)
 """Super steps that are drawn: the first, the middle and the last."""
@@ -33,12 +38,10 @@ def draw_sheet(names: list[str], path: Path) -> None:
     figure = Figure(figsize=(3.0 * len(SHOWN) * len(names), 6.4), layout="constrained")
     parts = figure.subfigures(1, len(names), squeeze=False)[0]
     for part, name in zip(parts, names, strict=True):
-        system = na.load_system(name)
-        assert isinstance(system, SoftSystem)
-        emulator = na.load_emulator(name)
+        system, emulator = shipped(name)
         test = unseen(system, emulator.dt)
         run = liveliest(test)
-        emulated = rollout(emulator, test, run)
+        emulated = system.shapes.decode(emulated_states(emulator, test)[run, 1:])
         part.suptitle(f"{name}: physics above, emulator below")
         for row, nodes in enumerate((test.truth[..., run], emulated)):
             for column, step in enumerate(SHOWN):
@@ -59,13 +62,6 @@ def liveliest(test: Test) -> int:
     last = test.system.encode(ends, still, test.paths[-1].T, test.given.T)
     shapes = test.system.shapes.amplitudes
     return int(((last - states)[:, shapes] ** 2).sum(axis=1).argmax())
-
-
-def rollout(emulator: na.Emulator, test: Test, run: int) -> Float[np.ndarray, "T N 3"]:
-    """Return the emulator's nodes along one run [m]."""
-    start = known_states(test)[run].astype(np.float32)
-    path = np.asarray(emulator.rollout(start, controls_of(test)[run].astype(np.float32)), float)
-    return test.system.shapes.decode(path[1:])
 
 
 def draw(
