@@ -1,6 +1,6 @@
 """How numbers, hidden units and times of a cloth's emulator grow with its nodes, beside those of the physics.
 
-python benchmarks/law.py            100 to 3,000 nodes, about ten minutes on one core
+python benchmarks/law.py            100 to 10,000 nodes; about half an hour on one core by estimate, half of it for 10,000
 python benchmarks/law.py --quick    small meshes and trainings, a minute; writes nothing
 
 One cloth of 1 m × 1 m, in ever finer squares, hangs by its upper edge from a bar that is moved; air holds it back. A
@@ -110,7 +110,7 @@ class Extent(NamedTuple):
     updates: int
 
 
-THOROUGH = Extent((10, 17, 32, 55), 96, (8, 16, 32, 64), 1_536, 2_000)
+THOROUGH = Extent((10, 17, 32, 55, 100), 96, (8, 16, 32, 64), 1_536, 2_000)
 QUICK = Extent((6, 9), 24, (4, 16), 240, 500)
 
 

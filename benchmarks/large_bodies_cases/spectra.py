@@ -163,26 +163,23 @@ def band_rows(name: str, spectra: dict[str, Spectrum]) -> Rows:
     rows: Rows = []
     for what, spectrum in spectra.items():
         edges = band_edges(spectrum, LOWEST[what])
-        physics = in_bands(spectrum, spectrum.physics, edges)
-        columns = {
-            "emulator_over_physics": spectrum.emulator,
-            "shapes_over_physics": spectrum.shapes,
-            "error_over_physics": spectrum.error,
-        }
-        ratios = {
-            column: in_bands(spectrum, energies, edges) / physics
-            for column, energies in columns.items()
-        }
-        for band, share in enumerate(physics / physics.sum()):
-            row = {
-                "body": name,
-                "in": what,
-                "from": float(edges[band]),
-                "to": float(edges[band + 1]),
-                "unit": UNITS[what],
-                "percent_of_physics": 100 * float(share),
-            }
-            rows.append(row | {column: float(of[band]) for column, of in ratios.items()})
+        physics, shapes, emulated, error = (
+            in_bands(spectrum, energies, edges) for energies in spectrum[1:]
+        )
+        for band in np.flatnonzero(physics):
+            rows.append(
+                {
+                    "body": name,
+                    "in": what,
+                    "from": float(edges[band]),
+                    "to": float(edges[band + 1]),
+                    "unit": UNITS[what],
+                    "percent_of_physics": 100 * float(physics[band] / physics.sum()),
+                    "emulator_over_physics": float(emulated[band] / physics[band]),
+                    "shapes_over_physics": float(shapes[band] / physics[band]),
+                    "error_over_physics": float(error[band] / physics[band]),
+                }
+            )
     return rows
 
 
@@ -205,12 +202,15 @@ def draw_spectra(found: dict[str, dict[str, Spectrum]], path: Path) -> None:
             ):
                 density = in_bands(spectrum, energies, edges)[filled] / counts[filled]
                 axes.loglog(middles[filled], density, label=label, **style)
-            axes.grid(which="both", alpha=0.2)
+            octaves = band_edges(spectrum, LOWEST[what])
+            axes.set_xticks(octaves, [f"{octave:g}" for octave in octaves])
+            axes.minorticks_off()
+            axes.grid(alpha=0.2)
             axes.set_xlabel(UNITS[what])
             if row == 0:
                 axes.set_title(name)
-        every[0][0].set_ylabel("energy of a cosine over the grid")
-        every[1][0].set_ylabel("power of nodes' motion")
+        every[0][0].set_ylabel("energy of a cosine over the grid [m²]")
+        every[1][0].set_ylabel("power of nodes' motion [m²]")
     every[0][0].legend(fontsize="small")
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=90)
