@@ -4,6 +4,8 @@ python benchmarks/large_bodies.py equal_error [cape flag jelly]   emulators that
 python benchmarks/large_bodies.py physics                         a cloth in C, by mesh and small steps: time, convergence
 python benchmarks/large_bodies.py sheet [cape flag jelly]         docs/images/soft-bodies.png: physics and emulators
 python benchmarks/large_bodies.py flex [cape flag jelly]          the same meshes as flexes of MuJoCo, whole and reduced
+python benchmarks/large_bodies.py fidelity [cape flag jelly]      emulators that ship: gradients, wrinkles, a million super steps
+python benchmarks/large_bodies.py fidelity jelly --quick          one path, short runs; writes nothing
 
 Equal error: runs of 1 s along smooth random paths of what moves that training never saw, some time after rest. The truth is
 the teacher's physics with all nodes. Beside the emulator stand the physics started from the state as the emulator knows it
@@ -15,6 +17,15 @@ the cheapest physics that is as exact as the emulator, over the emulator's.
 Physics: a cloth of 1 m hangs by its upper edge from a bar that is moved, and a ball of 0.15 m passes through it: 1 s
 from rest. Times are of one core in float32: of one cloth, and of one of sixteen side by side. Differences are of all
 nodes, root mean square, from the same mesh in the most small steps, and from the finest mesh in as many, at the nodes both have.
+
+Fidelity: along the same paths as equal error, for 5 s. Gradients are those of the squared distance of one node (a cloth's
+lowest corner, the top of the jelly), or of the mean of all, from a point, after 0.5 s, by all controls and by six knots of
+splines. Told are cosines of the angle between the emulator's, as descents have it, and central differences of the physics
+with all nodes, by a step of 2 % of a control's largest rate, of some runs by 10 %, too. Beside them stands the gradient of a
+body that is carried along as it is. Spectra, by octaves, are of where nodes are from their rest: by cosines over the mesh's
+grid after 1 s, and in time. A million super steps go along random paths. Penetration is by how much a node, or the middle of
+a face, must be moved to be out of what strikes it: of the physics, the emulator, and the emulator as it is drawn. Also writes
+results/large_bodies_spectra.csv and docs/images/soft-spectra.png.
 
 Flex: cape, flag and jelly as MuJoCo's flexes, held by what holds them and moved as that moves, from rest, for 1 s along
 a smooth random path that does not turn; without air, and without colliders. Materials are those of the definitions as far
@@ -29,13 +40,16 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from large_bodies_cases.equal_error import equal_error_rows
+from large_bodies_cases.equal_error import equal_error_rows, shipped, unseen
 from large_bodies_cases.families import FAMILIES
 from large_bodies_cases.flex import flex_rows
+from large_bodies_cases.gradients import gradient_columns
+from large_bodies_cases.limits import endurance_columns, penetration_columns
 from large_bodies_cases.sheet import draw_sheet
+from large_bodies_cases.spectra import Spectrum, band_rows, draw_spectra, spectra_of
 
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
@@ -49,7 +63,11 @@ Rows = list[dict[str, Any]]
 
 RESULTS = Path(__file__).parent / "results"
 
-PICTURE = Path(__file__).parent.parent / "docs" / "images" / "soft-bodies.png"
+IMAGES = Path(__file__).parent.parent / "docs" / "images"
+
+PICTURE = IMAGES / "soft-bodies.png"
+
+SPECTRA = IMAGES / "soft-spectra.png"
 
 CELLS = (9, 18, 36, 72)
 """Numbers of squares along an edge of the cloth."""
@@ -68,6 +86,31 @@ ROUNDS = 3
 
 BALL = 0.15
 """Radius of the ball [m]."""
+
+
+class Extent(NamedTuple):
+    """How much is done for the fidelity of each body."""
+
+    paths: int
+    """Of gradients."""
+    length: int
+    """Super steps of the runs beside the physics."""
+    super_steps: int
+    """Of the long run."""
+
+
+THOROUGH = Extent(paths=8, length=150, super_steps=1_000_000)
+QUICK = Extent(paths=1, length=60, super_steps=10_000)
+
+BARS = {
+    "node_controls_median": 0.9,
+    "node_controls_least": 0.9,
+    "node_knots_median": 0.9,
+    "node_knots_least": 0.9,
+    "drawn_node_mm": 1.0,
+    "drawn_face_mm": 1.0,
+}
+"""What is wanted of a quantity: of a gradient at least, of a depth at most."""
 
 
 def square(cells: int) -> SoftBody:
@@ -168,19 +211,67 @@ def equal_error(names: list[str]) -> None:
         write_csv(RESULTS / "large_bodies_factors.csv", found)
 
 
+Columns = dict[str, Any]
+"""Quantities of one body by their names."""
+
+
+def fidelity_of(name: str, extent: Extent) -> tuple[Columns, dict[str, Spectrum]]:
+    """Return the figures of a body, and its spectra."""
+    system, emulator = shipped(name)
+    test = unseen(system, emulator.dt, length=extent.length)
+    columns: Columns = {}
+    columns |= gradient_columns(test, emulator, extent.paths)
+    columns |= endurance_columns(test, emulator, extent.super_steps)
+    columns |= penetration_columns(test, emulator)
+    return columns, spectra_of(test, emulator)
+
+
+def fidelity(names: list[str], extent: Extent) -> None:
+    """Print each body's figures and spectra; write those of all."""
+    found: dict[str, Columns] = {}
+    spectra: dict[str, dict[str, Spectrum]] = {}
+    for name in names:
+        found[name], spectra[name] = fidelity_of(name, extent)
+    rows, bands = fidelity_tables(found, spectra)
+    print_table(rows)
+    print_table(bands)
+    if len(names) == len(FAMILIES) and extent == THOROUGH:
+        write_csv(RESULTS / "large_bodies_fidelity.csv", rows)
+        write_csv(RESULTS / "large_bodies_spectra.csv", bands)
+        draw_spectra(spectra, SPECTRA)
+
+
+def fidelity_tables(
+    found: dict[str, Columns], spectra: dict[str, dict[str, Spectrum]]
+) -> tuple[Rows, Rows]:
+    """Return (a row per quantity with a column for each body, a row per body and octave)."""
+    rows: Rows = []
+    for quantity in next(iter(found.values())):
+        row: dict[str, Any] = {"quantity": quantity}
+        row |= {name: columns[quantity] for name, columns in found.items()}
+        rows.append(row | {"bar": BARS.get(quantity, "")})
+    bands: Rows = []
+    for name, of_body in spectra.items():
+        bands += band_rows(name, of_body)
+    return rows, bands
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("part", choices=("physics", "equal_error", "sheet", "flex"))
+    parser.add_argument("part", choices=("physics", "equal_error", "sheet", "flex", "fidelity"))
     parser.add_argument("names", nargs="*", default=list(FAMILIES))
     parser.add_argument(
-        "--quick", action="store_true", help="of flex: coarse meshes, 1/4 s; no file"
+        "--quick", action="store_true", help="of flex and fidelity: little, writes no file"
     )
     arguments = parser.parse_args()
     print(describe_machine())
     if arguments.part == "sheet":
         draw_sheet(arguments.names, PICTURE)
+        return
+    if arguments.part == "fidelity":
+        fidelity(arguments.names, QUICK if arguments.quick else THOROUGH)
         return
     with one_core():
         if arguments.part == "equal_error":

@@ -1,6 +1,6 @@
 """How numbers, hidden units and times of a cloth's emulator grow with its nodes, beside those of the physics.
 
-python benchmarks/law.py            100 to 3,000 nodes, about ten minutes on one core
+python benchmarks/law.py            100 to 10,000 nodes; about half an hour on one core by estimate, half of it for 10,000
 python benchmarks/law.py --quick    small meshes and trainings, a minute; writes nothing
 
 One cloth of 1 m × 1 m, in ever finer squares, hangs by its upper edge from a bar that is moved; air holds it back. A
@@ -35,6 +35,8 @@ from large_bodies_cases.equal_error import (
     STEPS,
     Test,
     controls_of,
+    decoded,
+    emulated_states,
     errors_of,
     known_states,
     unseen,
@@ -108,7 +110,7 @@ class Extent(NamedTuple):
     updates: int
 
 
-THOROUGH = Extent((10, 17, 32, 55), 96, (8, 16, 32, 64), 1_536, 2_000)
+THOROUGH = Extent((10, 17, 32, 55, 100), 96, (8, 16, 32, 64), 1_536, 2_000)
 QUICK = Extent((6, 9), 24, (4, 16), 240, 500)
 
 
@@ -158,16 +160,10 @@ def trained(folder: Path, carried: tuple[str, str, int], width: int, extent: Ext
     return na.train(transitions, settings, folder / f"cloth-{width}.emulator.safetensors")
 
 
-def rollouts(emulator: na.Emulator, test: Test) -> tuple[np.ndarray, np.ndarray]:
-    """Return the states the emulator begins the test's runs in, and its controls."""
-    return known_states(test).astype(np.float32), controls_of(test).astype(np.float32)
-
-
 def emulator_error(emulator: na.Emulator, test: Test) -> float:
     """Return the error after a second [%]."""
-    path = np.asarray(emulator.rollout(*rollouts(emulator, test)))
-    decoded = np.moveaxis(test.system.shapes.decode(path[:, 1:]), 0, -1)
-    return errors_of(test, decoded)[f"error_{STEPS}_percent"]
+    path = emulated_states(emulator, test)
+    return errors_of(test, decoded(test.system, path[:, 1:]))[f"error_{STEPS}_percent"]
 
 
 def implicit_seconds(body: SoftBody) -> float:
@@ -231,12 +227,13 @@ def row_of(side: int, extent: Extent, folder: Path) -> dict[str, Any]:
         if error <= MAX_ERROR:
             units = width
             break
-    states, controls = rollouts(emulator, test)
+    start = known_states(test)[0].astype(np.float32)
+    controls = controls_of(test)[0].astype(np.float32)
     alone = Motion(*(np.ascontiguousarray(part[..., 0]) for part in test.start[:2]))
     steps = system.truth.steps(FRAME)
     seconds = interleaved(
         {
-            "emulator": lambda: emulator.rollout(states[0], controls[0]),
+            "emulator": lambda: emulator.rollout(start, controls),
             "physics": lambda: system.scene.play(alone, test.paths[..., 0], FRAME, steps),
         },
         TIMINGS,

@@ -54,13 +54,21 @@ class Test(NamedTuple):
     start: Motion
     truth: Float[np.ndarray, "T N 3 L"]
     """Positions of nodes [m]."""
+    end: Motion
 
 
-def unseen(system: SoftSystem, dt: float, lead: int = 60) -> Test:
-    """Return `LANES` runs along smooth random paths, by the teacher's physics, `lead` super steps after rest."""
+def shipped(name: str) -> tuple[SoftSystem, na.Emulator]:
+    """Return a body that ships and its emulator."""
+    system = na.load_system(name)
+    assert isinstance(system, SoftSystem)
+    return system, na.load_emulator(name)
+
+
+def unseen(system: SoftSystem, dt: float, lead: int = 60, length: int = STEPS) -> Test:
+    """Return `LANES` runs of `length` super steps along smooth random paths, by the teacher's physics, `lead` after rest."""
     rng = np.random.default_rng(TEST_SEED)
     starts = np.repeat(system.rest[None], LANES, axis=0)
-    controls = system.sample_paths(rng, LANES, lead + STEPS, dt)
+    controls = system.sample_paths(rng, LANES, lead + length, dt)
     changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
     movers = starts[:, None, : system.control.size] + np.cumsum(changes, axis=1)
     paths = np.moveaxis(movers, 0, -1)
@@ -69,9 +77,10 @@ def unseen(system: SoftSystem, dt: float, lead: int = 60) -> Test:
     at_rest = Motion(rest.positions + rest.origin, rest.velocities)
     before, velocities = system.scene.play(at_rest, paths[: lead + 1], dt, steps)
     start = Motion(before[-1].copy(), velocities[-1].copy())
-    truth, _ = system.scene.play(start, paths[lead:], dt, steps)
+    truth, velocities = system.scene.play(start, paths[lead:], dt, steps)
+    end = Motion(truth[-1].copy(), velocities[-1].copy())
     given = (paths[lead] - paths[lead - 1]) / dt
-    return Test(system, dt, paths[lead:], given, start, truth)
+    return Test(system, dt, paths[lead:], given, start, truth, end)
 
 
 def known_states(test: Test) -> Float[np.ndarray, "L S"]:
@@ -84,6 +93,17 @@ def known_states(test: Test) -> Float[np.ndarray, "L S"]:
 def controls_of(test: Test) -> Float[np.ndarray, "L T D"]:
     """Return the controls that move the movers along the test's paths."""
     return np.moveaxis(np.diff(test.paths, axis=0) / test.dt, -1, 0)
+
+
+def emulated_states(emulator: na.Emulator, test: Test) -> Float[np.ndarray, "L F S"]:
+    """Return the emulator's states along the test's paths, the start included."""
+    states = known_states(test).astype(np.float32)
+    return np.asarray(emulator.rollout(states, controls_of(test).astype(np.float32)), float)
+
+
+def decoded(system: SoftSystem, states: Float[np.ndarray, "L T S"]) -> Float[np.ndarray, "T N 3 L"]:
+    """Return the nodes of runs of states, as `Test.truth` holds them [m]."""
+    return np.moveaxis(system.shapes.decode(states), 0, -1)
 
 
 def errors_of(test: Test, positions: Float[np.ndarray, "T N 3 L"]) -> dict[str, float]:
@@ -144,11 +164,10 @@ def add_emulator(race: Race) -> None:
     emulator = race.emulator
     states = known_states(test)
     controls = controls_of(test)
-    runs = (states.astype(np.float32), controls.astype(np.float32))
-    path = np.asarray(emulator.rollout(*runs), float)
-    decoded = np.moveaxis(system.shapes.decode(path[:, 1:]), 0, -1)
-    first = tuple(part[0] for part in runs)
-    race.add(EMULATOR, decoded, lambda: emulator.rollout(*first))
+    path = emulated_states(emulator, test)
+    nodes = decoded(system, path[:, 1:])
+    first = tuple(part[0] for part in (states.astype(np.float32), controls.astype(np.float32)))
+    race.add(EMULATOR, nodes, lambda: emulator.rollout(*first))
     count = len(system.shapes.modes)
     modes = np.ascontiguousarray(system.shapes.modes.reshape(count, -1), np.float32)
 
@@ -156,12 +175,12 @@ def add_emulator(race: Race) -> None:
         rolled = np.asarray(emulator.rollout(*first))
         return [amplitudes @ modes for amplitudes in rolled[1:, system.shapes.amplitudes]]
 
-    race.add(DECODED, decoded, with_nodes)
+    race.add(DECODED, nodes, with_nodes)
     simulated = system.simulate(states, controls, test.dt).states[:, 1:]
-    race.add("physics from the shapes", np.moveaxis(system.shapes.decode(simulated), 0, -1))
+    race.add("physics from the shapes", decoded(system, simulated))
     frozen = path[:, 1:].copy()
     frozen[..., system.shapes.amplitudes] = states[:, None, system.shapes.amplitudes]
-    race.add("shape as at the start", np.moveaxis(system.shapes.decode(frozen), 0, -1))
+    race.add("shape as at the start", decoded(system, frozen))
 
 
 def add_physics(race: Race, name: str, family: Family, definition: SoftDefinition) -> None:
@@ -208,9 +227,7 @@ def _add_one(race: Race, family: Family, scene: Scene, shape: tuple[int, ...], s
 
 def equal_error_rows(name: str) -> tuple[Rows, Rows]:
     """Return (a row for each way to simulate the body, the factors at equal error after each of `SHOWN`)."""
-    system = na.load_system(name)
-    assert isinstance(system, SoftSystem)
-    emulator = na.load_emulator(name)
+    system, emulator = shipped(name)
     test = unseen(system, emulator.dt)
     definition = check_table(read_toml(ASSETS / f"{name}.toml"), name, SoftDefinition)
     race = Race(test, emulator)

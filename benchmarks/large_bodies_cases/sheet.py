@@ -11,13 +11,19 @@ from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 
 import neuroanimator as na
-from large_bodies_cases.equal_error import STEPS, Test, controls_of, known_states, unseen
+from large_bodies_cases.equal_error import (
+    STEPS,
+    Test,
+    emulated_states,
+    known_states,
+    shipped,
+    unseen,
+)
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.export.film.drawing import draw_takes
 from neuroanimator.export.film.options import Film, Take
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.state.placement import Placement
-from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.terminal import progress_bar
 
 SHOWN = (0, STEPS // 2, STEPS - 1)
@@ -35,12 +41,10 @@ def draw_sheet(names: list[str], path: Path) -> None:
     figure = Figure(figsize=(2.2 * len(SHOWN) * len(names), 5.0), layout="constrained")
     parts = figure.subfigures(1, len(names), squeeze=False)[0]
     for part, name in zip(parts, names, strict=True):
-        system = na.load_system(name)
-        assert isinstance(system, SoftSystem)
-        emulator = na.load_emulator(name)
+        system, emulator = shipped(name)
         test = unseen(system, emulator.dt)
         run = liveliest(test)
-        states = rollout(emulator, test, run)[list(SHOWN)]
+        states = emulated_states(emulator, test)[run, 1:][list(SHOWN)]
         emulated = na.Clip(name, emulator.skeleton, np.array(SHOWN) * test.dt, states)
         part.suptitle(f"{name}: physics above, emulator below")
         axes = part.subplots(2, len(SHOWN))
@@ -64,13 +68,6 @@ def liveliest(test: Test) -> int:
     last = test.system.encode(ends, still, test.paths[-1].T, test.given.T)
     shapes = test.system.shapes.amplitudes
     return int(((last - states)[:, shapes] ** 2).sum(axis=1).argmax())
-
-
-def rollout(emulator: na.Emulator, test: Test, run: int) -> Float[np.ndarray, "T S"]:
-    """Return the emulator's states along one run."""
-    start = known_states(test)[run].astype(np.float32)
-    path = emulator.rollout(start, controls_of(test)[run].astype(np.float32))
-    return np.asarray(path, float)[1:]
 
 
 def of_nodes(clip: na.Clip, nodes: Float[np.ndarray, "F N 3"]) -> na.Clip:
