@@ -15,13 +15,12 @@ from neuroanimator.gym import EpisodeRules
 from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.learn_policy import Learner, PolicyLearning, learn_policy
 from neuroanimator.gym.policy_gradient import (
-    Actor,
     Rollouts,
-    acting,
     critic_targets,
     policy_gradient,
+    with_network,
 )
-from neuroanimator.gym.state_policy import load_state_policy
+from neuroanimator.gym.state_policy import Perceptron, load_state_policy
 from neuroanimator.gym.state_rows import emulator_stepper
 
 LEARNING = PolicyLearning(
@@ -64,14 +63,13 @@ def rollouts(learner: Learner) -> Rollouts:
 def test_where_the_emulator_is_the_physics_slopes_are_those_of_returns(
     learner: Learner, rollouts: Rollouts, emulator: Emulator
 ):
-    actor = learner.actor
-
-    def minus_return(actor: Actor) -> jax.Array:
+    def minus_return(network: Perceptron) -> jax.Array:
+        policy = with_network(learner.policy, network)
         states = rollouts.states[0]
         total = jnp.zeros(len(states))
         weight = 1.0
         for noise in rollouts.noise:
-            controls = acting(learner.policy, actor, states, noise)
+            controls = policy.control_of(states, noise)
             following = jax.vmap(emulator.step)(states, controls)
             total += weight * cost(states, controls, following, emulator.dt)
             weight *= DISCOUNT
@@ -79,9 +77,9 @@ def test_where_the_emulator_is_the_physics_slopes_are_those_of_returns(
         total += weight * learner.critic(learner.policy.view(states))[..., 0]
         return -total.mean() / len(rollouts.noise)
 
-    wanted_loss, wanted = jax.value_and_grad(minus_return)(actor)
+    wanted_loss, wanted = jax.value_and_grad(minus_return)(learner.policy.network)
     loss, gradient = policy_gradient(
-        learner.policy, actor, learner.critic, emulator, RULES, rollouts, DISCOUNT
+        learner.policy, learner.critic, emulator, RULES, rollouts, DISCOUNT
     )
     assert loss == pytest.approx(float(wanted_loss), rel=1e-4)
     for part, other in zip(jax.tree.leaves(gradient), jax.tree.leaves(wanted), strict=True):
@@ -95,10 +93,8 @@ def test_slopes_of_two_episodes_in_a_row_are_the_sum_of_those_of_each(
     cut = rollouts._replace(is_last=ended, is_fallen=ended)
     short = Rollouts(*(part[:2] for part in cut))
 
-    def slopes(of: Rollouts) -> Actor:
-        return policy_gradient(
-            learner.policy, learner.actor, learner.critic, emulator, RULES, of, DISCOUNT
-        )[1]
+    def slopes(of: Rollouts) -> Perceptron:
+        return policy_gradient(learner.policy, learner.critic, emulator, RULES, of, DISCOUNT)[1]
 
     later = Rollouts(*(part[2:] for part in cut))
     whole = jax.tree.map(lambda first, rest: 2 * first + 3 * rest, slopes(short), slopes(later))

@@ -24,13 +24,13 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.gym.bodies import Bodies, returns_of
 from neuroanimator.gym.policy_gradient import (
-    Actor,
     Rollouts,
     critic_loss,
     critic_targets,
     emulator_loss,
     noisy_controls,
     policy_gradient,
+    with_network,
 )
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_policy import FIRST_GAIN, Perceptron, StatePolicy, View
@@ -86,7 +86,7 @@ class PolicyLearning:
     policy_widths: tuple[int, ...] = (128, 64)
     critic_widths: tuple[int, ...] = (128, 128)
     spread: float = 0.4
-    """Standard deviation of the noise at first."""
+    """Standard deviation of the noise, before controls are pressed into their bounds."""
     emulator_updates: int = 4
     """Number of steps of Adam for the emulator in an update."""
     reports: int = 20
@@ -126,13 +126,12 @@ class Learner:
         )
         view = View(jnp.zeros(size), jnp.ones(size), shown)
         self.policy = StatePolicy(emulator, view, network)
-        self.actor = Actor(network, jnp.full(controls, np.log(learning.spread)))
         self.critic = Perceptron.fresh((size, *learning.critic_widths, 1), critic_key, 1.0)
         self.slow_critic = self.critic
         self.of_policy = _clipped_adam(1.0)
         self.of_critic = _clipped_adam(learning.critic_rate)
         self.of_emulator = optax.adam(EMULATOR_RATE)
-        self.policy_memory = _fresh_memory(self.of_policy, self.actor)
+        self.policy_memory = _fresh_memory(self.of_policy, network)
         self.critic_memory = _fresh_memory(self.of_critic, self.critic)
         self.emulator_memory = _fresh_memory(self.of_emulator, emulator.network)
         stepper = physics_stepper(system, system.scheme, self.dt)
@@ -154,14 +153,15 @@ class Learner:
         rng = self._rng(self.update)
         rollouts = self._roll_out(rng)
         loss, gradient = policy_gradient(
-            self.policy, self.actor, self.slow_critic, self.emulator, self.rules, rollouts,
+            self.policy, self.slow_critic, self.emulator, self.rules, rollouts,
             self.learning.discount,
         )  # fmt: skip
         if np.isfinite(float(loss)):
             rate = self.learning.policy_rate * max(LEAST_RATE, 1 - done)
-            self.actor, self.policy_memory = _stepped(
-                self.of_policy, gradient, self.policy_memory, self.actor, as_jax(rate)
+            network, self.policy_memory = _stepped(
+                self.of_policy, gradient, self.policy_memory, self.policy.network, as_jax(rate)
             )
+            self.policy = with_network(self.policy, network)
         self._see(np.asarray(rollouts.states))
         self._fit_critic(rng, rollouts)
         self._remember(rollouts)
@@ -173,10 +173,8 @@ class Learner:
         told = []
         for _ in range(self.learning.horizon):
             states = self.bodies.states.astype(np.float32)
-            noise = rng.normal(size=shape).astype(np.float32)
-            controls = np.asarray(
-                noisy_controls(self.policy, self.actor, as_jax(states), as_jax(noise))
-            )
+            noise = (self.learning.spread * rng.normal(size=shape)).astype(np.float32)
+            controls = np.asarray(noisy_controls(self.policy, as_jax(states), as_jax(noise)))
             following, is_fallen, is_last = self.bodies.step(controls)
             told.append((states, noise, controls, following.astype(np.float32), is_fallen, is_last))
             self.bodies.begin(rng, is_last)
@@ -239,7 +237,7 @@ class Learner:
     @property
     def learnt(self) -> StatePolicy:
         """The policy as it is now, and its emulator."""
-        return StatePolicy(self.emulator, self.policy.view, self.actor.network)
+        return StatePolicy(self.emulator, self.policy.view, self.policy.network)
 
 
 def _clipped_adam(rate: float) -> optax.GradientTransformation:
@@ -260,14 +258,14 @@ def _tree(weights: Any) -> Any:
 @eqx.filter_jit
 def _stepped(
     optimizer: optax.GradientTransformation,
-    gradient: Actor,
+    gradient: Perceptron,
     memory: Any,
-    actor: Actor,
+    network: Perceptron,
     rate: Float[Array, ""],
-) -> tuple[Actor, Any]:
+) -> tuple[Perceptron, Any]:
     step, memory = optimizer.update(_tree(gradient), memory)
     scaled = jax.tree.map(lambda part: rate * part, step)
-    return eqx.apply_updates(actor, scaled), memory
+    return eqx.apply_updates(network, scaled), memory
 
 
 @eqx.filter_jit

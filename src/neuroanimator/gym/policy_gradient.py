@@ -35,43 +35,40 @@ class Rollouts(NamedTuple):
     """Where the episode ended, by the rules or by its length."""
 
 
-class Actor(NamedTuple):
-    """What gradients change."""
-
-    network: Perceptron
-    log_spread: Float[Array, " C"]
-    """Logarithm of the standard deviation of the noise."""
+def with_network(policy: StatePolicy, network: Perceptron) -> StatePolicy:
+    """Return the policy with other weights."""
+    return eqx.tree_at(lambda policy: policy.network, policy, network)
 
 
-def acting(policy: StatePolicy, actor: Actor, states: Array, noise: Array) -> Array:
-    """Return the controls of the policy with the weights of `actor`."""
-    policy = eqx.tree_at(lambda policy: policy.network, policy, actor.network)
-    return policy.control_of(states, jnp.exp(actor.log_spread) * noise)
-
-
-noisy_controls = eqx.filter_jit(acting)
+@eqx.filter_jit
+def noisy_controls(
+    policy: StatePolicy, states: Float[Array, "N S"], noise: Float[Array, "N C"]
+) -> Float[Array, "N C"]:
+    """Return the controls of the policy for bodies in `states`."""
+    return policy.control_of(states, noise)
 
 
 @eqx.filter_jit
 def policy_gradient(
     policy: StatePolicy,
-    actor: Actor,
     critic: Perceptron,
     emulator: Emulator,
     rules: EpisodeRules,
     rollouts: Rollouts,
     discount: float,
-) -> tuple[Float[Array, ""], Actor]:
-    """Return minus the mean discounted return of a step, and its derivative."""
+) -> tuple[Float[Array, ""], Perceptron]:
+    """Return minus the mean discounted return of a step, and its derivative by the weights of the policy."""
     length = len(rollouts.states)
     reward: Any = rules.reward
 
-    def loss_of(actor: Actor) -> Float[Array, ""]:
+    def loss_of(network: Perceptron) -> Float[Array, ""]:
+        trained = with_network(policy, network)
+
         def advance(carry: tuple, step: tuple) -> tuple[tuple, None]:
             carried, weight, total = carry
             moment, is_end = step
             states = _as(carried, moment.states)
-            controls = acting(policy, actor, states, moment.noise)
+            controls = trained.control_of(states, moment.noise)
             emulated = jax.vmap(emulator.step)(states, controls)
             following = _as(emulated, moment.following)
             rewards = reward(states, controls, following, policy.dt)
@@ -89,7 +86,7 @@ def policy_gradient(
         (_, _, total), _ = jax.lax.scan(advance, start, (rollouts, is_end))
         return -total / rollouts.is_last.size
 
-    return jax.value_and_grad(loss_of)(actor)
+    return jax.value_and_grad(loss_of)(policy.network)
 
 
 def _as(derived: Array, values: Array) -> Array:

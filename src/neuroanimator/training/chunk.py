@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.training.batches import draw_batches, folded, parts_of, seen_by
@@ -124,6 +125,7 @@ def _batch_loss(
     if structure.symmetry_order > 1:
         states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
     growth = problem.config.error_growth
-    if structure.shape_contacts is not None:
+    contacts = structure.shape_contacts
+    if contacts is not None and contacts.anchor == FREE:
         return robust_loss(emulator, states, controls, growth)
     return unrolled_loss(emulator, states, controls, weights, growth)

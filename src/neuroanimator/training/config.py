@@ -164,12 +164,12 @@ class TrainingConfig(Settings):
     def unroll_at(self, chunk: int) -> int:
         """Return how many super steps the loss of chunk number `chunk` spans.
 
-        More than `MAX_UNROLL` are come to by doubling, in half of the updates that are unrolled.
+        More than `MAX_UNROLL` after single ones are come to by doubling, in half of the updates that are unrolled.
         """
         first = round(self.chunks * (1 - self.unroll_share))
         if chunk < first:
             return 1
-        if self.unroll <= MAX_UNROLL:
+        if self.unroll <= MAX_UNROLL or first == 0:
             return self.unroll
         doublings = math.ceil(math.log2(self.unroll))
         share = (chunk - first) / (self.chunks - first)

@@ -17,7 +17,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import USUAL_SUBSTEPS, resolve, trust_files
-from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.config import SOFT, TrainingConfig
 from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.train import Report, train
 
@@ -83,6 +83,8 @@ class SoftRecipe:
     runs: int
     """Number of simulated runs."""
     updates: int
+    unroll_share: float = SOFT["unroll_share"]
+    """See `TrainingConfig`: of cloths windows from the first update on are more exact, of solids single steps before."""
 
 
 SOFT_RANDOM_RUNS = 256
@@ -174,6 +176,7 @@ def cook_soft(
     training = TrainingConfig.usual(
         load_system(str(toml)).structure,
         updates=recipe.updates,
+        unroll_share=recipe.unroll_share,
     )
     emulator = train(read_transitions(data), training, own, on_report=on_report)
     out = folder / shipped_path(name, substeps).name
