@@ -56,6 +56,7 @@ from neuroanimator.export.programs.onnx_file import write_onnx as write_onnx
 from neuroanimator.export.programs.wasm_file import write_wasm as write_wasm
 from neuroanimator.export.usd.scene import write_usd as write_usd
 from neuroanimator.export.worst_cases import write_worst as write_worst
+from neuroanimator.gym.learn_policy import learn_policy as learn_policy
 from neuroanimator.state.layout import Bounds as Bounds
 from neuroanimator.state.pose import read_heights as read_heights
 from neuroanimator.state.pose import read_pose as read_pose

@@ -87,6 +87,10 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (["export", "cube", "--out", "cube.h"], 3, "no emulator of cube ships"),
         (["animate", "cube", "--out", "clip.glb"], 3, "no emulator of cube ships"),
         (["control", "cube", "--goal", "up", "--out", "up.csv"], 3, "no emulator of cube ships"),
+        (["policy", "pendulum", "--out", "p.policy.safetensors"], 2, "no [task]"),
+        (["policy", "pendulum", "--minutes", "0", "--out", "p.policy.safetensors"], 2, "minutes"),
+        (["policy", "none.toml", "--out", "p.policy.safetensors"], 3, "none.toml"),
+        (["evaluate", "none.policy.safetensors"], 3, "none.policy.safetensors"),
         (
             ["animate", "pendulum", "--out", "clip.gif"],
             2,

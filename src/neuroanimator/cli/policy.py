@@ -82,10 +82,10 @@ def run(
     if not 1 <= updates <= MAX_UPDATES:
         raise ArgumentError(f"updates: wanted 1 to {MAX_UPDATES:,}, came {updates:,}.")
     with phase("loading"):
-        trust_files(system)
         name, definition, _ = resolve(system)
-        body = load_system(system)
         task = _task(system, definition)
+        trust_files(system)
+        body = load_system(system)
         rules = locomotion_rules(task, body.structure, body.rest)
     began = time.monotonic()
     if emulator is None:

@@ -20,15 +20,23 @@ except ImportError:
 
 from neuroanimator.files.zoo import SHIPPED
 from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, PhysicsVectorEnv
+from neuroanimator.gym.learn_policy import PolicyLearning
+from neuroanimator.gym.locomotion import gymnasium_task, locomotion_rules
 from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.rules import EpisodeRules, RunningCost
+from neuroanimator.gym.state_policy import StatePolicy, load_state_policy
 
 __all__ = [
     "EmulatorEnv",
     "EmulatorVectorEnv",
     "EpisodeRules",
     "PhysicsVectorEnv",
+    "PolicyLearning",
     "RunningCost",
+    "StatePolicy",
+    "gymnasium_task",
+    "load_state_policy",
+    "locomotion_rules",
     "mjcf_of",
     "register",
 ]
