@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +16,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.atomic import append_line
 from neuroanimator.gym.learn_policy import (
     EVALUATED,
     LearningReport,
@@ -97,6 +99,15 @@ def run(
     if minutes is not None:
         limit = SECONDS_A_MINUTE * minutes - (time.monotonic() - began)
     told: list[LearningReport] = []
+    folder = run_folder(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    metrics = folder / "metrics.jsonl"
+    metrics.unlink(missing_ok=True)
+
+    def log(report: LearningReport) -> None:
+        told.append(report)
+        append_line(metrics, json.dumps(report._asdict()))
+
     with progress_bar("learning", PERCENT) as bar:
         policy = learn_policy(
             body,
@@ -105,7 +116,7 @@ def run(
             learning,
             seconds=limit,
             on_share=lambda share: bar.advance_to(round(PERCENT * share)),
-            on_report=told.append,
+            on_report=log,
         )
     policy.save(out, {"seed": seed, "updates": told[-1].update})
     best = max(report.mean_return for report in told)
