@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, load_emulator, load_system
+from neuroanimator import Emulator, NeuroAnimatorError, load_emulator, load_system
 from neuroanimator.gym import EpisodeRules
-from neuroanimator.gym.bodies import Bodies
+from neuroanimator.gym.bodies import Bodies, environment_returns
 from neuroanimator.gym.learn_policy import Learner, PolicyLearning, learn_policy
+from neuroanimator.gym.locomotion import task_of
 from neuroanimator.gym.policy_gradient import (
     Rollouts,
     critic_targets,
@@ -133,3 +134,17 @@ def test_the_same_seed_learns_the_same_policy_and_files_keep_it(emulator: Emulat
     read = load_state_policy(files[0])
     assert np.array_equal(policy.control_of(states), read.control_of(states))
     assert eqx.tree_equal(policy.emulator.network, read.emulator.network)
+
+
+def test_an_environment_that_a_file_names_is_none_but_gymnasiums_own_of_this_body(
+    learner: Learner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "stranger.py").write_text("raise SystemExit('a file has run a program')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for env_id in ("stranger:Hopper-v5", "Nowhere-v0", "CartPole-v1"):
+        with pytest.raises(NeuroAnimatorError):
+            environment_returns(learner.policy, env_id, 1, 0)
+    with pytest.raises(NeuroAnimatorError, match="wanted|controls|shape"):
+        environment_returns(learner.policy, "Walker2d-v5", 1, 0)
+    with pytest.raises(NeuroAnimatorError, match=r"no \[task\]"):
+        task_of(learner.emulator.definition, "a.policy.safetensors")

@@ -11,8 +11,6 @@ import typer
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.definitions.carried import read_definition_text
-from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
@@ -23,7 +21,7 @@ from neuroanimator.gym.learn_policy import (
     PolicyLearning,
     learn_policy,
 )
-from neuroanimator.gym.locomotion import locomotion_rules
+from neuroanimator.gym.locomotion import locomotion_rules, task_of
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.system import System
@@ -42,6 +40,8 @@ WIDTHS = (192, 128)
 EMULATOR_UPDATES = 1000
 
 SECONDS_A_MINUTE = 60
+
+LEAST_SECONDS = 1e-3
 
 MAX_MINUTES = 10_000
 
@@ -85,7 +85,7 @@ def run(
         raise ArgumentError(f"updates: wanted 1 to {MAX_UPDATES:,}, came {updates:,}.")
     with phase("loading"):
         name, definition, _ = resolve(system)
-        task = _task(system, definition)
+        task = task_of(definition, system)
         trust_files(system)
         body = load_system(system)
         rules = locomotion_rules(task, body.structure, body.rest)
@@ -97,7 +97,8 @@ def run(
     learning = PolicyLearning(updates=updates, seed=seed)
     limit = None
     if minutes is not None:
-        limit = SECONDS_A_MINUTE * minutes - (time.monotonic() - began)
+        # One update at least, where making the emulator took all the time.
+        limit = max(SECONDS_A_MINUTE * minutes - (time.monotonic() - began), LEAST_SECONDS)
     told: list[LearningReport] = []
     folder = run_folder(out)
     folder.mkdir(parents=True, exist_ok=True)
@@ -127,17 +128,6 @@ def run(
             ("mean return", f"{best:.0f} of {EVALUATED} episodes, the best on the way"),
             ("judge it", f"neuroanimator evaluate {out} --episodes 100"),
         ]
-    )
-
-
-def _task(path: str, definition: str) -> TaskTable:
-    """Return the task of a TOML file; ArgumentError where there is none."""
-    written = read_definition_text(definition).definition if definition else None
-    if isinstance(written, Definition) and written.task is not None:
-        return written.task
-    raise ArgumentError(
-        f"{path}: no [task]. 'neuroanimator new Hopper-v5' writes one for Gymnasium's environments that go forward; "
-        "copy it and change its numbers, or learn by na.gym.EpisodeRules of your own."
     )
 
 

@@ -6,13 +6,11 @@ from json import dumps
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
-from neuroanimator.definitions.carried import read_definition_text
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.gym.bodies import environment_returns, returns_of
-from neuroanimator.gym.locomotion import locomotion_rules
+from neuroanimator.gym.locomotion import locomotion_rules, task_of
 from neuroanimator.gym.state_policy import load_state_policy
 from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
 from neuroanimator.systems.loading import trust_files
@@ -32,7 +30,7 @@ def evaluate_policy(
         if toml:
             trust_files(toml)
         system = system_of(policy.emulator)
-        task = read_definition_text(policy.emulator.definition).definition.task
+        task = task_of(policy.emulator.definition, str(path))
         rules = locomotion_rules(task, system.structure, system.rest)
     where = task.environment or "the physics"
     with phase(f"{episodes} episodes in {where}"):
@@ -44,9 +42,15 @@ def evaluate_policy(
     with phase(f"{episodes} episodes in the emulator"):
         leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
         inside = returns_of(policy, leaps, rules, episodes, seed)
-    found = {"environment": where, "episodes": episodes} | _numbers(returns)
-    found["mean_return_inside"] = float(inside.mean())
     if as_json:
+        found = {
+            "environment": where,
+            "episodes": episodes,
+            "mean_return": float(returns.mean()),
+            "least_return": float(returns.min()),
+            "largest_return": float(returns.max()),
+            "mean_return_inside": float(inside.mean()),
+        }
         print(dumps(found, indent=2))
         return
     print_rows(
@@ -58,11 +62,3 @@ def evaluate_policy(
             ("in the emulator", f"{inside.mean():.0f}"),
         ]
     )
-
-
-def _numbers(returns: Float[np.ndarray, " B"]) -> dict[str, float]:
-    return {
-        "mean_return": float(returns.mean()),
-        "least_return": float(returns.min()),
-        "largest_return": float(returns.max()),
-    }

@@ -88,7 +88,7 @@ THOROUGH = EvaluationBudget(hybrid_runs=16)
 SOFT_BODY = EvaluationBudget(
     runs=16, seconds=2.0, transitions=160, repeats=3, starts=100, steps=150
 )
-"""The same for a soft body, whose physics takes milliseconds for a super step: `THOROUGH` would take ten times as long."""
+"""The same for a soft body, whose physics takes milliseconds for a super step: `THOROUGH` would take many minutes."""
 
 QUICK = EvaluationBudget(runs=8, transitions=320, repeats=3, starts=200, steps=300, rounds=1)
 """Seconds for each emulator."""

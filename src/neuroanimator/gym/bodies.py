@@ -9,19 +9,21 @@ import gymnasium
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from neuroanimator.control.planning.environments import mujoco_state
+from neuroanimator.control.planning.environments import check_actions, mujoco_state
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_policy import StatePolicy
-from neuroanimator.gym.state_rows import Stepper
+from neuroanimator.gym.state_rows import NOISE, StateRows, Stepper
 
 
 class Moved(NamedTuple):
     """Result of a step, a row each."""
 
     following: Float[np.ndarray, "N S"]
+    rewards: Float[np.ndarray, " N"]
     is_fallen: Bool[np.ndarray, " N"]
     """Whether the rules ended the episode, or the physics diverged."""
     is_last: Bool[np.ndarray, " N"]
@@ -29,7 +31,7 @@ class Moved(NamedTuple):
 
 
 class Bodies:
-    """N bodies that a stepper moves, each in its episode."""
+    """N bodies that a stepper moves, each in its episode by rules that draw starts."""
 
     def __init__(
         self,
@@ -42,30 +44,28 @@ class Bodies:
         """Begin an episode of each; `emulator` names states and bounds. ArgumentError for rules that draw no starts."""
         if rules.draw_start is None:
             raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
-        self.stepper = stepper
-        self.rules = rules
-        self.draw_start = rules.draw_start
-        self.bounds = emulator.bounds
-        self.states = np.zeros((count, emulator.state.size))
+        self.rows = StateRows(emulator, stepper, rules, None, NOISE)
         self.ages = np.zeros(count, int)
-        self.is_new = np.ones(count, bool)
-        self.begin(rng, self.is_new)
+        self.begin(rng, np.ones(count, bool))
+
+    @property
+    def states(self) -> Float[np.ndarray, "N S"]:
+        """Their states at present."""
+        return self.rows.states
 
     def begin(self, rng: np.random.Generator, rows: Bool[np.ndarray, " N"]) -> None:
         """Begin an episode in each of `rows`."""
-        for row in np.flatnonzero(rows):
-            self.states[row] = self.draw_start(rng)
+        if not rows.any():
+            return
+        self.rows.restart([rng] * int(rows.sum()), rows)
         self.ages[rows] = 0
-        self.is_new = rows
 
     def step(self, controls: Float[np.ndarray, "N C"]) -> Moved:
         """Go a step on."""
-        leap = self.stepper(self.states, self.bounds.clip(controls), self.is_new)
+        outcome = self.rows.step(self.rows.emulator.bounds.clip(controls))
         self.ages += 1
-        self.states = np.array(leap.states, float)
-        is_fallen = np.asarray(self.rules.is_over(self.states)) | leap.is_lost
-        is_last = is_fallen | (self.ages >= (self.rules.steps or np.inf))
-        return Moved(self.states.copy(), is_fallen, is_last)
+        is_last = outcome.is_over | (self.ages >= self.rows.steps)
+        return Moved(self.states, outcome.rewards, outcome.is_over, is_last)
 
 
 def returns_of(
@@ -77,11 +77,9 @@ def returns_of(
     total = np.zeros(episodes)
     goes_on = np.ones(episodes, bool)
     while goes_on.any():
-        states = bodies.states.copy()
-        controls = np.asarray(_controls(policy, as_jax(states)), float)
+        controls = np.asarray(_controls(policy, as_jax(bodies.states)), float)
         moved = bodies.step(controls)
-        rewards = np.asarray(rules.reward(states, controls, moved.following, policy.dt))
-        total += np.where(goes_on, rewards, 0)
+        total += np.where(goes_on, moved.rewards, 0)
         goes_on &= ~moved.is_last
         bodies.begin(rng, moved.is_last)
     return total
@@ -90,15 +88,23 @@ def returns_of(
 def environment_returns(
     policy: StatePolicy, env_id: str, episodes: int, seed: int
 ) -> Float[np.ndarray, " B"]:
-    """Return the returns of whole episodes in Gymnasium's environment `env_id` itself, without noise."""
+    """Return the returns of whole episodes in Gymnasium's environment `env_id` itself, without noise.
+
+    Raises ArgumentError for an id that is none of its MuJoCo environments', and for one of another body.
+    """
+    mjcf_of(
+        env_id
+    )  # refuses other ids: that of a file may name a module, which `make` would import
     environment: Any = gymnasium.make(env_id)
+    check_actions(policy.emulator, environment)
     returns = []
     for episode in range(episodes):
         observation, _ = environment.reset(seed=seed + episode)
         total = 0.0
         is_over = False
         while not is_over:
-            state = mujoco_state(environment, observation)
+            read = mujoco_state(environment, observation)
+            state = policy.emulator.state.check(read, env_id)
             action = np.asarray(_controls(policy, as_jax(state[None])))[0]
             observation, reward, is_terminated, is_truncated, _ = environment.step(action)
             total += float(reward)

@@ -131,9 +131,14 @@ class Learner:
         self.of_policy = _clipped_adam(1.0)
         self.of_critic = _clipped_adam(learning.critic_rate)
         self.of_emulator = optax.adam(EMULATOR_RATE)
-        self.policy_memory = _fresh_memory(self.of_policy, network)
-        self.critic_memory = _fresh_memory(self.of_critic, self.critic)
-        self.emulator_memory = _fresh_memory(self.of_emulator, emulator.network)
+        weights: Any = (
+            network,
+            self.critic,
+            emulator.network,
+        )  # trees, but no such types as optax names
+        self.policy_memory = self.of_policy.init(weights[0])
+        self.critic_memory = self.of_critic.init(weights[1])
+        self.emulator_memory = self.of_emulator.init(weights[2])
         stepper = physics_stepper(system, system.scheme, self.dt)
         self.bodies = Bodies(stepper, rules, emulator, self._rng(-1), learning.bodies)
         self.transitions: tuple[np.ndarray, ...] = tuple(
@@ -175,9 +180,10 @@ class Learner:
             states = self.bodies.states.astype(np.float32)
             noise = (self.learning.spread * rng.normal(size=shape)).astype(np.float32)
             controls = np.asarray(noisy_controls(self.policy, as_jax(states), as_jax(noise)))
-            following, is_fallen, is_last = self.bodies.step(controls)
-            told.append((states, noise, controls, following.astype(np.float32), is_fallen, is_last))
-            self.bodies.begin(rng, is_last)
+            moved = self.bodies.step(controls)
+            following = moved.following.astype(np.float32)
+            told.append((states, noise, controls, following, moved.is_fallen, moved.is_last))
+            self.bodies.begin(rng, moved.is_last)
         return Rollouts(*(jnp.asarray(np.stack(part)) for part in zip(*told, strict=True)))
 
     def _see(self, states: Float[np.ndarray, "T N S"]) -> None:
@@ -246,24 +252,15 @@ def _clipped_adam(rate: float) -> optax.GradientTransformation:
     return optax.chain(clip, optax.adam(rate, b1=first, b2=second))
 
 
-def _fresh_memory(optimizer: optax.GradientTransformation, weights: Any) -> Any:
-    return optimizer.init(weights)
-
-
-def _tree(weights: Any) -> Any:
-    """Return `weights` as what optax takes: it knows no modules."""
-    return weights
-
-
 @eqx.filter_jit
 def _stepped(
     optimizer: optax.GradientTransformation,
-    gradient: Perceptron,
+    gradient: Any,
     memory: Any,
     network: Perceptron,
     rate: Float[Array, ""],
 ) -> tuple[Perceptron, Any]:
-    step, memory = optimizer.update(_tree(gradient), memory)
+    step, memory = optimizer.update(gradient, memory)
     scaled = jax.tree.map(lambda part: rate * part, step)
     return eqx.apply_updates(network, scaled), memory
 
@@ -279,8 +276,8 @@ def _critic_epochs(
 ) -> tuple[Perceptron, Any]:
     def update(carry: tuple, chosen: Array) -> tuple[tuple, None]:
         critic, memory = carry
-        gradient = jax.grad(critic_loss)(critic, shown[chosen], targets[chosen])
-        step, memory = optimizer.update(_tree(gradient), memory)
+        gradient: Any = jax.grad(critic_loss)(critic, shown[chosen], targets[chosen])
+        step, memory = optimizer.update(gradient, memory)
         return (eqx.apply_updates(critic, step), memory), None
 
     (critic, memory), _ = jax.lax.scan(update, (critic, memory), rows)
@@ -297,7 +294,7 @@ def _emulator_steps(
     def update(carry: tuple, batch: tuple[Array, ...]) -> tuple[tuple, Array]:
         network, memory = carry
         loss, gradient = jax.value_and_grad(emulator_loss)(network, emulator, *batch)
-        step, memory = optimizer.update(_tree(gradient), memory)
+        step, memory = optimizer.update(gradient, memory)
         return (eqx.apply_updates(network, step), memory), loss
 
     (network, memory), losses = jax.lax.scan(update, (emulator.network, memory), batches)
@@ -339,6 +336,7 @@ def learn_policy(
     learner = Learner(system, emulator, rules, learning)
     best = learner.learnt
     best_return = -np.inf
+    stepper = physics_stepper(system, system.scheme, emulator.dt)
     began = time.monotonic()
     reported = 0
     done = 0.0
@@ -353,7 +351,6 @@ def learn_policy(
             continue
         reported = int(done * learning.reports)
         policy = learner.learnt
-        stepper = physics_stepper(system, system.scheme, policy.dt)
         mean = float(returns_of(policy, stepper, rules, EVALUATED, learning.seed).mean())
         if mean > best_return:
             best = policy

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from neuroanimator.definitions.carried import read_definition_text
+from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.task import ANY, FARTHEST, TaskTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.models import default_of
@@ -41,6 +43,17 @@ def gymnasium_task(env_id: str) -> TaskTable:
         control_cost=default_of(env_id, "ctrl_cost_weight"),
         reset_noise=default_of(env_id, "reset_noise_scale"),
         **given,
+    )
+
+
+def task_of(definition: str, label: str) -> TaskTable:
+    """Return the task of the system in the JSON text `definition`; ArgumentError, which names `label`, where there is none."""
+    written = read_definition_text(definition).definition if definition else None
+    if isinstance(written, Definition) and written.task is not None:
+        return written.task
+    raise ArgumentError(
+        f"{label}: no [task]. 'neuroanimator new Hopper-v5' writes one for Gymnasium's environments that go forward; "
+        "copy it and change its numbers, or learn by na.gym.EpisodeRules of your own."
     )
 
 

@@ -64,6 +64,13 @@ class EpisodeRows(ABC):
     def observe(self) -> Float[np.ndarray, "B O"]:
         """Return the observations, as a new array."""
 
+    def restart(self, random: Sequence[np.random.Generator], rows: Bool[np.ndarray, " B"]) -> None:
+        """Begin an episode at a random start in each of `rows`, drawn by each of `random`."""
+        drawn = self.draw(random)
+        starts = np.zeros((len(rows), *drawn.shape[1:]), drawn.dtype)
+        starts[rows] = drawn
+        self.begin(starts, rows)
+
     def facts(self) -> dict[str, Shaped[np.ndarray, " B"]]:
         """Return the part of `info` that is known of an episode from its beginning."""
         return {}
@@ -187,21 +194,17 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ArgumentError(
                 f"{self.rows.option}: wanted shape {one} or {wanted}, came {starts.shape}."
             )
-        self._begin_rows(np.broadcast_to(starts, wanted), self._everywhere)
+        self.rows.begin(np.broadcast_to(starts, wanted), self._everywhere)
+        self._have_begun(self._everywhere)
 
     def _restart(self, rows: Bool[np.ndarray, " B"]) -> None:
         """Begin an episode at a random start in each of `rows`."""
         if not rows.any():
             return
-        drawn = self.rows.draw([self._random[row] for row in np.flatnonzero(rows)])
-        starts = np.zeros((self.num_envs, *drawn.shape[1:]), drawn.dtype)
-        starts[rows] = drawn
-        self._begin_rows(starts, rows)
+        self.rows.restart([self._random[row] for row in np.flatnonzero(rows)], rows)
+        self._have_begun(rows)
 
-    def _begin_rows(
-        self, starts: Shaped[np.ndarray, "B ..."], rows: Bool[np.ndarray, " B"]
-    ) -> None:
-        self.rows.begin(starts, rows)
+    def _have_begun(self, rows: Bool[np.ndarray, " B"]) -> None:
         self._counts = np.where(rows, 0, self._counts)
         self._has_ended = np.zeros(self.num_envs, bool)
 

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.planning.planner import Planner, moved_on
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
 SAME_TIME = 1e-6
@@ -135,7 +136,7 @@ def control_environment(
         raise ArgumentError(
             f"every: wanted 1 to the {planner.parametrisation.steps} super steps of a plan, came {every}."
         )
-    _check_action_size(planner, environment)
+    check_actions(planner.emulator, environment)
     observation = _reset(environment, seed)
     if objective_of is not None:
         planner = planner.towards(objective_of(environment, observation))
@@ -282,10 +283,10 @@ def _read(
     return planner.emulator.state.check(state, "state_of")
 
 
-def _check_action_size(planner: Planner, environment: Environment) -> None:
+def check_actions(emulator: Emulator, environment: Environment) -> None:
     """Refuse an environment whose actions are not the emulator's controls, where it says what they are."""
     space = getattr(environment, "action_space", None)
-    size = planner.emulator.control.size
+    size = emulator.control.size
     if space is None:
         return
     shape = getattr(space, "shape", None)
@@ -296,12 +297,12 @@ def _check_action_size(planner: Planner, environment: Environment) -> None:
         raise ArgumentError(
             f"environment: its actions {told}, the emulator {size} controls. Train on the environment's own model."
         )
-    _check_action_range(planner, space)
+    _check_action_range(emulator, space)
 
 
-def _check_action_range(planner: Planner, space: Any) -> None:
+def _check_action_range(emulator: Emulator, space: Any) -> None:
     """Refuse an environment that takes no actions as large as the emulator's controls, where it says what it takes."""
-    bounds = planner.emulator.bounds
+    bounds = emulator.bounds
     low = np.asarray(getattr(space, "low", -np.inf), float)
     high = np.asarray(getattr(space, "high", np.inf), float)
     margin = SAME_RANGE * bounds.half
@@ -312,6 +313,6 @@ def _check_action_range(planner: Planner, space: Any) -> None:
         most = np.broadcast_to(high, margin.shape)[entry]
         raise ArgumentError(
             f"environment: its action {entry} goes from {least:g} to {most:g}, the emulator's "
-            f"{planner.emulator.control.names[entry]} from {bounds.low[entry]:g} to {bounds.high[entry]:g}. Train with the "
+            f"{emulator.control.names[entry]} from {bounds.low[entry]:g} to {bounds.high[entry]:g}. Train with the "
             "environment's own range, or let it take controls in their own units."
         )

@@ -43,7 +43,7 @@ def random_roots(
     roots: list[np.ndarray | None] = [None] * len(movers)
     for number, row in enumerate(movers):
         for _ in range(TRIES):
-            root = _random_root(scene, rng, mean, centre)
+            root = _random_root(scene, rng, centre)
             distances = contacts.distances(np.concatenate([row, rates, root]))
             if all((distance > deepest).all() for distance in distances):
                 roots[number] = root
@@ -54,7 +54,6 @@ def random_roots(
 def _random_root(
     scene: SoftScene,
     rng: np.random.Generator,
-    mean: Float[np.ndarray, "N 3"],
     centre: Float[np.ndarray, " 3"],
 ) -> Float[np.ndarray, " 13"]:
     """Return position, quaternion, velocity and angular velocity of a body at rest at `centre`, or thrown near it.
