@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import is_reached, load_emulator, load_system
-from neuroanimator.animation.motion import default_drive
+from neuroanimator.animation.motion import default_drive, random_drive
 from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.files.zoo import SHIPPED, SOFT, default_motion_path
 
@@ -14,6 +14,9 @@ SYSTEMS = sorted({system for system, _ in [*SHIPPED, *SOFT]})
 
 TRUSTED = 0.99
 """Least share of a film's time that is trusted."""
+
+SEED_TRUSTED = 0.85
+"""Least share of time that is trusted of motions at random."""
 
 MAX_FILE = 12_000
 """Largest file of a motion [bytes]."""
@@ -46,3 +49,14 @@ def test_at_another_super_step_it_takes_as_long(substeps: int):
     seconds = len(default_drive(usual).controls) * usual.dt
     assert len(drive.controls) * other.dt == pytest.approx(seconds)
     np.testing.assert_array_equal(drive.start, default_drive(usual).start)
+
+
+def test_soft_bodies_at_random_stay_within_training():
+    """What moves them keeps within reach, as in training: of the liveliest of its paths some are beyond the meter's edge."""
+    for name, _ in SOFT:
+        emulator = load_emulator(name)
+        trusted = []
+        for seed in range(8):
+            _, scores = random_drive(emulator, 5.0, seed).trusted_motion(emulator)
+            trusted.append((scores < 1).mean())
+        assert np.mean(trusted) > SEED_TRUSTED, f"{name}: {trusted}"

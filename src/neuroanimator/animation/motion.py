@@ -129,8 +129,31 @@ def random_drive(
         state = throw(emulator, state)
         controls = np.repeat(bounds.middle[None], steps, axis=0)
     else:
-        controls = sample_controls(rng, steps, emulator.dt, bounds, gait)
+        controls = _moved_about(emulator, rng, state, steps)
+        if controls is None:
+            controls = sample_controls(rng, steps, emulator.dt, bounds, gait)
     return Drive(np.asarray(state, float), controls)
+
+
+def _moved_about(
+    emulator: Emulator, rng: np.random.Generator, start: Float[np.ndarray, " S"], steps: int
+) -> Float[np.ndarray, "T C"] | None:
+    """Return the controls that take what moves a soft body along smooth paths within its reach; None of other bodies.
+
+    Random velocities would leave what the emulator has seen within a second.
+    """
+    contacts = emulator.frame.shape_contacts
+    if contacts is None:
+        return None
+    from neuroanimator.systems.loading import movers_of  # with it comes MuJoCo
+    from neuroanimator.systems.soft.movers import pace_of
+
+    movers = movers_of(emulator.system, emulator.definition, emulator.rest)
+    if movers is None:
+        return None
+    places, rates = np.split(np.asarray(start, float)[: 2 * movers.size], 2)
+    pace = pace_of(contacts.anchor)
+    return movers.random_paths(rng, places[None], rates[None], steps, emulator.dt, pace)[0]
 
 
 def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndarray, " S"]:

@@ -7,10 +7,14 @@ files its physics is made of. These are the user's own, and are asked for where 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from importlib import resources
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.definitions.carried import (
@@ -29,6 +33,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.files.zoo import SOFT, shipped_path
+from neuroanimator.state.shape_contacts import place_movers
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
@@ -38,6 +43,7 @@ from neuroanimator.systems.rigid.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
 from neuroanimator.systems.soft.mesh_file import read_mesh
+from neuroanimator.systems.soft.movers import Movers, mocap_movers
 from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.shape_file import (
     ShapeFile,
@@ -61,14 +67,37 @@ from neuroanimator.text import quoted
 
 def packaged(name: str) -> System:
     """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
-    with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
-        values = read_toml(folder / f"{name}.toml")
-        definition = check_table(values, f"{name}.toml", TABLES[kind_of(values)])
+    with _assets() as folder:
+        _, definition = _read_definition(folder / f"{name}.toml")
         if isinstance(definition, SoftDefinition):
             return _packaged_soft(definition, folder)
     if isinstance(definition, BodyDefinition):
         return DeformableSystem(definition)
     return ModelSystem(definition, load_model(definition.model))
+
+
+def _assets() -> AbstractContextManager[Path]:
+    """Return the folder of the systems that ship."""
+    return resources.as_file(resources.files("neuroanimator.systems") / "assets")
+
+
+def movers_of(name: str, text: str, rest: Float[np.ndarray, " S"]) -> Movers | None:
+    """Return what moves the soft body `name` that rests at `rest`, with the definition `text`, empty if it ships.
+
+    None of a system that is no soft body. Nothing but the definition is read.
+    """
+    if text:
+        definition = read_definition_text(text).definition
+    else:
+        with _assets() as folder:
+            _, definition = _read_definition(folder / f"{name}.toml")
+    if isinstance(definition, SoftDefinition):
+        return Movers(definition.movers)
+    if isinstance(definition, FlexDefinition):
+        turning = tuple(table.turns for table in definition.movers.values())
+        entries = [place.entry for place in place_movers(turning)]
+        return mocap_movers(definition.movers, np.stack([rest[i : i + 3] for i in entries]))
+    return None
 
 
 def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:

@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.definitions.flex import FlexDefinition
-from neuroanimator.definitions.soft import MoverTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.shape_contacts import FREE, HELD, BoxCollider, RoundCollider
@@ -30,7 +29,7 @@ from neuroanimator.systems.soft.flex_model import (
     mover_names,
     tied_bodies,
 )
-from neuroanimator.systems.soft.movers import Movers
+from neuroanimator.systems.soft.movers import mocap_movers
 from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.text import listed, quoted
 
@@ -77,11 +76,7 @@ class FlexScene(SoftScene):
         self.data = mujoco.MjData(model)
         """The model at rest."""
         mujoco.mj_fwdPosition(model, self.data)
-        tables = {}
-        for name, table in definition.movers.items():
-            position = tuple(self.data.xpos[bodies[name]].tolist())
-            tables[name] = MoverTable(position=position, **table.model_dump())
-        self.movers = Movers(tables)
+        self.movers = mocap_movers(definition.movers, self.data.xpos[self.bodies])
         self.anchor = self._anchor()
         self.margin = self.body.margin
         self.positions = self.drawn_points(self.body.positions)

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.definitions.flex import FlexMoverTable
 from neuroanimator.definitions.soft import MoverTable
 from neuroanimator.state.layout import Slice
-from neuroanimator.state.shape_contacts import place_movers
+from neuroanimator.state.shape_contacts import FREE, place_movers
 
 WAVES = 3
 """Number of sinusoids in a path along an axis."""
@@ -51,6 +52,11 @@ CARRYING = Pace(slowest=0.05, fastest=1.0, weakest=0.0, response=0.1)
 
 THROWING = Pace(slowest=0.5, fastest=2.5, weakest=0.3, response=0.03)
 """Of what a body that nothing holds lies on: slower paths seldom throw it."""
+
+
+def pace_of(anchor: int) -> Pace:
+    """Return how lively the movers of a body are that the mover `anchor` holds; `FREE` is thrown by them."""
+    return THROWING if anchor == FREE else CARRYING
 
 
 class Movers:
@@ -174,3 +180,11 @@ class Movers:
         threshold = np.sin(np.pi * (HOLDS - 0.5))
         going = np.clip((wave - threshold) / 0.2, 0, 1)
         return np.concatenate([np.zeros(shape), np.cumsum(dt * going[:, 1:], axis=1)], axis=1)
+
+
+def mocap_movers(tables: dict[str, FlexMoverTable], positions: Float[np.ndarray, "M 3"]) -> Movers:
+    """Return the movers of a MuJoCo model, which rest at `positions` [m]."""
+    placed = {}
+    for (name, table), position in zip(tables.items(), positions, strict=True):
+        placed[name] = MoverTable(position=tuple(position.tolist()), **table.model_dump())
+    return Movers(placed)

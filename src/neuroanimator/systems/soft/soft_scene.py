@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider, ShapeContacts
-from neuroanimator.systems.soft.movers import CARRYING, THROWING, Movers
+from neuroanimator.systems.soft.movers import Movers, pace_of
 from neuroanimator.systems.soft.own_frame import OwnMotion, seen_from_mover, seen_from_root
 
 CONTACT_REACH = 0.1
@@ -87,8 +87,7 @@ class SoftScene(abc.ABC):
         dt: float,
     ) -> Float[np.ndarray, "B T D"]:
         """Return rates of the movers along `Movers.random_paths`, fast enough to throw a body that nothing holds."""
-        pace = THROWING if self.anchor == FREE else CARRYING
-        return self.movers.random_paths(rng, starts, rates, steps, dt, pace)
+        return self.movers.random_paths(rng, starts, rates, steps, dt, pace_of(self.anchor))
 
     @abc.abstractmethod
     def play(
