@@ -15,7 +15,7 @@ SYSTEMS = sorted({system for system, _ in [*SHIPPED, *SOFT]})
 TRUSTED = 0.99
 """Least share of a film's time that is trusted."""
 
-SEED_TRUSTED = 0.85
+SEED_TRUSTED = 0.75
 """Least share of time that is trusted of motions at random."""
 
 MAX_FILE = 12_000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
@@ -13,19 +14,23 @@ import pytest
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator, load_system
 from neuroanimator.gym import EpisodeRules
 from neuroanimator.gym.bodies import Bodies, environment_returns
-from neuroanimator.gym.learn_policy import Learner, PolicyLearning, learn_policy
+from neuroanimator.gym.learn_policy import learn_policy
+from neuroanimator.gym.learner import Learner, PolicyLearning
 from neuroanimator.gym.locomotion import task_of
 from neuroanimator.gym.policy_gradient import (
+    Actor,
     Rollouts,
-    critic_targets,
-    policy_gradient,
-    with_network,
+    Told,
+    action_slopes,
+    advantages,
+    policy_loss,
+    weight_of_slopes,
 )
-from neuroanimator.gym.state_policy import Perceptron, load_state_policy
+from neuroanimator.gym.state_policy import load_state_policy
 from neuroanimator.gym.state_rows import emulator_stepper
 
 LEARNING = PolicyLearning(
-    updates=2, bodies=4, horizon=5, policy_widths=(8,), critic_widths=(8,), reports=2
+    updates=4, bodies=16, horizon=5, policy_widths=(8,), critic_widths=(8,), reports=2
 )
 DISCOUNT = 0.9
 
@@ -50,7 +55,7 @@ def emulator() -> Emulator:
 def learner(emulator: Emulator) -> Learner:
     learner = Learner(load_system("pendulum"), emulator, RULES, LEARNING)
     learner.bodies = Bodies(
-        emulator_stepper(emulator, np.inf, 0.0), RULES, emulator, np.random.default_rng(1), 4
+        emulator_stepper(emulator, np.inf, 0.0), RULES, emulator, np.random.default_rng(1), 16
     )
     return learner
 
@@ -58,68 +63,127 @@ def learner(emulator: Emulator) -> Learner:
 @pytest.fixture(scope="module")
 def rollouts(learner: Learner) -> Rollouts:
     """Rollouts whose physics is the emulator itself."""
-    return learner._roll_out(np.random.default_rng(2))
+    return learner._roll_out(np.random.default_rng(2), learner.policy)
 
 
 def test_where_the_emulator_is_the_physics_slopes_are_those_of_returns(
     learner: Learner, rollouts: Rollouts, emulator: Emulator
 ):
-    def minus_return(network: Perceptron) -> jax.Array:
-        policy = with_network(learner.policy, network)
+    critic = learner.progress.critic
+
+    def total(noise: jax.Array) -> jax.Array:
         states = rollouts.states[0]
-        total = jnp.zeros(len(states))
+        earned = jnp.zeros(len(states))
         weight = 1.0
-        for noise in rollouts.noise:
-            controls = policy.control_of(states, noise)
+        for shaken in noise:
+            controls = learner.policy.control_of(states, shaken)
             following = jax.vmap(emulator.step)(states, controls)
-            total += weight * cost(states, controls, following, emulator.dt)
+            earned += weight * cost(states, controls, following, emulator.dt)
             weight *= DISCOUNT
             states = following
-        total += weight * learner.critic(learner.policy.view(states))[..., 0]
-        return -total.mean() / len(rollouts.noise)
+        return (earned + weight * critic(learner.policy.view(states))).sum()
 
-    wanted_loss, wanted = jax.value_and_grad(minus_return)(learner.policy.network)
-    loss, gradient = policy_gradient(
-        learner.policy, learner.critic, emulator, RULES, rollouts, DISCOUNT
-    )
-    assert loss == pytest.approx(float(wanted_loss), rel=1e-4)
-    for part, other in zip(jax.tree.leaves(gradient), jax.tree.leaves(wanted), strict=True):
-        assert np.allclose(part, other, rtol=2e-2, atol=1e-3 * np.abs(other).max() + 1e-7)
+    wanted = jax.grad(total)(rollouts.noise)
+    slopes = action_slopes(learner.policy, critic, RULES, rollouts, DISCOUNT, 1.0)
+    for step, (found, part) in enumerate(zip(slopes, wanted, strict=True)):
+        found = DISCOUNT**step * np.asarray(found)
+        assert np.allclose(found, part, rtol=2e-2, atol=2e-3 * np.abs(part).max())
 
 
-def test_slopes_of_two_episodes_in_a_row_are_the_sum_of_those_of_each(
-    learner: Learner, rollouts: Rollouts, emulator: Emulator
-):
+def test_slopes_do_not_reach_from_an_episode_into_that_before(learner: Learner, rollouts: Rollouts):
     ended = rollouts.is_last.at[1].set(True)
     cut = rollouts._replace(is_last=ended, is_fallen=ended)
     short = Rollouts(*(part[:2] for part in cut))
 
-    def slopes(of: Rollouts) -> Perceptron:
-        return policy_gradient(learner.policy, learner.critic, emulator, RULES, of, DISCOUNT)[1]
+    def slopes(of: Rollouts) -> np.ndarray:
+        found = action_slopes(learner.policy, learner.progress.critic, RULES, of, DISCOUNT, 0.9)
+        return np.asarray(found)
 
-    later = Rollouts(*(part[2:] for part in cut))
-    whole = jax.tree.map(lambda first, rest: 2 * first + 3 * rest, slopes(short), slopes(later))
-    both = jax.tree.map(lambda part: 5 * part, slopes(cut))
-    for part, other in zip(jax.tree.leaves(whole), jax.tree.leaves(both), strict=True):
-        assert np.allclose(part, other, rtol=1e-3, atol=1e-3 * np.abs(other).max() + 1e-7)
+    assert np.allclose(slopes(cut)[:2], slopes(short), rtol=1e-4, atol=1e-6)
+    assert np.allclose(slopes(cut)[2:], slopes(rollouts)[2:], rtol=1e-4, atol=1e-6)
+    assert not np.allclose(slopes(cut)[1], slopes(rollouts)[1], rtol=1e-2)
 
 
-def test_targets_with_a_full_trace_are_discounted_sums_and_without_one_single_steps(
+def test_advantages_with_a_full_trace_are_discounted_sums_and_without_one_single_steps(
     learner: Learner, rollouts: Rollouts, emulator: Emulator
 ):
     view = learner.policy.view
-    values = learner.critic(view(rollouts.following))[..., 0]
+    critic = learner.progress.critic
     rewards = cost(rollouts.states, rollouts.controls, rollouts.following, emulator.dt)
+    values = critic(view(rollouts.states))
 
-    def targets(trace: float) -> np.ndarray:
-        found = critic_targets(learner.critic, view, RULES, rollouts, DISCOUNT, trace, emulator.dt)
-        return np.asarray(found)
+    def found(trace: float) -> np.ndarray:
+        earned = advantages(critic, view, RULES, rollouts, DISCOUNT, trace, emulator.dt)
+        return np.asarray(earned)
 
-    assert np.allclose(targets(0.0), rewards + DISCOUNT * values, rtol=1e-5, atol=1e-5)
-    total = np.asarray(values[-1])
+    at_once = rewards + DISCOUNT * critic(view(rollouts.following)) - values
+    assert np.allclose(found(0.0), at_once, rtol=1e-4, atol=1e-5)
+    total = np.asarray(critic(view(rollouts.following[-1])))
     for reward in np.asarray(rewards)[::-1]:
         total = reward + DISCOUNT * total
-    assert np.allclose(targets(1.0)[0], total, rtol=1e-5, atol=1e-5)
+    assert np.allclose(found(1.0)[0], total - values[0], rtol=1e-4, atol=1e-5)
+
+
+def told_of(learner: Learner, count: int, slope_noise: float, advantage_noise: float) -> Told:
+    """Return what there is to learn where an action earns its first number, with errors of these sizes."""
+    rng = np.random.default_rng(4)
+    shown = jnp.asarray(rng.normal(size=(count, len(learner.policy.view.entries))), jnp.float32)
+    controls = len(learner.progress.actor.log_spread)
+    noise = 0.5 * rng.normal(size=(count, controls))
+    slopes = np.zeros((count, controls))
+    slopes[:, 0] = 1 + slope_noise
+    earned = noise[:, 0] + advantage_noise * rng.normal(size=count)
+    means = learner.progress.actor.network(shown)
+    arrays = [jnp.asarray(part, jnp.float32) for part in (noise, earned, slopes)]
+    return Told(shown, arrays[0], means, arrays[1], arrays[2])
+
+
+def test_by_likelihoods_and_by_slopes_the_gradient_is_the_same_on_average(learner: Learner):
+    told = told_of(learner, 200_000, 0.0, 0.0)
+    actor = learner.progress.actor
+
+    def gradient(weight: float) -> np.ndarray:
+        def loss(moved: Actor) -> jax.Array:
+            return policy_loss(moved, actor.log_spread, jnp.asarray(weight), told)[0]
+
+        return np.asarray(jax.grad(loss)(actor).network.biases[-1])
+
+    assert np.allclose(gradient(0.0), gradient(1.0), atol=0.03 * np.abs(gradient(1.0)).max())
+    assert np.abs(gradient(1.0)).max() > 0
+
+
+def test_slopes_count_the_more_the_truer_they_are_and_the_noisier_returns_are(learner: Learner):
+    actor = learner.progress.actor
+
+    def weight(slope_noise: float, advantage_noise: float) -> float:
+        told = told_of(learner, 1600, slope_noise, advantage_noise)
+        return float(weight_of_slopes(actor, told, 16))
+
+    assert weight(0.0, 5.0) > 0.9
+    assert weight(-3.0, 0.1) < 0.1
+    assert weight(0.0, 5.0) > weight(-1.0, 1.0) > weight(-3.0, 0.1)
+
+
+def test_a_run_that_was_killed_ends_with_the_same_bytes(emulator: Emulator, tmp_path: Path):
+    system = load_system("pendulum")
+    files = []
+    for name, stops in (("whole", False), ("killed", True)):
+        folder = tmp_path / name
+        if stops:
+            with pytest.raises(KeyboardInterrupt):
+                learn_policy(system, emulator, RULES, LEARNING, folder=folder, on_report=interrupt)
+        policy = learn_policy(system, emulator, RULES, LEARNING, folder=folder)
+        files.append(folder / "run.policy.safetensors")
+        policy.save(files[-1])
+    assert files[0].read_bytes() == files[1].read_bytes()
+    lines = [(path.parent / "metrics.jsonl").read_text().count("\n") for path in files]
+    assert lines == [LEARNING.reports] * 2
+    with pytest.raises(NeuroAnimatorError, match="other data or settings"):
+        learn_policy(system, emulator, RULES, replace(LEARNING, seed=1), folder=folder)
+
+
+def interrupt(report: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_the_same_seed_learns_the_same_policy_and_files_keep_it(emulator: Emulator, tmp_path: Path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated
@@ -14,20 +13,19 @@ from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.atomic import append_line
 from neuroanimator.gym.learn_policy import (
     EVALUATED,
     LearningReport,
-    PolicyLearning,
     learn_policy,
 )
+from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.gym.locomotion import locomotion_rules, task_of
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows, progress_bar
 from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.train import run_folder, train
+from neuroanimator.training.train import read_reports, run_folder, train
 
 EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 10 --out hopper.policy.safetensors"
 
@@ -75,7 +73,8 @@ def run(
 ) -> None:
     """Learn a policy on the true physics, by slopes from an emulator; needs the extra [gym].
 
-    The rules are those of [task]. The best policy on the way, by whole episodes, is kept.
+    The rules are those of [task]. The best policy on the way, by whole episodes, is kept. A run that was stopped goes on where it
+    was, and one that is over goes on for more --updates or --minutes.
     """
     if minutes is not None and not 0 < minutes <= MAX_MINUTES:
         raise ArgumentError(
@@ -93,22 +92,14 @@ def run(
     if emulator is None:
         leaps = _first_emulator(name, definition, task, out, seed)
     else:
-        leaps = _checked(load_emulator(emulator), body, task)
+        leaps = load_emulator(emulator)
+    _check_emulator(leaps, body, task)
     learning = PolicyLearning(updates=updates, seed=seed)
     limit = None
     if minutes is not None:
         # One update at least, where making the emulator took all the time.
         limit = max(SECONDS_A_MINUTE * minutes - (time.monotonic() - began), LEAST_SECONDS)
-    told: list[LearningReport] = []
     folder = run_folder(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    metrics = folder / "metrics.jsonl"
-    metrics.unlink(missing_ok=True)
-
-    def log(report: LearningReport) -> None:
-        told.append(report)
-        append_line(metrics, json.dumps(report._asdict()))
-
     with progress_bar("learning", PERCENT) as bar:
         policy = learn_policy(
             body,
@@ -117,14 +108,16 @@ def run(
             learning,
             seconds=limit,
             on_share=lambda share: bar.advance_to(round(PERCENT * share)),
-            on_report=log,
+            folder=folder,
         )
-    policy.save(out, {"seed": seed, "updates": told[-1].update})
+    told = read_reports(folder / "metrics.jsonl", LearningReport)
+    last = told[-1]
+    policy.save(out, {"seed": seed, "updates": int(last.update)})
     best = max(report.mean_return for report in told)
     print_rows(
         [
             ("policy", out),
-            ("steps of physics", f"{told[-1].steps:,}"),
+            ("super steps", f"{last.steps:,.0f} on the physics"),
             ("mean return", f"{best:.0f} of {EVALUATED} episodes, the best on the way"),
             ("judge it", f"neuroanimator evaluate {out} --episodes 100"),
         ]
@@ -133,6 +126,9 @@ def run(
 
 def _first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed: int) -> Emulator:
     """Return an emulator of one step of the task, as random controls have it."""
+    path = run_folder(out) / f"{name}.emulator.safetensors"
+    if path.exists():
+        return load_emulator(path)
     config = DatasetConfig(
         system=name,
         definition=definition,
@@ -146,18 +142,16 @@ def _first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed
     training = TrainingConfig.usual(
         data.system.structure, widths=WIDTHS, updates=EMULATOR_UPDATES, unroll_share=0.0, seed=seed
     )
-    path = run_folder(out) / f"{name}.emulator.safetensors"
     path.parent.mkdir(parents=True, exist_ok=True)
     with progress_bar("training its emulator", EMULATOR_UPDATES) as bar:
         return train(data, training, path, on_chunk=bar.advance_to)
 
 
-def _checked(emulator: Emulator, system: System, task: TaskTable) -> Emulator:
-    """Return an emulator of this system and one step of its task; ArgumentError says what it is instead."""
+def _check_emulator(emulator: Emulator, system: System, task: TaskTable) -> None:
+    """Refuse an emulator of another system, or that leaps anything but one step of the task."""
     wanted = task.hold * system.physics_dt
     if emulator.state != system.state or abs(emulator.dt - wanted) > TINY * wanted:
         raise ArgumentError(
             f"emulator: wanted one of {system.name} in super steps of {wanted:g} s, came one of {emulator.system} in "
             f"{emulator.dt:g} s. Leave it out, or train one with --substeps {task.hold}."
         )
-    return emulator

@@ -20,7 +20,7 @@ except ImportError:
 
 from neuroanimator.files.zoo import SHIPPED
 from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, PhysicsVectorEnv
-from neuroanimator.gym.learn_policy import PolicyLearning
+from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.gym.locomotion import gymnasium_task, locomotion_rules
 from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.rules import EpisodeRules, RunningCost

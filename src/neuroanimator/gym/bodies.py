@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import gymnasium
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from neuroanimator.control.planning.environments import check_actions, mujoco_state
 from neuroanimator.emulator.arrays import as_jax
@@ -45,7 +45,7 @@ class Bodies:
         if rules.draw_start is None:
             raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
         self.rows = StateRows(emulator, stepper, rules, None, NOISE)
-        self.ages = np.zeros(count, int)
+        self.ages = np.zeros(count, np.int32)
         self.begin(rng, np.ones(count, bool))
 
     @property
@@ -59,6 +59,11 @@ class Bodies:
             return
         self.rows.restart([rng] * int(rows.sum()), rows)
         self.ages[rows] = 0
+
+    def resume(self, states: Float[np.ndarray, "N S"], ages: Int[np.ndarray, " N"]) -> None:
+        """Go on with bodies in these states, `ages` steps after their episodes began."""
+        self.rows.begin(states, np.ones(len(states), bool))
+        self.ages = ages.copy()
 
     def step(self, controls: Float[np.ndarray, "N C"]) -> Moved:
         """Go a step on."""

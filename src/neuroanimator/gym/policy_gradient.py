@@ -1,8 +1,10 @@
-"""Slopes of returns: rollouts on the true physics, their derivatives from an emulator, a critic beyond the horizon.
+"""The terms policies are learnt by: advantages and slopes of actions, and what is gained by another policy.
 
-states, actions and following states of the physics  →  s′ = s′(physics) + f(s, u) − [f(s, u)], with [·] held constant
-→  rewards on the way and the critic's value at the end  →  their derivative by the policy's weights
-So returns are true, and only how they change is the emulator's.
+states, actions and following states of the physics
+→  values of a critic and rewards  →  how much more than expected each action earned (advantages, true)
+→  backwards: the slope of the value at s′, the critic's mixed with what follows  →  that by the action (slopes, the emulator's)
+→  two estimates of how the return changes with the policy: by likelihoods, true and noisy; by slopes, less noisy, not quite true
+→  their mean with the least expected error
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from neuroanimator.emulator.emulator import Emulator
@@ -20,13 +23,27 @@ from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_policy import Perceptron, StatePolicy, View
 from neuroanimator.training.loss import unrolled_loss
 
+CLIP = 0.2
+"""Change of an action's likelihood beyond which nothing more is gained."""
+
+
+class Critic(eqx.Module):
+    """The value of states, by what is shown of them."""
+
+    network: Perceptron
+    unit: Float[Array, ""]
+    """Values are the network's output times this."""
+
+    def __call__(self, shown: Float[Array, "*B O"]) -> Float[Array, " *B"]:
+        return self.unit * self.network(shown)[..., 0]
+
 
 class Rollouts(NamedTuple):
     """T steps of N bodies."""
 
     states: Float[Array, "T N S"]
     noise: Float[Array, "T N C"]
-    """Noise of the policy."""
+    """Added to the outputs of the policy's network."""
     controls: Float[Array, "T N C"]
     following: Float[Array, "T N S"]
     is_fallen: Bool[Array, "T N"]
@@ -49,44 +66,42 @@ def noisy_controls(
 
 
 @eqx.filter_jit
-def policy_gradient(
+def action_slopes(
     policy: StatePolicy,
-    critic: Perceptron,
-    emulator: Emulator,
+    critic: Critic,
     rules: EpisodeRules,
     rollouts: Rollouts,
     discount: float,
-) -> tuple[Float[Array, ""], Perceptron]:
-    """Return minus the mean discounted return of a step, and its derivative by the weights of the policy."""
-    length = len(rollouts.states)
+    trace: float,
+) -> Float[Array, "T N C"]:
+    """Return the derivative of the value by what is added to the network's outputs, which are pressed into bounds afterwards.
+
+    It follows from the slope of the state that an action leads to, which is the critic's or comes from later on: they are
+    mixed as values are by TD(λ) (value-gradient learning, Fairbank and Alonso 2012), λ being `trace`.
+    """
     reward: Any = rules.reward
 
-    def loss_of(network: Perceptron) -> Float[Array, ""]:
-        trained = with_network(policy, network)
+    def total_value(states: Float[Array, "T N S"]) -> Float[Array, ""]:
+        return critic(policy.view(states)).sum()
 
-        def advance(carry: tuple, step: tuple) -> tuple[tuple, None]:
-            carried, weight, total = carry
-            moment, is_end = step
-            states = _as(carried, moment.states)
-            controls = trained.control_of(states, moment.noise)
-            emulated = jax.vmap(emulator.step)(states, controls)
-            following = _as(emulated, moment.following)
+    beyond = jax.grad(total_value)(rollouts.following)
+    beyond = jnp.where(rollouts.is_fallen[..., None], 0.0, beyond)
+
+    def back(later: Array, step: tuple) -> tuple[Array, Array]:
+        moment, at_once = step
+        mixed = (1 - trace) * at_once + trace * later
+        slope = jnp.where(moment.is_last[:, None], at_once, mixed)
+
+        def value(states: Float[Array, "N S"], noise: Float[Array, "N C"]) -> Float[Array, ""]:
+            controls = policy.control_of(states, noise)
+            following = _as(jax.vmap(policy.emulator.step)(states, controls), moment.following)
             rewards = reward(states, controls, following, policy.dt)
-            beyond = critic(policy.view(following))[..., 0]
-            beyond = jnp.where(moment.is_fallen, 0.0, beyond)
-            ends = moment.is_last | is_end
-            total += (weight * (rewards + jnp.where(ends, discount * beyond, 0.0))).sum()
-            weight = jnp.where(moment.is_last, 1.0, discount * weight)
-            is_cut = moment.is_last[:, None]
-            following = jnp.where(is_cut, jax.lax.stop_gradient(following), following)
-            return (following, weight, total), None
+            return rewards.sum() + discount * (slope * following).sum()
 
-        start = (rollouts.states[0], jnp.ones(rollouts.states.shape[1]), jnp.zeros(()))
-        is_end = jnp.arange(length) == length - 1
-        (_, _, total), _ = jax.lax.scan(advance, start, (rollouts, is_end))
-        return -total / rollouts.is_last.size
+        return jax.grad(value, argnums=(0, 1))(moment.states, moment.noise)
 
-    return jax.value_and_grad(loss_of)(policy.network)
+    _, slopes = jax.lax.scan(back, beyond[-1], (rollouts, beyond), reverse=True)
+    return slopes
 
 
 def _as(derived: Array, values: Array) -> Array:
@@ -95,8 +110,8 @@ def _as(derived: Array, values: Array) -> Array:
 
 
 @eqx.filter_jit
-def critic_targets(
-    critic: Perceptron,
+def advantages(
+    critic: Critic,
     view: View,
     rules: EpisodeRules,
     rollouts: Rollouts,
@@ -104,27 +119,95 @@ def critic_targets(
     trace: float,
     dt: float,
 ) -> Float[Array, "T N"]:
-    """Return the returns that a critic is fitted to: TD(λ), λ being `trace`."""
-    beyond = critic(view(rollouts.following))[..., 0]
-    beyond = jnp.where(rollouts.is_fallen, 0.0, beyond)
+    """Return by how much each action earned more than its state's value: by TD(λ), λ being `trace`."""
+    beyond = jnp.where(rollouts.is_fallen, 0.0, critic(view(rollouts.following)))
     reward: Any = rules.reward
     rewards = reward(rollouts.states, rollouts.controls, rollouts.following, dt)
+    at_once = rewards + discount * beyond - critic(view(rollouts.states))
 
     def back(later: Array, step: tuple) -> tuple[Array, Array]:
-        reward, value, is_last = step
-        mixed = (1 - trace) * value + trace * later
-        target = reward + discount * jnp.where(is_last, value, mixed)
-        return target, target
+        earned, is_last = step
+        total = earned + discount * trace * jnp.where(is_last, 0.0, later)
+        return total, total
 
-    _, targets = jax.lax.scan(back, beyond[-1], (rewards, beyond, rollouts.is_last), reverse=True)
-    return targets
+    start = jnp.zeros(at_once.shape[1])
+    _, found = jax.lax.scan(back, start, (at_once, rollouts.is_last), reverse=True)
+    return found
+
+
+class Told(NamedTuple):
+    """What a policy learns from of B actions."""
+
+    shown: Float[Array, "B O"]
+    noise: Float[Array, "B C"]
+    means: Float[Array, "B C"]
+    """Outputs of the network, without the noise."""
+    advantages: Float[Array, " B"]
+    slopes: Float[Array, "B C"]
+
+
+class Actor(eqx.Module):
+    """Normally distributed outputs."""
+
+    network: Perceptron
+    log_spread: Float[Array, " C"]
+    """Logarithm of their standard deviation."""
+
+
+def policy_loss(
+    actor: Actor, before: Float[Array, " C"], weight: Float[Array, ""], told: Told
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Return (minus what is gained on average over the policy that acted, its divergence from it); `before` is its log spread.
+
+    Advantages count by the clipped ratio of likelihoods (proximal policy optimisation, Schulman and others 2017), slopes, by
+    `weight`, by how far means move.
+    """
+    moved = actor.network(told.shown) - told.means
+    was = told.noise / jnp.exp(before)
+    # Of means likelihoods count by the rest of the weight; of the spread, on which no slope tells, in full.
+    likely = moved - weight * (moved - jax.lax.stop_gradient(moved))
+    is_now = (told.noise - likely) / jnp.exp(actor.log_spread)
+    log_ratio = ((was**2 - is_now**2) / 2 + before - actor.log_spread).sum(axis=-1)
+    ratio = jnp.exp(log_ratio)
+    clipped = jnp.clip(ratio, 1 - CLIP, 1 + CLIP)
+    gained = jnp.minimum(ratio * told.advantages, clipped * told.advantages)
+    gained += weight * (told.slopes * moved).sum(axis=-1)
+    variance = jnp.exp(2 * actor.log_spread)
+    apart = actor.log_spread - before + (jnp.exp(2 * before) + moved**2) / (2 * variance) - 0.5
+    return -gained.mean(), apart.sum(axis=-1).mean()
+
+
+@eqx.filter_jit
+def weight_of_slopes(actor: Actor, told: Told, groups: int) -> Float[Array, ""]:
+    """Return the weight of slopes, from 0 to 1, with which the expected squared error of the gradient is least.
+
+    That by likelihoods is right on average; its variance, and how the two vary together, are those between `groups` of actions
+    (Suh and others, *Do differentiable simulators give better policy gradients?*, 2022).
+    """
+
+    def gradient(weight: float, part: Told) -> Float[Array, " W"]:
+        def loss(network: Perceptron) -> Float[Array, ""]:
+            moved = Actor(network, actor.log_spread)
+            return policy_loss(moved, actor.log_spread, jnp.asarray(weight), part)[0]
+
+        return ravel_pytree(jax.grad(loss)(actor.network))[0]
+
+    parts = jax.tree.map(lambda part: part.reshape(groups, -1, *part.shape[1:]), told)
+    likely = jax.vmap(lambda part: gradient(0.0, part))(parts)
+    sloped = jax.vmap(lambda part: gradient(1.0, part))(parts)
+    apart = ((likely - sloped).mean(axis=0) ** 2).sum()
+    likely -= likely.mean(axis=0)
+    sloped -= sloped.mean(axis=0)
+    excess = (likely * (likely - sloped)).sum() / (groups * (groups - 1))
+    weight = jnp.clip(excess / apart, 0, 1)
+    return jnp.where(jnp.isfinite(weight), weight, 0.0)
 
 
 def critic_loss(
-    critic: Perceptron, shown: Float[Array, "B O"], targets: Float[Array, " B"]
+    network: Perceptron, shown: Float[Array, "B O"], targets: Float[Array, " B"]
 ) -> Float[Array, ""]:
-    """Return the mean squared error of the values."""
-    return ((critic(shown)[..., 0] - targets) ** 2).mean()
+    """Return the mean squared error of values, in the critic's own unit."""
+    return ((network(shown)[..., 0] - targets) ** 2).mean()
 
 
 def emulator_loss(

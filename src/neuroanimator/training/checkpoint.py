@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -11,8 +12,10 @@ import optax
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import checked_arrays, to_numpy
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.atomic import SIZE_LIMIT, read_tensors, write_tensors
 from neuroanimator.files.places import Place
+
+Numbers = TypeVar("Numbers")
 
 NAME = "checkpoint.safetensors"
 
@@ -58,33 +61,55 @@ class Progress(NamedTuple):
 
 def write_checkpoint(folder: Place, identity: str, progress: Progress) -> None:
     """Replace the checkpoint in `folder` as a whole."""
-    tree = (progress.network, progress.optimizer_state, progress.best)
-    tensors = to_numpy(_leaves_by_path(tree))
     numbers = {"best_error": progress.best_error, "chunk": progress.chunk, "stale": progress.stale}
-    write_tensors(folder / NAME, tensors, {"kind": "checkpoint", "identity": identity, **numbers})
+    write_tree(folder, identity, _arrays(progress), numbers)
 
 
 def read_checkpoint(folder: Place, identity: str, fresh: Progress) -> Progress:
-    """Return the progress stored in `folder`, or `fresh` if there is none.
+    """Return the progress stored in `folder`, or `fresh` if there is none; see `read_tree`."""
+    found = read_tree(folder, identity, _arrays(fresh), _numbers)
+    if found is None:
+        return fresh
+    (network, optimizer_state, best), (best_error, chunk, stale) = found
+    return Progress(network, optimizer_state, best, best_error, chunk, stale)
 
-    BadFileError if it belongs to other data or another configuration.
+
+def _arrays(progress: Progress) -> Any:
+    return progress.network, progress.optimizer_state, progress.best
+
+
+def write_tree(folder: Place, identity: str, tree: Any, numbers: dict[str, Any]) -> None:
+    """Replace the checkpoint in `folder` by the arrays of `tree` and by `numbers`, as a whole."""
+    header = {"kind": "checkpoint", "identity": identity, **numbers}
+    write_tensors(folder / NAME, to_numpy(_leaves_by_path(tree)), header)
+
+
+def read_tree(
+    folder: Place,
+    identity: str,
+    fresh: Any,
+    numbers_of: Callable[[dict[str, Any]], Numbers],
+    largest: int = SIZE_LIMIT,
+) -> tuple[Any, Numbers] | None:
+    """Return (a tree like `fresh`, the numbers) of the checkpoint in `folder`; None if there is none.
+
+    `numbers_of` reads them, and raises ValueError for wrong ones. BadFileError if the checkpoint is damaged, has more than
+    `largest` bytes, or belongs to other data or another configuration.
     """
     path = folder / NAME
     if not path.exists():
-        return fresh
-    tensors, metadata = read_tensors(path, "checkpoint")
+        return None
+    tensors, metadata = read_tensors(path, "checkpoint", largest)
     if metadata.get("identity") != identity:
         raise BadFileError(
             f"{folder} holds a run with other data or settings. Choose another --out, or remove that folder."
         )
-    tree = (fresh.network, fresh.optimizer_state, fresh.best)
     try:
-        arrays = checked_arrays(_leaves_by_path(tree), tensors)
-        best_error, chunk, stale = _numbers(metadata)
+        arrays = checked_arrays(_leaves_by_path(fresh), tensors)
+        numbers = numbers_of(metadata)
     except ValueError as error:
         raise BadFileError(f"{path} is damaged: {error}. Remove {folder} to train anew.") from error
-    network, optimizer_state, best = jax.tree.unflatten(jax.tree.structure(tree), arrays)
-    return Progress(network, optimizer_state, best, best_error, chunk, stale)
+    return jax.tree.unflatten(jax.tree.structure(fresh), arrays), numbers
 
 
 def _leaves_by_path(tree: Any) -> dict[str, Any]:

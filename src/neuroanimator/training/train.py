@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import numpy as np
@@ -22,6 +22,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.files.atomic import append_line, locked, read_bounded, write_whole
 from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.numbers import number
 from neuroanimator.files.places import Place
 from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
@@ -36,6 +37,9 @@ from neuroanimator.training.validation import validation_errors
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
+
+Line = TypeVar("Line")
+"""Tuple that a line of `metrics.jsonl` becomes."""
 
 MAX_LINE = 10_000
 """Longest line of `metrics.jsonl` that is read [characters]; ours have a hundred."""
@@ -135,7 +139,7 @@ class _Run:
         lesson = lesson_of(data, config, start_from)
         fresh = Progress.fresh(lesson.problem.base.network, make_optimizer(config))
         progress = read_checkpoint(checkpoints, lesson.fingerprint, fresh)
-        _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
+        trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
         return cls(
             problem=lesson.problem,
             feed=lesson.feed,
@@ -213,9 +217,14 @@ def _validate(
 
 
 def read_metrics(path: Path) -> list[Report]:
+    """Return what `metrics.jsonl` of a training at `path` tells; see `read_reports`."""
+    return read_reports(path, Report)
+
+
+def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
     """Return what `metrics.jsonl` at `path` tells, in order; nothing where there is none. Torn lines are left out.
 
-    BadFileError if it is longer than any training makes it.
+    `kind` is a tuple of named numbers. BadFileError if the file is longer than any training makes it.
     """
     if not path.is_file():
         return []
@@ -224,20 +233,15 @@ def read_metrics(path: Path) -> list[Report]:
     for line in lines:
         try:
             told = parse_json_object(line, MAX_LINE)
-            report = Report(
-                update=int(told["update"]),
-                loss=float(told["loss"]),
-                error=float(told["error"]),
-                unrolled_error=float(told["unrolled_error"]),
-                seconds=float(told["seconds"]),
-            )
-        except (ValueError, KeyError, TypeError):
+            for name, value in told.items():
+                number(value, name)
+            reports.append(kind(**told))
+        except (ValueError, TypeError):
             continue
-        reports.append(report)
     return reports
 
 
-def _trim_metrics(folder: Path, update: int) -> None:
+def trim_metrics(folder: Path, update: int) -> None:
     """Drop lines a killed run logged after its last checkpoint."""
     path = folder / "metrics.jsonl"
     if not path.exists():

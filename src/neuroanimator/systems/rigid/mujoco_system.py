@@ -22,6 +22,9 @@ INTEGRATORS = {
 DIVERGED_VELOCITY = 1e3
 """A motion with a joint faster than this has diverged [rad/s or m/s]: it is a hundred times what starts and motors give."""
 
+STEPS_IN_PART = 128
+"""Least number of physics steps in a part, if there are as many: each costs some tenths of a millisecond of its own."""
+
 STEPS_IN_MEMORY = 2_000_000
 """Maximum number of physics steps kept at once while simulating; that bounds memory to about 150 MB."""
 
@@ -73,7 +76,8 @@ class MujocoSystem(System):
         model = self.model_with(scheme)
         steps = substeps * max(1, controls.shape[1])
         in_memory = max(1, STEPS_IN_MEMORY // (steps * threads))
-        rows = min(in_memory, -(-len(states) // (PARTS * threads)) or 1)
+        shared = -(-len(states) // (PARTS * threads))
+        rows = min(in_memory, max(shared, -(-STEPS_IN_PART // steps), 1))
         parts = [slice(first, first + rows) for first in range(0, len(states), rows)]
 
         def fill(part: slice) -> None:

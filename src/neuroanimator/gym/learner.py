@@ -1,0 +1,465 @@
+"""One update of a policy, its critic and its emulator.
+
+N bodies go T steps on the physics  →  advantages of actions by a critic, and slopes by the emulator
+                                    →  how much each counts: the mean with the least expected error
+                                    →  a few epochs for the policy, and for the critic
+                                    →  the transitions join a memory, and the emulator learns from it
+Random numbers follow from the seed and the update's number alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Float, Int
+
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.gym.bodies import Bodies
+from neuroanimator.gym.policy_gradient import (
+    Actor,
+    Critic,
+    Rollouts,
+    Told,
+    action_slopes,
+    advantages,
+    critic_loss,
+    emulator_loss,
+    noisy_controls,
+    policy_loss,
+    weight_of_slopes,
+)
+from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.state_policy import FIRST_GAIN, Perceptron, StatePolicy, View
+from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.state.segments import Position
+from neuroanimator.state.structure import Structure
+from neuroanimator.systems.system import System
+
+MAX_GRADIENT = 1.0
+"""Norm that gradients are clipped to."""
+
+EMULATOR_RATE = 5e-4
+"""Learning rate of the emulator."""
+
+EMULATOR_BATCH = 1024
+
+EPOCHS = 5
+BATCHES = 4
+
+RATES = (1e-5, 1e-2)
+"""Least and largest learning rate of the policy."""
+
+FASTER = 1.5
+"""Factor of that rate where a policy has changed by less than half of what is wanted, or by more than twice."""
+
+GROUPS = 16
+"""Number of groups of bodies between which gradients vary."""
+
+WEIGHT_KEPT = 0.9
+"""Share of the slopes' weight that is kept in an update."""
+
+UNIT_KEPT = 0.9
+"""Share of the unit of values that is kept in an update."""
+
+TINY = 1e-8
+
+MEMORY = 200_000
+"""Number of transitions that are remembered."""
+
+MAX_SEEN = 2e6
+"""Number of states after which the view's mean and deviation change no slower."""
+
+
+@dataclass(frozen=True)
+class PolicyLearning:
+    """Settings of `learn_policy`."""
+
+    updates: int = 1000
+    bodies: int = 128
+    """N, a multiple of 16."""
+    horizon: int = 32
+    """T: beyond it the critic counts."""
+    discount: float = 0.99
+    trace: float = 0.95
+    """λ of TD(λ), for values."""
+    slope_trace: float = 0.9
+    """λ of TD(λ), for their slopes: through contacts these are right over a tenth of a second, and no longer."""
+    slope_weight: float | None = None
+    """Weight of slopes beside likelihoods; if None, the one with the least expected error.
+
+    With 0 this is proximal policy optimisation, with 1 slopes tell all.
+    """
+    divergence: float = 0.01
+    """Kullback-Leibler divergence by which a policy is to change in an update."""
+    policy_rate: float = 1e-3
+    """Learning rate of the policy at first."""
+    critic_rate: float = 1e-3
+    policy_widths: tuple[int, ...] = (128, 64)
+    critic_widths: tuple[int, ...] = (128, 128)
+    spread: float = 0.5
+    """Standard deviation of the noise at first, before controls are pressed into their bounds."""
+    emulator_updates: int = 4
+    """Number of steps of Adam for the emulator in an update."""
+    reports: int = 20
+    seed: int = 0
+
+
+class Progress(NamedTuple):
+    """All that the rest of learning depends on, and the best policy so far."""
+
+    actor: Actor
+    critic: Critic
+    network: Any
+    """Of the emulator."""
+    view: View
+    rate: Float[Array, ""]
+    """Learning rate of the policy."""
+    memories: tuple[Any, Any, Any]
+    """What the optimisers of the policy, the critic and the emulator remember."""
+    states: Float[np.ndarray, "N S"]
+    """Of the bodies."""
+    ages: Int[np.ndarray, " N"]
+    """Number of steps of their episodes so far."""
+    transitions: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """States, controls and following states: a ring."""
+    best: tuple[Perceptron, View, Any]
+    """Policy, view and emulator's network."""
+
+
+class Numbers(NamedTuple):
+    """What else it depends on."""
+
+    update: int = 0
+    """Number of updates done."""
+    seen: int = 0
+    """Number of states that the view's mean and deviation are of, at most `MAX_SEEN`."""
+    slope_weight: float = 0.0
+    best_return: float | None = None
+    """Mean return of the best policy; None before the first is judged."""
+    seconds: float = 0.0
+    """Time it has taken [s]."""
+
+
+class Learner:
+    """A policy, its critic and its emulator, between two updates."""
+
+    def __init__(
+        self, system: System, emulator: Emulator, rules: EpisodeRules, learning: PolicyLearning
+    ):
+        self.emulator = emulator
+        self.rules = rules
+        self.learning = learning
+        shown = _shown_entries(system.structure)
+        policy_key, critic_key = jax.random.split(jax.random.key(learning.seed))
+        controls = system.control.size
+        sizes = (len(shown), *learning.policy_widths, controls)
+        network = Perceptron.fresh(sizes, policy_key, FIRST_GAIN)
+        values = Perceptron.fresh((len(shown), *learning.critic_widths, 1), critic_key, 1.0)
+        actor = Actor(network, jnp.full(controls, np.log(learning.spread), jnp.float32))
+        self.optimizers = (
+            _clipped_adam(1.0), _clipped_adam(learning.critic_rate), optax.adam(EMULATOR_RATE)
+        )  # fmt: skip
+        # Trees of weights are no such types as optax names.
+        weights: Any = (actor, values, emulator.network)
+        first, second, third = self.optimizers
+        memories = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
+        stepper = physics_stepper(system, system.scheme, emulator.dt)
+        self.bodies = Bodies(stepper, rules, emulator, self._rng(-1), learning.bodies)
+        view = View(jnp.zeros(len(shown)), jnp.ones(len(shown)), shown)
+        size = system.state.size
+        self.progress = Progress(
+            actor=actor,
+            critic=Critic(values, jnp.ones(())),
+            network=emulator.network,
+            view=view,
+            rate=as_jax(learning.policy_rate),
+            memories=memories,
+            states=self.bodies.states,
+            ages=self.bodies.ages,
+            transitions=(
+                np.zeros((MEMORY, size), np.float32),
+                np.zeros((MEMORY, controls), np.float32),
+                np.zeros((MEMORY, size), np.float32),
+            ),
+            best=(network, view, emulator.network),
+        )
+        self.numbers = Numbers()
+        if learning.slope_weight is not None:
+            self.numbers = Numbers(slope_weight=learning.slope_weight)
+        self.emulator_error = 0.0
+
+    def go_on(self, progress: Progress, numbers: Numbers) -> None:
+        """Go on from there."""
+        ring = tuple(
+            part.copy() for part in progress.transitions
+        )  # what is read cannot be written to
+        self.progress = progress._replace(transitions=ring)
+        self.numbers = numbers
+        self.bodies.resume(progress.states, progress.ages)
+
+    def _rng(self, update: int) -> np.random.Generator:
+        return np.random.default_rng([self.learning.seed, update + 1])
+
+    @property
+    def policy(self) -> StatePolicy:
+        """The policy as it is now, and its emulator."""
+        return self._policy(self.progress.actor.network, self.progress.view, self.progress.network)
+
+    @property
+    def best(self) -> StatePolicy:
+        """The best policy so far, and its emulator at that time."""
+        return self._policy(*self.progress.best)
+
+    def _policy(self, network: Perceptron, view: View, leaps: Any) -> StatePolicy:
+        emulator = eqx.tree_at(lambda emulator: emulator.network, self.emulator, leaps)
+        return StatePolicy(emulator, view, network)
+
+    def judge(self, mean_return: float) -> None:
+        """Keep the policy if its return is the best so far."""
+        best = self.numbers.best_return
+        if best is not None and mean_return <= best:
+            return
+        now = self.progress
+        kept = (now.actor.network, now.view, now.network)
+        self.progress = now._replace(best=kept)
+        self.numbers = self.numbers._replace(best_return=mean_return)
+
+    def advance(self) -> None:
+        """Do one update."""
+        rng = self._rng(self.numbers.update)
+        policy = self.policy
+        rollouts = self._roll_out(rng, policy)
+        learning = self.learning
+        critic = self.progress.critic
+        earned = advantages(
+            critic, policy.view, self.rules, rollouts, learning.discount, learning.trace, policy.dt
+        )
+        shown = _by_body(policy.view(rollouts.states))
+        values = _by_body(earned) + critic(shown)
+        told = self._told(policy, rollouts, shown, _by_body(earned))
+        self._fit_policy(rng, told)
+        self._fit_critic(rng, shown, values)
+        self._see(np.asarray(rollouts.states))
+        if self._has_slopes:
+            self._remember(rollouts)
+            self._fit_emulator(rng)
+        self.numbers = self.numbers._replace(update=self.numbers.update + 1)
+        self.progress = self.progress._replace(states=self.bodies.states, ages=self.bodies.ages)
+
+    @property
+    def _has_slopes(self) -> bool:
+        return self.learning.slope_weight != 0
+
+    def _roll_out(self, rng: np.random.Generator, policy: StatePolicy) -> Rollouts:
+        spread = np.exp(np.asarray(self.progress.actor.log_spread))
+        shape = (self.learning.bodies, len(spread))
+        told = []
+        for _ in range(self.learning.horizon):
+            states = self.bodies.states.astype(np.float32)
+            noise = (spread * rng.normal(size=shape)).astype(np.float32)
+            controls = np.asarray(noisy_controls(policy, as_jax(states), as_jax(noise)))
+            moved = self.bodies.step(controls)
+            following = moved.following.astype(np.float32)
+            told.append((states, noise, controls, following, moved.is_fallen, moved.is_last))
+            self.bodies.begin(rng, moved.is_last)
+        return Rollouts(*(jnp.asarray(np.stack(part)) for part in zip(*told, strict=True)))
+
+    def _told(
+        self,
+        policy: StatePolicy,
+        rollouts: Rollouts,
+        shown: Float[Array, "B O"],
+        earned: Float[Array, " B"],
+    ) -> Told:
+        """Return what the policy learns from, in units of the advantages' deviation."""
+        unit = earned.std() + TINY
+        noise = _by_body(rollouts.noise)
+        slopes = jnp.zeros(noise.shape)
+        if self._has_slopes:
+            learning = self.learning
+            slopes = action_slopes(
+                policy, self.progress.critic, self.rules, rollouts, learning.discount,
+                learning.slope_trace,
+            )  # fmt: skip
+            slopes = _by_body(slopes) / unit
+        return Told(shown, noise, policy.network(shown), (earned - earned.mean()) / unit, slopes)
+
+    def _fit_policy(self, rng: np.random.Generator, told: Told) -> None:
+        actor = self.progress.actor
+        weight = self.numbers.slope_weight
+        if self.learning.slope_weight is None:
+            found = float(weight_of_slopes(actor, told, GROUPS))
+            weight = WEIGHT_KEPT * weight + (1 - WEIGHT_KEPT) * found
+            self.numbers = self.numbers._replace(slope_weight=weight)
+        of_policy, _, _ = self.optimizers
+        memory, *others = self.progress.memories
+        actor, memory, rate = _policy_epochs(
+            of_policy, actor, memory, self.progress.rate, self.learning.divergence, as_jax(weight),
+            told, _batches(rng, len(told.noise)),
+        )  # fmt: skip
+        if not np.isfinite(float(rate)) or not _is_finite(actor):
+            return
+        self.progress = self.progress._replace(actor=actor, rate=rate, memories=(memory, *others))
+
+    def _fit_critic(
+        self, rng: np.random.Generator, shown: Float[Array, "B O"], values: Float[Array, " B"]
+    ) -> None:
+        critic = self.progress.critic
+        kept = UNIT_KEPT if self.numbers.update else 0.0
+        unit = kept * critic.unit + (1 - kept) * (jnp.sqrt((values**2).mean()) + TINY)
+        _, of_critic, _ = self.optimizers
+        of_actor, memory, of_leaps = self.progress.memories
+        network, memory = _critic_epochs(
+            of_critic, critic.network, memory, shown, values / unit, _batches(rng, len(values))
+        )
+        self.progress = self.progress._replace(
+            critic=Critic(network, unit), memories=(of_actor, memory, of_leaps)
+        )
+
+    def _see(self, states: Float[np.ndarray, "T N S"]) -> None:
+        """Let what networks are shown of a state keep to what states there are."""
+        view = self.progress.view
+        shown = states[..., list(view.entries)].reshape(-1, len(view.entries)).astype(float)
+        seen = self.numbers.seen
+        share = len(shown) / (seen + len(shown))
+        mean = np.asarray(view.mean, float)
+        away = shown.mean(axis=0) - mean
+        square = np.asarray(view.deviation, float) ** 2
+        square += share * (shown.var(axis=0) - square) + share * (1 - share) * away**2
+        renewed = View(
+            jnp.asarray(mean + share * away, jnp.float32),
+            jnp.asarray(np.sqrt(square), jnp.float32),
+            view.entries,
+        )
+        self.progress = self.progress._replace(view=renewed)
+        self.numbers = self.numbers._replace(seen=min(seen + len(shown), int(MAX_SEEN)))
+
+    def _remember(self, rollouts: Rollouts) -> None:
+        count = rollouts.is_last.size
+        places = (self.numbers.update * count + np.arange(count)) % MEMORY
+        parts = (rollouts.states, rollouts.controls, rollouts.following)
+        for kept, part in zip(self.progress.transitions, parts, strict=True):
+            kept[places] = np.asarray(part).reshape(count, -1)
+
+    def _fit_emulator(self, rng: np.random.Generator) -> None:
+        count = self.learning.bodies * self.learning.horizon
+        remembered = min((self.numbers.update + 1) * count, MEMORY)
+        rows = rng.integers(0, remembered, (self.learning.emulator_updates, EMULATOR_BATCH))
+        batches = tuple(as_jax(kept[rows]) for kept in self.progress.transitions)
+        _, _, of_emulator = self.optimizers
+        *others, memory = self.progress.memories
+        network, memory, loss = _emulator_steps(
+            of_emulator, self.emulator, self.progress.network, memory, batches
+        )
+        self.progress = self.progress._replace(network=network, memories=(*others, memory))
+        self.emulator_error = float(np.sqrt(loss))
+
+
+def _clipped_adam(rate: float) -> optax.GradientTransformation:
+    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optax.adam(rate))
+
+
+def _is_finite(tree: Any) -> bool:
+    return all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(tree))
+
+
+def _by_body(part: Float[Array, "T N ..."]) -> Float[Array, "B ..."]:
+    """Return what is of each action, those of a body one after another."""
+    return part.swapaxes(0, 1).reshape(-1, *part.shape[2:])
+
+
+def _batches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
+    """Return the rows of each minibatch of some epochs."""
+    order = np.stack([rng.permutation(count) for _ in range(EPOCHS)])
+    return as_jax(order.reshape(EPOCHS * BATCHES, -1), np.int32)
+
+
+@eqx.filter_jit
+def _policy_epochs(
+    optimizer: optax.GradientTransformation,
+    actor: Actor,
+    memory: Any,
+    rate: Float[Array, ""],
+    divergence: float,
+    weight: Float[Array, ""],
+    told: Told,
+    rows: Int[Array, "U M"],
+) -> tuple[Actor, Any, Float[Array, ""]]:
+    """Return (actor, memory, learning rate) after some epochs; the rate is kept where policies change as is wanted."""
+    before = actor.log_spread
+
+    def update(carry: tuple, chosen: Array) -> tuple[tuple, None]:
+        actor, memory, rate = carry
+        batch = jax.tree.map(lambda part: part[chosen], told)
+        graded = jax.value_and_grad(policy_loss, has_aux=True)
+        (_, apart), gradient = graded(actor, before, weight, batch)
+        rate = jnp.where(apart > 2 * divergence, rate / FASTER, rate)
+        rate = jnp.where(apart < divergence / 2, rate * FASTER, rate)
+        rate = jnp.clip(rate, *RATES)
+        step, memory = optimizer.update(gradient, memory)
+        scaled = jax.tree.map(lambda part: rate * part, step)
+        return (eqx.apply_updates(actor, scaled), memory, rate), None
+
+    carry, _ = jax.lax.scan(update, (actor, memory, rate), rows)
+    return carry
+
+
+@eqx.filter_jit
+def _critic_epochs(
+    optimizer: optax.GradientTransformation,
+    network: Perceptron,
+    memory: Any,
+    shown: Float[Array, "B O"],
+    targets: Float[Array, " B"],
+    rows: Int[Array, "U M"],
+) -> tuple[Perceptron, Any]:
+    def update(carry: tuple, chosen: Array) -> tuple[tuple, None]:
+        network, memory = carry
+        gradient: Any = jax.grad(critic_loss)(network, shown[chosen], targets[chosen])
+        step, memory = optimizer.update(gradient, memory)
+        return (eqx.apply_updates(network, step), memory), None
+
+    (network, memory), _ = jax.lax.scan(update, (network, memory), rows)
+    return network, memory
+
+
+@eqx.filter_jit
+def _emulator_steps(
+    optimizer: optax.GradientTransformation,
+    emulator: Emulator,
+    network: Any,
+    memory: Any,
+    batches: tuple[Array, ...],
+) -> tuple[Any, Any, Array]:
+    def update(carry: tuple, batch: tuple[Array, ...]) -> tuple[tuple, Array]:
+        network, memory = carry
+        loss, gradient = jax.value_and_grad(emulator_loss)(network, emulator, *batch)
+        step, memory = optimizer.update(gradient, memory)
+        return (eqx.apply_updates(network, step), memory), loss
+
+    (network, memory), losses = jax.lax.scan(update, (network, memory), batches)
+    return network, memory, losses.mean()
+
+
+def _shown_entries(structure: Structure) -> tuple[int, ...]:
+    """Return the entries of the state that matter to a policy: all but where a body is along the ground."""
+    entry = 0
+    shown: set[int] = set()
+    for segment in structure.segments:
+        entries = list(range(entry, entry + segment.size))
+        if isinstance(segment, Position):
+            entries = entries[2:]
+        shown.update(entries)
+        entry += segment.size
+    if not shown:
+        shown.update(structure.plain)
+        for angle in structure.angles:
+            shown.update(np.flatnonzero(angle).tolist())
+    return tuple(sorted(shown))
