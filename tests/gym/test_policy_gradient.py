@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator, load_system
+from neuroanimator.control.policies.state_policy import load_state_policy
 from neuroanimator.gym import EpisodeRules
 from neuroanimator.gym.bodies import Bodies, environment_returns
 from neuroanimator.gym.learn_policy import learn_policy
@@ -26,7 +27,6 @@ from neuroanimator.gym.policy_gradient import (
     policy_loss,
     weight_of_slopes,
 )
-from neuroanimator.gym.state_policy import load_state_policy
 from neuroanimator.gym.state_rows import emulator_stepper
 
 LEARNING = PolicyLearning(

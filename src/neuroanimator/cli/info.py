@@ -11,13 +11,15 @@ import typer
 from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
 from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.control.policies.policy import load_policy
+from neuroanimator.control.policies.state_policy import KIND as STATE_POLICY
+from neuroanimator.control.policies.state_policy import load_state_policy
 from neuroanimator.data.stored import open_to_measure
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.trust_summary import UNJUDGED
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.weakness.inspection import inspect
-from neuroanimator.files.atomic import read_tensors
+from neuroanimator.files.atomic import kind_in, read_tensors
 from neuroanimator.files.places import is_url, place_of
 from neuroanimator.files.zoo import find_emulator, find_policy, is_shipped
 from neuroanimator.state.layout import Layout
@@ -125,6 +127,8 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
 def _policy(file: str) -> tuple[dict[str, Any], Rows]:
     """Return (all that a policy says, the rows to show)."""
     path = find_policy(file)
+    if kind_in(path) == STATE_POLICY:
+        return _state_policy(path)
     if not is_shipped(path):
         load_policy(path)  # BadFileError for what is no policy: it takes longer
     _, metadata = read_tensors(path, "policy")
@@ -138,6 +142,23 @@ def _policy(file: str) -> tuple[dict[str, Any], Rows]:
         ("control", summary_of(Layout.from_json(emulator["control"], "control"))),
         ("network", "x".join(map(str, metadata["widths"]))),
         ("sha256", metadata["sha256"]),
+    ]
+    return metadata, rows
+
+
+def _state_policy(path: Path) -> tuple[dict[str, Any], Rows]:
+    """Return (all that a policy of `neuroanimator policy` says, the rows to show)."""
+    policy = load_state_policy(path)
+    _, metadata = read_tensors(path, STATE_POLICY)
+    emulator = policy.emulator
+    rows: Rows = [
+        ("file", path.name),
+        ("policy for", f"{emulator.system}, a control every {emulator.dt * 1e3:g} ms"),
+        ("shown", f"{len(policy.view.entries)} of {emulator.state.size} numbers of the state"),
+        ("control", summary_of(emulator.control)),
+        ("network", "x".join(map(str, metadata["widths"]))),
+        ("sha256", metadata["sha256"]),
+        ("what it earns", f"neuroanimator evaluate {path.name} --episodes 100"),
     ]
     return metadata, rows
 

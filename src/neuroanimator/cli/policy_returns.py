@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from neuroanimator.control.policies.state_policy import load_state_policy
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.gym.bodies import environment_returns, returns_of
 from neuroanimator.gym.locomotion import locomotion_rules, task_of
-from neuroanimator.gym.state_policy import load_state_policy
 from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows

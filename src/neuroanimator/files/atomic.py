@@ -192,6 +192,15 @@ def read_tensors(
     return tensors, metadata
 
 
+def kind_in(path: Place) -> str:
+    """Return the kind that a file of `write_tensors` says it is; empty where it says none. `read_tensors` checks the file."""
+    try:
+        kind = _take_metadata(_read_header(read_bounded(path, SIZE_LIMIT))).get("kind")
+    except ValueError:
+        return ""
+    return kind if isinstance(kind, str) else ""
+
+
 def read_bounded(path: Place, largest: int) -> bytes:
     """Return the bytes of a file; BadFileError if it cannot be read or is larger than `largest` [bytes]."""
     if isinstance(path, UrlPath):

@@ -18,13 +18,13 @@ except ImportError:
         "Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'"
     ) from None
 
+from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.files.zoo import SHIPPED
 from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, PhysicsVectorEnv
 from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.gym.locomotion import gymnasium_task, locomotion_rules
 from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.rules import EpisodeRules, RunningCost
-from neuroanimator.gym.state_policy import StatePolicy, load_state_policy
 
 __all__ = [
     "EmulatorEnv",

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.files.atomic import append_line, canonical_json, digest, locked
@@ -22,7 +23,6 @@ from neuroanimator.files.numbers import number, whole
 from neuroanimator.gym.bodies import returns_of
 from neuroanimator.gym.learner import Learner, Numbers, PolicyLearning
 from neuroanimator.gym.rules import EpisodeRules
-from neuroanimator.gym.state_policy import StatePolicy
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import read_tree, write_tree

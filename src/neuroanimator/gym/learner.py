@@ -19,6 +19,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, Int
 
+from neuroanimator.control.policies.state_policy import FIRST_GAIN, Perceptron, StatePolicy, View
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.gym.bodies import Bodies
@@ -36,7 +37,6 @@ from neuroanimator.gym.policy_gradient import (
     weight_of_slopes,
 )
 from neuroanimator.gym.rules import EpisodeRules
-from neuroanimator.gym.state_policy import FIRST_GAIN, Perceptron, StatePolicy, View
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.state.segments import Position
 from neuroanimator.state.structure import Structure

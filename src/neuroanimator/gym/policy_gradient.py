@@ -17,10 +17,10 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
+from neuroanimator.control.policies.state_policy import Perceptron, StatePolicy, View
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.gym.rules import EpisodeRules
-from neuroanimator.gym.state_policy import Perceptron, StatePolicy, View
 from neuroanimator.training.loss import unrolled_loss
 
 CLIP = 0.2

@@ -12,7 +12,6 @@ import jax
 import numpy as np
 
 from neuroanimator.codegen.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
-from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import BORDERLINE
@@ -20,7 +19,7 @@ from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_header import c_header, identifier
-from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.definition import PHASE, Definition, Model, definition_of
 from neuroanimator.export.programs.exported_files import (
     CheckedProgram,
     ExportedFiles,
@@ -45,7 +44,7 @@ Call = Callable[..., int | float | None]
 """A function of C that takes arrays and whole numbers, called by its name without the header's own."""
 
 
-def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
+def write_c_header(model: Model, path: str | Path, licence: str = "") -> ExportedFiles:
     """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
     Its functions begin with the file's name: `fish_step` in `fish.h`. The header says what they take. `licence` is
@@ -64,15 +63,15 @@ def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = ""
 
 
 def check_functions(
-    call: Call, model: Emulator | Policy, definition: Definition
+    call: Call, model: Model, definition: Definition
 ) -> tuple[dict[str, Vectors], float]:
     """Hold all functions of a header against JAX; return (vectors by function, the largest difference).
 
     Raises NeuroAnimatorError where one does not do what JAX does.
     """
     values = make_vectors(definition, model)
-    if isinstance(model, Policy):
-        return {definition.name: values}, _check_policy(call, values)
+    if not isinstance(model, Emulator):
+        return {definition.name: values}, _check_policy(call, definition, values)
     gradients = make_gradient_vectors(definition, model, values)
     check_trust(call, model, values)
     difference = max(check_steps(call, values), check_gradients(call, gradients))
@@ -120,11 +119,14 @@ def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
         )
 
 
-def _check_policy(call: Call, vectors: Vectors) -> float:
+def _check_policy(call: Call, definition: Definition, vectors: Vectors) -> float:
     computed = _room(*vectors.expected["control"].shape)
-    inputs = [vectors.inputs[name] for name in ("state", "phase", "command")]
-    for state, phase, command, control in zip(*inputs, computed, strict=True):
-        call("control", state, float(phase[0]), command, control)
+    for *inputs, control in zip(*vectors.inputs.values(), computed, strict=True):
+        arguments = [
+            float(row[0]) if port.layout is PHASE else row
+            for port, row in zip(definition.inputs, inputs, strict=True)
+        ]
+        call("control", *arguments, control)
     return vectors.check({"control": computed}, "control in C")
 
 

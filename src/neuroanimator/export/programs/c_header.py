@@ -21,11 +21,12 @@ from neuroanimator.codegen.c_text import c_number
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.c_emulator import encode, super_step, super_step_trusted
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import latent_size, step
-from neuroanimator.export.programs.definition import Definition
+from neuroanimator.export.programs.definition import Definition, Model, emulator_of
 from neuroanimator.state.layout import Layout
 from neuroanimator.text import printable
 
@@ -48,17 +49,19 @@ class SharedConstants(Constants):
         return self._known[key]
 
 
-def c_header(model: Emulator | Policy, definition: Definition, name: str) -> str:
-    """Return the text of `name`.h, whose functions begin with `name` (an identifier): see `emulator.h` and `policy.h`.
+def c_header(model: Model, definition: Definition, name: str) -> str:
+    """Return the text of `name`.h, whose functions begin with `name` (an identifier): see `emulator.h` and its like.
 
     Raises UnsupportedError for what there is no C for.
     """
-    kind = "policy" if isinstance(model, Policy) else "emulator"
-    emulator = model.emulator if isinstance(model, Policy) else model
-    if isinstance(model, Policy):
+    kind = definition.facts["kind"]
+    emulator = emulator_of(model)
+    if isinstance(model, Emulator):
+        sizes, functions, constants = _emulator_parts(model, name)
+    elif isinstance(model, Policy):
         sizes, functions, constants = _policy_parts(model, name)
     else:
-        sizes, functions, constants = _emulator_parts(model, name)
+        sizes, functions, constants = _state_policy_parts(model, name)
     guard = name.upper()
     room = max(1, emulator.control.size)  # C has no empty arrays
     lines = [
@@ -189,6 +192,19 @@ def _policy_parts(policy: Policy, name: str) -> tuple[dict[str, int], list[CFunc
         [c_function(f"{name}_answer", answer, policy, inputs, constants)],
         constants,
     )
+
+
+def _state_policy_parts(
+    policy: StatePolicy, name: str
+) -> tuple[dict[str, int], list[CFunction], Constants]:
+    """Return (no sizes, the function of a state policy, the constants it reads)."""
+
+    def answer(policy: StatePolicy, state: Float[Array, " S"]) -> Float[Array, " C"]:
+        return policy.control_of(state)
+
+    constants = SharedConstants()
+    inputs = [Input((policy.emulator.state.size,))]
+    return {}, [c_function(f"{name}_answer", answer, policy, inputs, constants)], constants
 
 
 def about(definition: Definition) -> str:

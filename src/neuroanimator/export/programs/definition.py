@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 import neuroanimator
 from neuroanimator.control.policies.policy import COMMAND, Policy
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import step
@@ -30,6 +31,10 @@ LARGEST_SCORE = 1e30
 
 CONVENTIONS = "SI units, radians, Z up, right-handed, quaternions wxyz"
 """Conventions of all numbers; docs/conventions.md says more."""
+
+
+Model = Emulator | Policy | StatePolicy
+"""What can be written as a program."""
 
 
 class Port(NamedTuple):
@@ -67,17 +72,23 @@ class Definition:
         return texts
 
 
-def definition_of(
-    model: Emulator | Policy, licence: str = "", *, has_trust: bool = False
-) -> Definition:
+def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -> Definition:
     """Return what a program of `model` does; `licence` says under which terms its weights may be used.
 
     An emulator: (state (S,), control (C,)) → next_state (S,), one super step later; with `has_trust` also trust (1,), if
     it has a meter. A policy: (state (S,), phase (1,), command (4,)) → control (C,), for the super step that begins there;
-    the phase of its clock gains `phase_per_step` with every super step.
+    the phase of its clock gains `phase_per_step` with every super step. A state policy: state (S,) → control (C,).
     """
     if isinstance(model, Policy):
         return _policy_definition(model, licence)
+    if isinstance(model, StatePolicy):
+        return Definition(
+            name="control",
+            function=lambda state: (model.control_of(state),),
+            inputs=(Port("state", model.emulator.state),),
+            outputs=(Port("control", model.emulator.control),),
+            facts=_facts("state-policy", model.emulator, licence),
+        )
     definition = Definition(
         name="step",
         function=partial(_super_step, model),
@@ -91,6 +102,11 @@ def definition_of(
         return replace(definition, missing=f"It gives no trust: {NO_METER}.")
     outputs = (*definition.outputs, Port("trust", TRUST))
     return replace(definition, function=partial(_trusted_step, model), outputs=outputs)
+
+
+def emulator_of(model: Model) -> Emulator:
+    """Return the emulator that a policy is of; an emulator as it is."""
+    return model if isinstance(model, Emulator) else model.emulator
 
 
 def _super_step(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from neuroanimator.control.policies.policy import Policy, load_policy
+from neuroanimator.control.policies.state_policy import load_any_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.c_file import write_c_header
+from neuroanimator.export.programs.definition import Model
 from neuroanimator.export.programs.exported_files import ExportedFiles
 from neuroanimator.export.programs.onnx_file import write_onnx
 from neuroanimator.export.programs.wasm_file import write_wasm
@@ -31,10 +32,10 @@ def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> lis
                 f"out: '{path.name}' ends in none of {', '.join(WRITERS)}, which an emulator or a policy is written "
                 "as. A motion is written by 'animate'."
             )
-    model: Emulator | Policy
+    model: Model
     if is_policy or reference.endswith(POLICY_ENDING):
         source = find_policy(reference)
-        model = load_policy(source)
+        model = load_any_policy(source)
     else:
         source = find_emulator(reference)
         model = Emulator.load(source)

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.programs.definition import Definition, Port, definition_of
+from neuroanimator.export.programs.definition import Definition, Model, Port, definition_of
 from neuroanimator.export.programs.exported_files import (
     CheckedProgram,
     ExportedFiles,
@@ -33,11 +31,12 @@ BATCH = "batch"
 """Name of the first axis of every tensor."""
 
 
-def write_onnx(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
+def write_onnx(model: Model, path: str | Path, licence: str = "") -> ExportedFiles:
     """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
     An emulator is (state (B, S), control (B, C)) → next_state (B, S) and, if it has a meter, trust (B, 1), which
-    is `Emulator.trust`; a policy (state (B, S), phase (B, 1), command (B, 4)) → control (B, C). All are in float32
+    is `Emulator.trust`; a policy (state (B, S), phase (B, 1), command (B, 4)) → control (B, C), a state policy
+    state (B, S) → control (B, C). All are in float32
     and the units of the layout. The file's metadata say what the numbers are; `licence` is among them if there is one.
 
     Raises ResourceError without the package onnx, UnsupportedError for an operation there is no operator for, and

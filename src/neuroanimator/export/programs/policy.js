@@ -3,9 +3,9 @@
 
 export const facts = @facts@;
 
-const STATE = @state@;
+// Name and size of what `control` takes; 0 where it is a number.
+const INPUTS = @inputs@;
 const CONTROL = @control@;
-const COMMAND = 4;
 const ALIGNMENT = 64;
 const PAGE = 65536;
 
@@ -16,27 +16,30 @@ export async function load(source = new URL("./@name@.wasm", import.meta.url)) {
 @loading@
 class Policy {
   #exports;
-  #state;
-  #command;
+  #inputs;
   #control;
 
   constructor(instance) {
     const exports = instance.exports;
     exports._initialize?.();
     this.#exports = exports;
-    this.#state = Math.ceil(exports.__heap_base.value / ALIGNMENT) * ALIGNMENT;
-    this.#command = this.#state + 4 * STATE;
-    this.#control = this.#command + 4 * COMMAND;
+    this.#inputs = Math.ceil(exports.__heap_base.value / ALIGNMENT) * ALIGNMENT;
+    const count = INPUTS.reduce((sum, [, size]) => sum + size, 0);
+    this.#control = this.#inputs + 4 * count;
     const missing = this.#control + 4 * CONTROL - exports.memory.buffer.byteLength;
     if (missing > 0) exports.memory.grow(Math.ceil(missing / PAGE));
   }
 
-  control(state, phase, command) {
-    check(state, STATE, "state");
-    check(command, COMMAND, "command");
-    this.#view(this.#state, STATE).set(state);
-    this.#view(this.#command, COMMAND).set(command);
-    this.#exports.@name@_control(this.#state, phase, this.#command, this.#control);
+  control(...given) {
+    let address = this.#inputs;
+    const passed = INPUTS.map(([name, size], number) => {
+      if (size === 0) return given[number];
+      check(given[number], size, name);
+      this.#view(address, size).set(given[number]);
+      address += 4 * size;
+      return address - 4 * size;
+    });
+    this.#exports.@name@_control(...passed, this.#control);
     return this.#view(this.#control, CONTROL).slice();
   }
 

@@ -20,7 +20,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import rounded
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.export.programs.definition import Definition
+from neuroanimator.export.programs.definition import Definition, Model
 from neuroanimator.state.layout import Bounds, Layout
 
 MOTIONS = 24
@@ -132,21 +132,23 @@ def vectors_text(definition: Definition, functions: Mapping[str, Vectors]) -> st
     return json.dumps(content, separators=(",", ":"), allow_nan=False)
 
 
-def make_vectors(definition: Definition, model: Emulator | Policy) -> Vectors:
+def make_vectors(definition: Definition, model: Model) -> Vectors:
     """Return `COUNT` inputs of `model`, the same each time, and what JAX makes of them in float32.
 
     Raises NeuroAnimatorError where that is not finite, or hangs on the last digits of the inputs, too often.
     """
     rng = np.random.default_rng(0)
-    if isinstance(model, Policy):
+    if isinstance(model, Emulator):
+        arrays = _emulator_inputs(model, rng)
+    elif isinstance(model, Policy):
         arrays = _policy_inputs(model, rng)
     else:
-        arrays = _emulator_inputs(model, rng)
+        arrays = (_states(model.emulator),)
     names = [port.name for port in definition.inputs]
     inputs = {name: array.astype(np.float32) for name, array in zip(names, arrays, strict=True)}
 
     def units(inputs: Arrays, outputs: Arrays) -> Arrays:
-        if isinstance(model, Policy):
+        if not isinstance(model, Emulator):
             return {"control": model.emulator.bounds.half}
         changes = outputs["next_state"] - inputs["state"]
         scales = {"next_state": _largest_in_part(model.state, changes)}

@@ -13,13 +13,19 @@ import numpy as np
 
 from neuroanimator.codegen.build import CompilerError
 from neuroanimator.codegen.wasm import wasm_module
-from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_file import check_functions
 from neuroanimator.export.programs.c_header import about, c_header, identifier
-from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.definition import (
+    PHASE,
+    Definition,
+    Model,
+    Port,
+    definition_of,
+    emulator_of,
+)
 from neuroanimator.export.programs.exported_files import (
     CheckedProgram,
     ExportedFiles,
@@ -42,6 +48,7 @@ FUNCTIONS = {
         "step_trusted",
     ),
     "policy": ("control",),
+    "state-policy": ("control",),
 }
 """What a module exports, by the kind of what it does."""
 
@@ -55,7 +62,7 @@ PAGE = 1 << 16
 """Bytes by which a module's memory grows."""
 
 
-def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") -> ExportedFiles:
+def write_wasm(model: Model, path: str | Path, licence: str = "") -> ExportedFiles:
     """Write `model` to `path`, after holding it against JAX, with `fish.js`, `fish.d.ts` and test vectors beside it.
 
     The ES module says what there is to call. `licence` is named in it if there is one.
@@ -72,7 +79,7 @@ def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") ->
     return write_program(path, definition, checked_wasm(model, definition, name), callers)
 
 
-def checked_wasm(model: Emulator | Policy, definition: Definition, name: str) -> CheckedProgram:
+def checked_wasm(model: Model, definition: Definition, name: str) -> CheckedProgram:
     """Return the module, whose functions begin with `name`; errors as of `write_wasm`."""
     runtime = import_wasmtime()
     content = wasm_bytes(model, definition, name)
@@ -81,7 +88,7 @@ def checked_wasm(model: Emulator | Policy, definition: Definition, name: str) ->
     return CheckedProgram(content, functions, "wasmtime", difference)
 
 
-def wasm_bytes(model: Emulator | Policy, definition: Definition, name: str) -> bytes:
+def wasm_bytes(model: Model, definition: Definition, name: str) -> bytes:
     """Return the module, whose functions begin with `name`."""
     text = f"#define {name.upper()}_IMPLEMENTATION\n{c_header(model, definition, name)}"
     exports = [*FUNCTIONS[definition.facts["kind"]], *NUMBERS]
@@ -144,12 +151,15 @@ class Module:
             memory.grow(self._store, -(-missing // PAGE))
 
 
-def _filled(suffix: str, model: Emulator | Policy, definition: Definition, name: str) -> str:
+def _filled(suffix: str, model: Model, definition: Definition, name: str) -> str:
     """Return the ES module, or its types, with names, sizes and facts filled in."""
     facts = definition.facts
-    emulator = model.emulator if isinstance(model, Policy) else model
+    emulator = emulator_of(model)
     folder = resources.files("neuroanimator.export.programs")
-    text = (folder / f"{facts['kind']}{suffix}").read_text(encoding="utf-8")
+    kind = facts["kind"]
+    if suffix == ".js" and not isinstance(model, Emulator):
+        kind = "policy"  # what its function takes is filled in
+    text = (folder / f"{kind}{suffix}").read_text(encoding="utf-8")
     loading = (folder / "loading.js").read_text(encoding="utf-8")
     values = {
         "about": about(definition),
@@ -157,11 +167,17 @@ def _filled(suffix: str, model: Emulator | Policy, definition: Definition, name:
         "loading": loading,
         "name": name,
         "facts": json.dumps(facts),
+        "inputs": json.dumps([(port.name, _length(port)) for port in definition.inputs]),
         "state": str(emulator.state.size),
         "control": str(emulator.control.size),
         "latent": str(latent_size(emulator)),
     }
     return re.sub(r"@(\w+)@", lambda found: values[found[1]], text)
+
+
+def _length(port: Port) -> int:
+    """Return the length of the array that an input is; 0 where it is a number."""
+    return 0 if port.layout is PHASE else port.layout.size
 
 
 def import_wasmtime() -> Any:

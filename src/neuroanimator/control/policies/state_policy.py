@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.emulator.artifact import FAULTS, check_format, first_line
 from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.description import blank, describe
@@ -20,7 +21,7 @@ from neuroanimator.emulator.networks import MAX_LAYER
 from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.tensors import emulator_leaves, to_numpy, with_tensors
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.atomic import kind_in, read_tensors, write_tensors
 from neuroanimator.files.numbers import entries, listed, whole
 
 FORMAT = 1
@@ -149,6 +150,13 @@ def load_state_policy(path: Path) -> StatePolicy:
         raise BadFileError(
             f"{path} is not a usable policy: {first_line(error)}. Make it again."
         ) from error
+
+
+def load_any_policy(path: Path) -> Policy | StatePolicy:
+    """Return the policy in the file at `path`, of whichever kind it is; BadFileError says what is wrong with it."""
+    if kind_in(path) == KIND:
+        return load_state_policy(path)
+    return load_policy(path)
 
 
 def _blank(metadata: dict[str, Any]) -> StatePolicy:
