@@ -95,11 +95,11 @@ def moving_states(system: SoftSystem) -> np.ndarray:
     return rng.permutation(states[:, 1:].reshape(count * steps, -1))
 
 
-def hasty_emulator(toml: Path, folder: Path) -> Emulator:
-    """Return an emulator of the soft body of a TOML file after a few updates, read back from its file."""
-    name, text, substeps = resolve(str(toml))
+def hasty_emulator(toml: Path, folder: Path, substeps: int | None = None) -> Emulator:
+    """Return an emulator of the system of a TOML file after a few updates, read back from its file."""
+    name, text, usual = resolve(str(toml))
     config = DatasetConfig(
-        system=name, definition=text, substeps=substeps, count=200, samples_per_run=12
+        system=name, definition=text, substeps=substeps or usual, count=200, samples_per_run=12
     )
     generate(config, folder / "data")
     settings = TrainingConfig(updates=250, batch=16, widths=(16, 16), unroll=1)

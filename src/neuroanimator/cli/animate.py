@@ -21,6 +21,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE, read_film
 from neuroanimator.export.formats import emulator_for, export_clip, export_school
+from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.state.start import read_starts
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import print_line, quoted
@@ -48,7 +49,9 @@ HYBRID_HELP = "Let the physics take over where the emulator is not trusted; prin
 THRESHOLD_HELP = "With --hybrid: the score from which on the physics takes over; 0: all is physics. 1 if not given."
 """The help of `--threshold`."""
 
-SYSTEM_HELP = "With --hybrid: your TOML file, whose model or step function is then used."
+SYSTEM_HELP = (
+    "With --hybrid, or of a policy: your TOML file, whose model or step function is then used."
+)
 """The help of `--system`."""
 
 PATH_HELP = (
@@ -71,7 +74,12 @@ START_HELP = (
 
 
 def run(
-    emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
+    emulator: Annotated[
+        str,
+        typer.Argument(
+            help="Emulator file, or name of a shipped one; or a policy's file that 'policy' made, which moves the physics."
+        ),
+    ],
     out: Annotated[
         list[Path],
         typer.Option(
@@ -111,6 +119,23 @@ def run(
 ) -> None:
     """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
     film = read_film(size, camera)
+    if emulator.endswith(POLICY_ENDING) and school is None:
+        _refuse_with_a_policy(
+            {
+                "controls": controls,
+                "path": path,
+                "start": start,
+                "hybrid": hybrid or None,
+                "trust": trust or None,
+            }
+        )
+        from neuroanimator.cli.policy_returns import policy_motion  # with it comes MuJoCo
+
+        model, states = policy_motion(Path(emulator), system, seconds, seed or 0)
+        clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="physics")
+        with phase("drawing"):
+            export_clip(clip, model, out, film)
+        return print_rows(_rows(clip, out))
     _refuse_without_hybrid(hybrid, threshold, system)
     _refuse_beside_a_path(path, path_speed, controls, start, seed)
     with phase("loading"):
@@ -189,6 +214,13 @@ def _refuse_without_hybrid(hybrid: bool, threshold: float | None, system: Path |
             raise ArgumentError(
                 f"{name}: it is of motions in turns with the physics. Give --hybrid, too."
             )
+
+
+def _refuse_with_a_policy(others: dict[str, object]) -> None:
+    """Refuse the options that a motion of the physics by a policy has no use for."""
+    for name, value in others.items():
+        if value is not None:
+            raise ArgumentError(f"{name}: a policy moves the physics, from a start of its own.")
 
 
 def _paths(texts: list[str]) -> dict[str, str]:

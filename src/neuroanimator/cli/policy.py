@@ -71,7 +71,7 @@ def run(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of weights, starts and noise.")] = 0,
 ) -> None:
-    """Learn a policy on the true physics, by slopes from an emulator; needs the extra [gym].
+    """Learn a policy on the true physics, with the help of slopes from an emulator; needs the extra [gym].
 
     The rules are those of [task]. The best policy on the way, by whole episodes, is kept. A run that was stopped goes on where it
     was, and one that is over goes on for more --updates or --minutes.

@@ -1,4 +1,4 @@
-"""What `evaluate` prints of a policy that `policy` learnt: its returns on the true environment, and inside its emulator."""
+"""What a policy that `policy` learnt does: its returns on the true environment and inside its emulator, and a motion."""
 
 from __future__ import annotations
 
@@ -6,17 +6,50 @@ from json import dumps
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.control.policies.state_policy import load_state_policy
+from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
+from neuroanimator.definitions.task import TaskTable
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.gym.bodies import environment_returns, returns_of
+from neuroanimator.gym.bodies import environment_returns, motion_of, returns_of
 from neuroanimator.gym.locomotion import locomotion_rules, task_of
 from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
 from neuroanimator.systems.loading import trust_files
+from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
 
 MAX_EPISODES = 100_000
+
+
+def _loaded(path: Path, toml: Path | None) -> tuple[StatePolicy, System, TaskTable]:
+    """Return (the policy, its physics, what it is to do)."""
+    with phase("loading"):
+        policy = load_state_policy(path)
+        if toml:
+            trust_files(toml)
+        system = system_of(policy.emulator)
+        return policy, system, task_of(policy.emulator.definition, str(path))
+
+
+def policy_motion(
+    path: Path, toml: Path | None, seconds: float | None, seed: int
+) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
+    """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it)."""
+    policy, system, task = _loaded(path, toml)
+    rules = locomotion_rules(task, system.structure, system.rest)
+    steps = task.steps
+    if seconds is not None:
+        if not policy.dt <= seconds <= task.steps * policy.dt:
+            raise ArgumentError(
+                f"seconds: wanted between {policy.dt:g} and {task.steps * policy.dt:g}, the length of an episode, came "
+                f"{seconds:g}."
+            )
+        steps = round(seconds / policy.dt)
+    with phase("simulating"):
+        stepper = physics_stepper(system, system.scheme, policy.dt)
+        return policy.emulator, motion_of(policy, stepper, rules, steps, seed)
 
 
 def evaluate_policy(
@@ -25,13 +58,8 @@ def evaluate_policy(
     """Print the returns of `episodes` episodes without noise."""
     if not 1 <= episodes <= MAX_EPISODES:
         raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
-    with phase("loading"):
-        policy = load_state_policy(path)
-        if toml:
-            trust_files(toml)
-        system = system_of(policy.emulator)
-        task = task_of(policy.emulator.definition, str(path))
-        rules = locomotion_rules(task, system.structure, system.rest)
+    policy, system, task = _loaded(path, toml)
+    rules = locomotion_rules(task, system.structure, system.rest)
     where = task.environment or "the physics"
     with phase(f"{episodes} episodes in {where}"):
         if task.environment:

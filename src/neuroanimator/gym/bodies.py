@@ -90,6 +90,20 @@ def returns_of(
     return total
 
 
+def motion_of(
+    policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, steps: int, seed: int
+) -> Float[np.ndarray, "K S"]:
+    """Return the states of an episode without noise, at most `steps` super steps of it: it ends where the rules say so."""
+    bodies = Bodies(stepper, rules, policy.emulator, np.random.default_rng(seed), 1)
+    states = [bodies.states[0]]
+    for _ in range(steps):
+        moved = bodies.step(np.asarray(_controls(policy, as_jax(bodies.states)), float))
+        states.append(moved.following[0])
+        if moved.is_last[0]:
+            break
+    return np.array(states)
+
+
 def environment_returns(
     policy: StatePolicy, env_id: str, episodes: int, seed: int
 ) -> Float[np.ndarray, " B"]:

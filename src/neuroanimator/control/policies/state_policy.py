@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.control.policies.policy import Policy, load_policy
-from neuroanimator.emulator.artifact import FAULTS, check_format, first_line
+from neuroanimator.emulator.artifact import FAULTS, check_arrays, check_format, first_line
 from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.emulator import Emulator
@@ -145,11 +145,17 @@ def load_state_policy(path: Path) -> StatePolicy:
     emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
     check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
     try:
-        return with_tensors(_blank(metadata), _leaves, tensors)
+        policy = with_tensors(_blank(metadata), _leaves, tensors)
+        check_arrays(policy.emulator)
     except FAULTS as error:
         raise BadFileError(
             f"{path} is not a usable policy: {first_line(error)}. Make it again."
         ) from error
+    if policy.emulator.definition:
+        from neuroanimator.definitions.carried import remember_folder
+
+        remember_folder(policy.emulator.definition, path.parent)
+    return policy
 
 
 def load_any_policy(path: Path) -> Policy | StatePolicy:

@@ -1,0 +1,35 @@
+"""From `new Hopper-v5` to a policy's returns and its film, as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from neuroanimator.systems.loading import trust_files
+from tests.conftest import Cli
+from tests.soft_bodies import hasty_emulator
+
+FILE = "hop.policy.safetensors"
+
+
+def test_a_hopper_from_new_to_its_film(cli: Cli, tmp_path: Path):
+    def told(*arguments: str) -> str:
+        done = cli(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    told("new", "Hopper-v5")
+    trust_files(tmp_path / "Hopper-v5.toml")
+    emulator = hasty_emulator(tmp_path / "Hopper-v5.toml", tmp_path, substeps=4)
+    emulator.save(tmp_path / "leaps.emulator.safetensors")
+    learn = ("policy", "Hopper-v5.toml", "--emulator", "leaps.emulator.safetensors", "--out", FILE)
+    assert "4,096" in told(*learn, "--updates", "1")
+    assert "8,192" in told(*learn, "--updates", "2"), "it did not go on where it was"
+    earned = json.loads(told("evaluate", FILE, "--episodes", "2", "--json"))
+    assert 0 < earned["least_return"] <= earned["mean_return"] <= earned["largest_return"] < 3000
+    told("animate", FILE, "--seconds", "0.2", "--out", "hop.glb")
+    assert (tmp_path / "hop.glb").stat().st_size > 1000
+    assert "11 of 12" in told("info", FILE)
+    refused = cli("animate", FILE, "--start", "rootz=1", "--out", "hop.glb", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "start: a policy moves the physics" in refused.stderr
