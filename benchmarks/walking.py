@@ -21,8 +21,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from neuroanimator.cli.policy import first_emulator
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.gym.locomotion import locomotion_rules, task_of
+from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.systems import load_system
+from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
@@ -59,6 +66,18 @@ def learnt(env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows
     points = [json.loads(line) for line in curve]
     row["steps"] = points[-1]["steps"]
     return row, [{"environment": env_id, "seed": seed} | point for point in points]
+
+
+def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules, Emulator]:
+    """Return (the physics of a task, its rules, the emulator that learning begins with), as `neuroanimator policy` has them."""
+    run(folder, "new", env_id)
+    toml = folder / f"{env_id}.toml"
+    name, definition, _ = resolve(str(toml))
+    task = task_of(definition, toml.name)
+    trust_files(toml)
+    system = load_system(str(toml))
+    rules = locomotion_rules(task, system.structure, system.rest)
+    return system, rules, first_emulator(name, definition, task, folder / "run", seed)
 
 
 def run(folder: Path, *arguments: object) -> str:

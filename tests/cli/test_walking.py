@@ -25,8 +25,9 @@ def test_a_hopper_from_new_to_its_film(cli: Cli, tmp_path: Path):
     learn = ("policy", "Hopper-v5.toml", "--emulator", "leaps.emulator.safetensors", "--out", FILE)
     assert "4,096" in told(*learn, "--updates", "1")
     assert "8,192" in told(*learn, "--updates", "2"), "it did not go on where it was"
-    earned = json.loads(told("evaluate", FILE, "--episodes", "2", "--json"))
+    earned = json.loads(told("evaluate", FILE, "--episodes", "2", "--json", "--report", "r.html"))
     assert 0 < earned["least_return"] <= earned["mean_return"] <= earned["largest_return"] < 3000
+    assert (tmp_path / "r.html").read_text().count("<svg") == 2
     told("animate", FILE, "--seconds", "0.2", "--out", "hop.glb")
     assert (tmp_path / "hop.glb").stat().st_size > 1000
     assert "11 of 12" in told("info", FILE)

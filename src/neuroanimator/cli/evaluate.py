@@ -98,7 +98,7 @@ def run(
             raise ArgumentError(f"evaluate: wanted one policy, came {len(emulators)} files.")
         from neuroanimator.cli.policy_returns import evaluate_policy  # needs the extra [gym]
 
-        evaluate_policy(Path(emulators[0]), system, episodes, seed, as_json=json)
+        evaluate_policy(Path(emulators[0]), system, episodes, seed, as_json=json, report=report)
         return
     if sweep:
         budget = SweepBudget(tolerance, seconds, count, updates)

@@ -25,7 +25,7 @@ from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows, progress_bar
 from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.train import read_reports, run_folder, train
+from neuroanimator.training.train import METRICS, read_reports, run_folder, train
 
 EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 10 --out hopper.policy.safetensors"
 
@@ -90,7 +90,7 @@ def run(
         rules = locomotion_rules(task, body.structure, body.rest)
     began = time.monotonic()
     if emulator is None:
-        leaps = _first_emulator(name, definition, task, out, seed)
+        leaps = first_emulator(name, definition, task, out, seed)
     else:
         leaps = load_emulator(emulator)
     _check_emulator(leaps, body, task)
@@ -110,7 +110,7 @@ def run(
             on_share=lambda share: bar.advance_to(round(PERCENT * share)),
             folder=folder,
         )
-    told = read_reports(folder / "metrics.jsonl", LearningReport)
+    told = read_reports(folder / METRICS, LearningReport)
     last = told[-1]
     policy.save(out, {"seed": seed, "updates": int(last.update)})
     best = max(report.mean_return for report in told)
@@ -124,8 +124,8 @@ def run(
     )
 
 
-def _first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed: int) -> Emulator:
-    """Return an emulator of one step of the task, as random controls have it."""
+def first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed: int) -> Emulator:
+    """Return an emulator of one step of the task, as random controls have it; it lies in the run's folder of the policy `out`."""
     path = run_folder(out) / f"{name}.emulator.safetensors"
     if path.exists():
         return load_emulator(path)

@@ -14,11 +14,13 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.gym.bodies import environment_returns, motion_of, returns_of
+from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.locomotion import locomotion_rules, task_of
 from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
+from neuroanimator.training.train import METRICS, read_reports, run_folder
 
 MAX_EPISODES = 100_000
 
@@ -53,9 +55,15 @@ def policy_motion(
 
 
 def evaluate_policy(
-    path: Path, toml: Path | None, episodes: int, seed: int, *, as_json: bool
+    path: Path,
+    toml: Path | None,
+    episodes: int,
+    seed: int,
+    *,
+    as_json: bool,
+    report: Path | None = None,
 ) -> None:
-    """Print the returns of `episodes` episodes without noise."""
+    """Print the returns of `episodes` episodes without noise, and write them with the curve of learning to the page `report`."""
     if not 1 <= episodes <= MAX_EPISODES:
         raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
     policy, system, task = _loaded(path, toml)
@@ -70,6 +78,19 @@ def evaluate_policy(
     with phase(f"{episodes} episodes in the emulator"):
         leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
         inside = returns_of(policy, leaps, rules, episodes, seed)
+    rows: list[tuple[str, object]] = [
+        ("policy", path),
+        ("episodes", f"{episodes:,} in {where}"),
+        ("mean return", f"{returns.mean():.0f}"),
+        ("least, most", f"{returns.min():.0f}, {returns.max():.0f}"),
+        ("in the emulator", f"{inside.mean():.0f}"),
+    ]
+    if report:
+        from neuroanimator.evaluation.policy_report import write_policy_report  # with Matplotlib
+
+        told = read_reports(run_folder(path) / METRICS, LearningReport)
+        curve = [(point.steps, point.mean_return) for point in told]
+        write_policy_report(report, rows, curve, returns, inside)
     if as_json:
         found = {
             "environment": where,
@@ -81,12 +102,6 @@ def evaluate_policy(
         }
         print(dumps(found, indent=2))
         return
-    print_rows(
-        [
-            ("policy", path),
-            ("episodes", f"{episodes:,} in {where}"),
-            ("mean return", f"{returns.mean():.0f}"),
-            ("least, most", f"{returns.min():.0f}, {returns.max():.0f}"),
-            ("in the emulator", f"{inside.mean():.0f}"),
-        ]
-    )
+    if report:
+        rows.append(("report", report))
+    print_rows(rows)

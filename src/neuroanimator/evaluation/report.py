@@ -12,7 +12,7 @@ from neuroanimator.evaluation import figures
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.evaluation.page import render, write_page
 from neuroanimator.evaluation.weakness import tables
-from neuroanimator.training.train import read_metrics, run_folder
+from neuroanimator.training.train import METRICS, read_metrics, run_folder
 
 
 def write_report(
@@ -35,7 +35,7 @@ def write_report(
 
 def training_html(emulator: Path) -> Markup:
     """Return the curve of the training that made the file `emulator`; a line that says so where nothing is known of it."""
-    path = run_folder(emulator) / "metrics.jsonl"
+    path = run_folder(emulator) / METRICS
     file = f"{path.parent.name}/{path.name}"
     return render("training.html", reports=read_metrics(path), file=file, figures=figures)
 

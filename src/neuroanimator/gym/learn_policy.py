@@ -26,7 +26,7 @@ from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import read_tree, write_tree
-from neuroanimator.training.train import trim_metrics
+from neuroanimator.training.train import METRICS, trim_metrics
 
 EVALUATED = 16
 """Number of episodes that judge a policy on the way."""
@@ -151,7 +151,7 @@ class _Run:
             seconds=numbers.seconds,
         )
         if self.folder is not None:
-            append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
+            append_line(self.folder / METRICS, json.dumps(report._asdict()))
             write_tree(self.folder, self.identity, learner.progress, numbers._asdict())
         return report
 

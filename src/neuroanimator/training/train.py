@@ -38,6 +38,9 @@ from neuroanimator.training.validation import validation_errors
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
 
+METRICS = "metrics.jsonl"
+"""Name of the file of reports in a run's folder."""
+
 Line = TypeVar("Line")
 """Tuple that a line of `metrics.jsonl` becomes."""
 
@@ -197,7 +200,7 @@ class _Run:
             unrolled_error=float(errors[-1]),
             seconds=time.monotonic() - self.began,
         )
-        append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
+        append_line(self.folder / METRICS, json.dumps(report._asdict()))
         write_checkpoint(self.checkpoints, self.fingerprint, self.progress)
         return report
 
@@ -243,7 +246,7 @@ def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
 
 def trim_metrics(folder: Path, update: int) -> None:
     """Drop lines a killed run logged after its last checkpoint."""
-    path = folder / "metrics.jsonl"
+    path = folder / METRICS
     if not path.exists():
         return
     lines = read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
