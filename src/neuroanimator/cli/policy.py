@@ -27,7 +27,7 @@ from neuroanimator.terminal import phase, print_rows, progress_bar
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import METRICS, read_reports, run_folder, train
 
-EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 10 --out hopper.policy.safetensors"
+EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 3 --out hopper.policy.safetensors"
 
 TRANSITIONS = 36_000
 """Number of random transitions that the emulator begins with: it learns from what policies do afterwards."""
@@ -101,27 +101,32 @@ def run(
         limit = max(SECONDS_A_MINUTE * minutes - (time.monotonic() - began), LEAST_SECONDS)
     folder = run_folder(out)
     with progress_bar("learning", PERCENT) as bar:
+        note = ""
+
+        def on_report(report: LearningReport) -> None:
+            nonlocal note
+            note = f"mean return {report.mean_return:,.0f}"
+
         policy = learn_policy(
             body,
             leaps,
             rules,
             learning,
             seconds=limit,
-            on_share=lambda share: bar.advance_to(round(PERCENT * share)),
             folder=folder,
+            on_share=lambda share: bar.advance_to(round(PERCENT * share), note),
+            on_report=on_report,
         )
+    policy.save(out, {"seed": seed})
+    rows: list[tuple[str, object]] = [("policy", out), ("metrics", folder / METRICS)]
     told = read_reports(folder / METRICS, LearningReport)
-    last = told[-1]
-    policy.save(out, {"seed": seed, "updates": int(last.update)})
-    best = max(report.mean_return for report in told)
-    print_rows(
-        [
-            ("policy", out),
-            ("super steps", f"{last.steps:,.0f} on the physics"),
-            ("mean return", f"{best:.0f} of {EVALUATED} episodes, the best on the way"),
-            ("judge it", f"neuroanimator evaluate {out} --episodes 100"),
+    if told:
+        best = max(report.mean_return for report in told)
+        rows += [
+            ("super steps", f"{told[-1].steps:,} on the physics"),
+            ("mean return", f"{best:,.0f} of {EVALUATED} episodes, the best on the way"),
         ]
-    )
+    print_rows([*rows, ("judge it", f"neuroanimator evaluate {out} --episodes 100")])
 
 
 def first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed: int) -> Emulator:

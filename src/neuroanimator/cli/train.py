@@ -24,7 +24,7 @@ from neuroanimator.files.tables import read_toml
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.error_fitting import fit_error_bounds
-from neuroanimator.training.train import Report, run_folder, train
+from neuroanimator.training.train import METRICS, Report, run_folder, train
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
@@ -145,7 +145,7 @@ def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str,
     """Return what is printed of a training."""
     rows: list[tuple[str, object]] = [
         ("emulator", out),
-        ("metrics", run_folder(out) / "metrics.jsonl"),
+        ("metrics", run_folder(out) / METRICS),
     ]
     if last is not None:
         rows.append(("updates", last.update))

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int
 from neuroanimator.control.policies.state_policy import FIRST_GAIN, Perceptron, StatePolicy, View
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.policy_gradient import (
     Actor,
@@ -232,7 +233,7 @@ class Learner:
         self.numbers = self.numbers._replace(best_return=mean_return)
 
     def advance(self) -> None:
-        """Do one update."""
+        """Do one update. ArgumentError where a reward is no finite number."""
         rng = self._rng(self.numbers.update)
         policy = self.policy
         rollouts = self._roll_out(rng, policy)
@@ -241,6 +242,11 @@ class Learner:
         earned = advantages(
             critic, policy.view, self.rules, rollouts, learning.discount, learning.trace, policy.dt
         )
+        if not bool(jnp.isfinite(earned).all()):
+            raise ArgumentError(
+                "rules.reward: wanted finite numbers, came others in states that bodies went through. Bound what it divides by, "
+                "takes the root of or raises to a power."
+            )
         shown = _by_body(policy.view(rollouts.states))
         values = _by_body(earned) + critic(shown)
         told = self._told(policy, rollouts, shown, _by_body(earned))
