@@ -87,6 +87,7 @@ def kept(file: str, renewed: list[str]) -> Rows:
     if not path.exists():
         return []
     with path.open(newline="") as lines:
+        next(lines)  # the machine
         return [row for row in csv.DictReader(lines) if row["environment"] not in renewed]
 
 

@@ -182,6 +182,12 @@ def test_a_run_that_was_killed_ends_with_the_same_bytes(emulator: Emulator, tmp_
         learn_policy(system, emulator, RULES, replace(LEARNING, seed=1), folder=folder)
 
 
+def test_settings_that_cannot_be_are_refused(emulator: Emulator):
+    for changed in ({"bodies": 20}, {"bodies": 0}, {"slope_weight": 1.5}):
+        with pytest.raises(NeuroAnimatorError, match=next(iter(changed))):
+            Learner(load_system("pendulum"), emulator, RULES, replace(LEARNING, **changed))
+
+
 def test_a_reward_that_is_no_number_is_refused(emulator: Emulator):
     rules = EpisodeRules(lambda *moved: cost(*moved) / 0.0, draw_start=starts, steps=100)
     with pytest.raises(NeuroAnimatorError, match="reward"):

@@ -154,6 +154,11 @@ class Learner:
     def __init__(
         self, system: System, emulator: Emulator, rules: EpisodeRules, learning: PolicyLearning
     ):
+        """Raises ArgumentError for settings that cannot be, and for rules that draw no starts."""
+        if learning.bodies < GROUPS or learning.bodies % GROUPS:
+            raise ArgumentError(f"bodies: wanted a multiple of {GROUPS}, came {learning.bodies}.")
+        if learning.slope_weight is not None and not 0 <= learning.slope_weight <= 1:
+            raise ArgumentError(f"slope_weight: wanted 0 to 1, came {learning.slope_weight:g}.")
         self.emulator = emulator
         self.rules = rules
         self.learning = learning
