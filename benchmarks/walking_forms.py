@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from walking import prepared
+from walking import kept, prepared
 
 import neuroanimator as na
 from neuroanimator.evaluation.csv_table import write_csv
@@ -37,14 +37,14 @@ REPORTS = 8
 FIRST_SEED = 100
 
 
-def curves(env_id: str, seed: int) -> list[dict[str, Any]]:
+def curves(env_id: str, seed: int, updates: int) -> list[dict[str, Any]]:
     """Return rows of the curves of all forms."""
     rows: list[dict[str, Any]] = []
     with TemporaryDirectory() as place:
         system, rules, leaps = prepared(env_id, Path(place), seed)
         for form, weight in FORMS.items():
             learning = PolicyLearning(
-                updates=UPDATES, reports=REPORTS, seed=seed, slope_weight=weight
+                updates=updates, reports=REPORTS, seed=seed, slope_weight=weight
             )
             told: list[Any] = []
             na.learn_policy(system, leaps, rules, learning, on_report=told.append)
@@ -61,13 +61,14 @@ def main() -> None:
     )
     parser.add_argument("environments", nargs="*", default=["Walker2d-v5"])
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--updates", type=int, default=UPDATES)
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
-    rows: list[dict[str, Any]] = []
+    rows = kept("walking_forms.csv", arguments.environments)
     for env_id in arguments.environments:
         for seed in range(FIRST_SEED, FIRST_SEED + arguments.seeds):
-            rows += curves(env_id, seed)
+            rows += curves(env_id, seed, arguments.updates)
             print_table(rows)
             if not arguments.dry:
                 write_csv(RESULTS / "walking_forms.csv", rows)

@@ -42,9 +42,9 @@ ENVIRONMENTS = ("Hopper-v5", "Walker2d-v5", "Ant-v5")
 HORIZONS = (0.064, 0.128, 0.25, 0.5)
 """[s]"""
 
-STARTS = 12
+STARTS = 6
 
-ROLLOUTS = 1024
+ROLLOUTS = 512
 """Pairs of rollouts, of noise and its opposite."""
 
 SPREAD = 0.12
