@@ -64,7 +64,7 @@ def learn_policy(
     learning: PolicyLearning = PolicyLearning(),
     *,
     seconds: float | None = None,
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     on_report: Callable[[LearningReport], None] = lambda report: None,
 ) -> StatePolicy:
@@ -77,8 +77,9 @@ def learn_policy(
     """
     if folder is None:
         return _Run(system, emulator, rules, learning, None).finish(seconds, on_share, on_report)
-    with locked(folder):
-        run = _Run(system, emulator, rules, learning, folder)
+    place = Path(folder)
+    with locked(place):
+        run = _Run(system, emulator, rules, learning, place)
         return run.finish(seconds, on_share, on_report)
 
 
