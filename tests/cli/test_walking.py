@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from conftest import Cli
+from soft_bodies import hasty_emulator
+
 from neuroanimator.systems.loading import trust_files
-from tests.conftest import Cli
-from tests.soft_bodies import hasty_emulator
 
 FILE = "hop.policy.safetensors"
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import pytest
+from test_wasm import needs_node, run_in_node
 
 from neuroanimator import load_emulator
 from neuroanimator.control.policies.state_policy import Perceptron, StatePolicy, View
 from neuroanimator.export.programs.formats import export_programs
-from tests.export.programs.test_wasm import needs_node, run_in_node
 
 CHECK = """
 import { readFileSync } from "node:fs";
