@@ -133,7 +133,9 @@ def first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed:
     """Return an emulator of one step of the task, as random controls have it; it lies in the run's folder of the policy `out`."""
     path = run_folder(out) / f"{name}.emulator.safetensors"
     if path.exists():
-        return load_emulator(path)
+        kept = load_emulator(path)
+        if kept.definition == definition:
+            return kept
     config = DatasetConfig(
         system=name,
         definition=definition,

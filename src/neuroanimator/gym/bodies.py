@@ -111,9 +111,8 @@ def environment_returns(
 
     Raises ArgumentError for an id that is none of its MuJoCo environments', and for one of another body.
     """
-    mjcf_of(
-        env_id
-    )  # refuses other ids: that of a file may name a module, which `make` would import
+    # Refuses other ids: that of a file may name a module, which `make` would import.
+    mjcf_of(env_id)
     environment: Any = gymnasium.make(env_id)
     check_actions(policy.emulator, environment)
     returns = []

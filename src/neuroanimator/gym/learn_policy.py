@@ -99,6 +99,8 @@ class _Run:
         self.folder = folder
         settings = asdict(learning)
         del settings["updates"], settings["reports"]  # a run may go on for longer
+        # The definition has the task: a run for other rewards is another run.
+        settings["definition"] = emulator.definition
         self.identity = f"{digest(emulator_tensors(emulator))[:16]}-{canonical_json(settings)}"
         if folder is None:
             return

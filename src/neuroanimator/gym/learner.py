@@ -203,9 +203,8 @@ class Learner:
 
     def go_on(self, progress: Progress, numbers: Numbers) -> None:
         """Go on from there."""
-        ring = tuple(
-            part.copy() for part in progress.transitions
-        )  # what is read cannot be written to
+        # What is read cannot be written to.
+        ring = tuple(part.copy() for part in progress.transitions)
         self.progress = progress._replace(transitions=ring)
         self.numbers = numbers
         self.bodies.resume(progress.states, progress.ages)

@@ -52,11 +52,6 @@ class Rollouts(NamedTuple):
     """Where the episode ended, by the rules or by its length."""
 
 
-def with_network(policy: StatePolicy, network: Perceptron) -> StatePolicy:
-    """Return the policy with other weights."""
-    return eqx.tree_at(lambda policy: policy.network, policy, network)
-
-
 @eqx.filter_jit
 def noisy_controls(
     policy: StatePolicy, states: Float[Array, "N S"], noise: Float[Array, "N C"]
