@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parameter import Parameters
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.files.names import FileName, SystemName
 from neuroanimator.files.numbers import MIN_STEP
@@ -50,4 +51,6 @@ class PythonDefinition(Table):
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
     sampling: StartSampling = StartSampling()
+    parameters: Parameters = Field(default={})
+    """What varies from body to body of a family."""
     goals: dict[SystemName, GoalTable] = Field(default={})

@@ -18,6 +18,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parameter import Parameters
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.files.names import ModelPath, PartName, SystemName
 from neuroanimator.files.tables import Finite, Share, Step, Table
@@ -122,6 +123,8 @@ class Definition(Table):
     groups: dict[PartName, tuple[str, ...]] = Field(default={})
     """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
     sampling: Sampling = Sampling()
+    parameters: Parameters = Field(default={})
+    """What varies from body to body of a family."""
     task: TaskTable | None = None
     """What a policy is to do; of no meaning to emulators."""
     goals: dict[SystemName, GoalTable] = Field(default={})

@@ -22,6 +22,8 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.parameters import Parameter
+from neuroanimator.state.segments import Constant, place_segments
 from neuroanimator.state.structure import Structure
 
 UNROLL = 4
@@ -108,6 +110,32 @@ class SuperStep(eqx.Module):
     def definition(self) -> str:
         """JSON text the system can be made from again; empty for one that comes with the package."""
         return self.spec.definition
+
+    @property
+    def parameter_entries(self) -> tuple[int, ...]:
+        """State entries that are parameters, which no motion changes; none of an emulator of a single body."""
+        entries: list[int] = []
+        for placed in place_segments(self.frame.segments):
+            if isinstance(placed.segment, Constant):
+                entries += range(placed.entries.start, placed.entries.stop)
+        return tuple(entries)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What varies over the family of bodies it was trained on: names, units, the ranges of training, nominal values."""
+        found = []
+        for entry in self.parameter_entries:
+            name, unit = self.state.names[entry].split("[0] ")
+            shown = self.features.plain.index(entry)
+            parameter = Parameter(
+                name=name,
+                unit=unit,
+                low=float(self.domain.low[shown]),
+                high=float(self.domain.high[shown]),
+                nominal=float(self.spec.rest[entry]),
+            )
+            found.append(parameter)
+        return tuple(found)
 
     @property
     def state_structure(self) -> Structure:

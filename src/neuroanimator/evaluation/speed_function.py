@@ -27,18 +27,20 @@ def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
     """Return a function that takes `FUNCTION_STEPS` steps, each from an unseen state under its control."""
     count = test.controls.shape[0] * test.controls.shape[1]
     rows = np.random.default_rng(0).integers(0, count, FUNCTION_STEPS)
-    states = test.states[:, :-1].reshape(-1, system.state.size)[rows]
+    whole = test.states[:, :-1].reshape(-1, system.state.size)[rows]
+    states = whole[:, : system.parameter_entries.start]
+    bodies = [system.arguments_of(state) for state in whole]
     controls = test.controls.reshape(-1, system.control.size)[rows]
     function = system.function
     dt = system.physics_dt
 
     def play() -> None:
-        for state, control in zip(states, controls, strict=True):
-            function(state, control, dt)
+        for state, control, body in zip(states, controls, bodies, strict=True):
+            function(state, control, dt, **body)
 
     # A fault is told here, not while the clock runs.
-    for state, control in zip(states, controls, strict=True):
-        call_step(function, system.file, state, control, dt)
+    for state, control, body in zip(states, controls, bodies, strict=True):
+        call_step(function, system.file, state, control, dt, body)
     return play
 
 

@@ -28,6 +28,7 @@ WANTED = {
     "SPREAD": 'a line like `SPREAD = {"angle": 3.14, "speed": 4.0}`',
     "BATCHED": "a line like `BATCHED = True`",
     "ODE": "a line like `ODE = True`",
+    "PARAMETERS": 'a line like `PARAMETERS = {"length": ("m", 0.5, 2.0)}`',
 }
 """Example of each declaration, shown in the error about it."""
 
@@ -59,6 +60,8 @@ class Declarations(Table):
     SPREAD: dict[str, Numbers] = Field(default={})
     BATCHED: StrictBool | None = None
     ODE: StrictBool = False
+    PARAMETERS: dict[PartName, tuple[str, Finite, Finite]] = Field(default={})
+    """Unit, least and greatest value of each further argument of `step`."""
 
     def parts(self) -> list[dict[str, Any]]:
         """Return the tables of the parts of the state, as a definition has them."""
@@ -78,6 +81,13 @@ class Declarations(Table):
             }
             parts.append(part)
         return parts
+
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Return the tables of the parameters, as a definition has them."""
+        return {
+            name: {"sets": name, "range": [low, high], "unit": unit}
+            for name, (unit, low, high) in self.PARAMETERS.items()
+        }
 
 
 def _repeated(numbers: list[float], size: int) -> list[float]:

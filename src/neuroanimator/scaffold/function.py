@@ -44,7 +44,7 @@ from neuroanimator.scaffold.structure import (
     wrapped,
 )
 from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem, are_too_large
-from neuroanimator.systems.functions.step_file import call_step, run_file
+from neuroanimator.systems.functions.step_file import run_file
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.text import listed
@@ -175,6 +175,7 @@ def _declared_values(path: Path, declared: Declarations) -> dict[str, Any]:
         "state": declared.parts(),
         "control": control,
         "sampling": StartSampling().model_dump(),
+        "parameters": declared.parameters(),
     }
 
 
@@ -266,6 +267,7 @@ def _warnings(trial: Trial, values: dict[str, Any]) -> Iterator[str]:
     states = trial.states
     substeps = values["substeps"]
     is_still = (trial.after(states) == states).all(axis=0)
+    is_still[system.parameter_entries] = False
     still = [system.state.names[entry] for entry in np.flatnonzero(is_still)]
     if still:
         yield f"state: {listed(still)} never change. Leave them out of STATE, or check step."
@@ -322,7 +324,7 @@ def _refuse_nan(system: PythonSystem, starts: States, controls: Float[np.ndarray
         for control in held:
             if are_too_large(state) or np.abs(state).max() > MAX_PLAIN:
                 break
-            following = _answer(system, state, control)
+            following = system.next_state(state, control, system.physics_dt)
             if np.isnan(following).any():
                 entry = int(np.argmax(np.isnan(following)))
                 shown = np.array2string(
@@ -339,8 +341,8 @@ def _refuse_memory(trial: Trial) -> None:
     """Raise BadFileError for a function that answers the same question in two ways: it remembers, or draws lots."""
     system = trial.system
     asked = list(zip(trial.states[:REPEATED], trial.controls[:REPEATED], strict=True))
-    first = [_answer(system, *question) for question in asked]
-    again = [_answer(system, *question) for question in reversed(asked)]
+    first = [system.next_state(*question, system.physics_dt) for question in asked]
+    again = [system.next_state(*question, system.physics_dt) for question in reversed(asked)]
     for one, other in zip(first, reversed(again), strict=True):
         if not np.allclose(one, other, **TOLERANCES, equal_nan=True):
             entry = int(np.argmax(np.abs(one - other)))
@@ -356,10 +358,11 @@ def _takes_batches(trial: Trial, declared: Declarations) -> bool:
         return False
     system = trial.system
     singly = [
-        _answer(system, *question) for question in zip(trial.states, trial.controls, strict=True)
+        system.next_state(*question, system.physics_dt)
+        for question in zip(trial.states, trial.controls, strict=True)
     ]
     try:
-        together = _answer(system, trial.states.T, trial.controls.T)
+        together = system.next_state(trial.states.T, trial.controls.T, system.physics_dt)
     except BadFileError:
         # An error in the function itself is told as such, if it says that it takes batches.
         if declared.BATCHED:
@@ -373,18 +376,11 @@ def _takes_batches(trial: Trial, declared: Declarations) -> bool:
     return is_same
 
 
-def _answer(
-    system: PythonSystem, state: Float[np.ndarray, " S *B"], control: Float[np.ndarray, " C *B"]
-) -> Float[np.ndarray, " S *B"]:
-    """Return what the function itself says to one state, or to a batch of them."""
-    return call_step(system.function, system.file, state, control, system.physics_dt)
-
-
 def _seconds_per_call(system: PythonSystem) -> float:
     """Return how long one call of the function for one state takes [s]."""
     best = float("inf")
     for _ in range(TIMED):
         began = time.perf_counter()
-        _answer(system, system.rest, system.bounds.middle)
+        system.next_state(system.rest, system.bounds.middle, system.physics_dt)
         best = min(best, time.perf_counter() - began)
     return best

@@ -23,6 +23,12 @@ Limbs, or other parts of the body, and their joints: with them 'train --network 
 limb = ["JOINT"]"""
 """Comment at the end of a model's TOML file."""
 
+FAMILY_HINT = """\
+What differs from body to body of a family, in what ranges: emulators then know it, and 'neuroanimator identify' finds it.
+[parameters]
+BODY_mass = { sets = "body/BODY/mass", range = [0.5, 1.5] }"""
+"""Comment at the end of a model's TOML file."""
+
 GOAL_HINT = """\
 A goal for 'neuroanimator control': a state, or part of one, to be in at the end.
 [goals.there]
@@ -74,7 +80,7 @@ def as_toml(proposal: Proposal) -> str:
         f"How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used.",
     )
     _fill(document, values, proposal.comments)
-    hints = [GROUP_HINT] if is_model else []
+    hints = [GROUP_HINT, FAMILY_HINT] if is_model else []
     if proposal.parts:
         hints.append(GOAL_HINT + ", ".join(proposal.parts))
     for hint in hints:

@@ -385,6 +385,26 @@ class Driven(Segment):
         return entries + around.dt * around.control
 
 
+@dataclass(frozen=True, kw_only=True)
+class Constant(Segment):
+    """Numbers that no motion changes: the parameters of a body."""
+
+    kind: ClassVar[str] = "constant"
+
+    @property
+    def change_size(self) -> int:
+        return 0
+
+    def apply(
+        self,
+        entries: Float[AnyArray, "... S"],
+        change: Float[AnyArray, "... 0"],
+        coasting: Coasting,
+        around: Surroundings,
+    ) -> Float[AnyArray, "... S"]:
+        return entries
+
+
 SEGMENTS: dict[str, type[Segment]] = {
     segment.kind: segment
     for segment in (
@@ -399,6 +419,7 @@ SEGMENTS: dict[str, type[Segment]] = {
         PointVelocities,
         Lag,
         Driven,
+        Constant,
     )
 }
 """Every kind of segment by the name that files give it."""
@@ -473,7 +494,7 @@ def _segment_from_json(row: Any) -> Segment:
     segment_class = SEGMENTS.get(kind) if isinstance(kind, str) else None
     if segment_class is Lag:
         return Lag(size=size, rate=rate, time_constant=float(time_constant))
-    if segment_class in (Plain, Points, PointVelocities, Driven):
+    if segment_class in (Plain, Points, PointVelocities, Driven, Constant):
         return segment_class(size=size, rate=rate)
     if segment_class is not None:
         segment = segment_class(rate=rate)  # pyright: ignore[reportCallIssue]

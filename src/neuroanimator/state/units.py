@@ -7,11 +7,14 @@ from neuroanimator.errors import BadFileError
 KNOWN_UNITS = (
     "1", "m", "m/s", "m/s²", "rad", "rad/s", "rad/s²", "N", "N·m", "kg", "s", "Hz", "Pa", "K", "J", "W", "V", "A",
     "m²", "m³", "m³/s", "kg/s", "K/s", "Pa/s", "1/s", "V/s", "A/s", "N/s",
+    "kg·m²", "kg/m³", "Pa·s", "N/m", "N·s/m", "N·m/rad", "N·m·s/rad",
 )  # fmt: skip
 
 SPELLINGS = {
     "m/s2": "m/s²", "m/s^2": "m/s²", "rad/s2": "rad/s²", "rad/s^2": "rad/s²", "Nm": "N·m", "N*m": "N·m", "N.m": "N·m",
     "m2": "m²", "m^2": "m²", "m3": "m³", "m^3": "m³", "m3/s": "m³/s", "m^3/s": "m³/s", "s^-1": "1/s",
+    "kg*m^2": "kg·m²", "kg*m2": "kg·m²", "kg/m^3": "kg/m³", "kg/m3": "kg/m³", "Pa*s": "Pa·s", "N*s/m": "N·s/m",
+    "N*m/rad": "N·m/rad", "Nm/rad": "N·m/rad", "N*m*s/rad": "N·m·s/rad", "Nms/rad": "N·m·s/rad",
 }  # fmt: skip
 """Other ways to write some of them, on keyboards without ² and ·."""
 

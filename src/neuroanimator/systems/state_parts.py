@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import Float
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds, Layout, Slice
+from neuroanimator.state.segments import Constant, Plain
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.units import known_unit
 
@@ -108,6 +110,20 @@ def structure_of_parts(parts: Sequence[StatePart]) -> Structure:
             _refuse_unknown_rate(part, entries)
             rates += zip(entries[part.name], entries[part.rate], strict=True)
     return Structure(angles=tuple(angles), rates=tuple(rates), plain=tuple(plain))
+
+
+def with_parameters(structure: Structure, moving: int, parameters: int) -> Structure:
+    """Return the structure of a state of `moving` entries with `parameters` constant ones behind them."""
+    if not parameters:
+        return structure
+    entries = range(moving, moving + parameters)
+    zeros = (0,) * parameters
+    return replace(
+        structure,
+        angles=tuple(row + zeros for row in structure.angles),
+        plain=(*structure.plain, *entries),
+        segments=(Plain(size=moving), Constant(size=parameters)),
+    )
 
 
 def wrapping_entries(parts: Sequence[StatePart]) -> list[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,6 +16,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.parameters import Parameter, fixed_parameters, nominal_values
 from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
@@ -108,6 +110,8 @@ class System(abc.ABC):
     """Maximum number of super steps that the loss of training spans: those after each example within its run."""
     reset_share: float = 0.0
     """Share of the runs of a dataset that begin at one of the states `sample_resets` returns, without warm-up."""
+    parameters: tuple[Parameter, ...] = ()
+    """What varies from body to body, if it is a family: the last entries of a state, which no motion changes."""
     goals: Mapping[str, Goal] = {}
     gait: Gait | None = None
     """Its default gait; None if it has none."""
@@ -127,6 +131,23 @@ class System(abc.ABC):
     def can_simulate(self) -> bool:
         """Whether there is physics to simulate; not of a system known from recordings alone, nor of a model that is missing."""
         return self.recordings is None and not self.missing
+
+    @property
+    def parameter_entries(self) -> slice:
+        """State entries that are parameters."""
+        return slice(self.state.size - len(self.parameters), self.state.size)
+
+    def at(self, **values: float) -> System:
+        """Return the body of this family with the parameters given, or the smaller family: it rests, and starts, with them.
+
+        `system.at(forearm_mass=1.3)`. Parameters that are not named vary as before, and rest at their nominal values.
+        Raises ArgumentError for a name that is no parameter, and for a value out of range.
+        """
+        fixed = copy(self)
+        fixed.parameters = fixed_parameters(self.parameters, values)
+        fixed.rest = self.rest.copy()
+        fixed.rest[self.parameter_entries] = nominal_values(fixed.parameters)
+        return fixed
 
     @property
     def physics_dt(self) -> float:

@@ -156,7 +156,7 @@ def build_emulator(
         features=features,
         normaliser=_normaliser(data, latent, statistics, odd_raw),
         network=_network(config, latent, system, size),
-        domain=_domain(statistics.raw, odd_raw),
+        domain=_with_parameters(_domain(statistics.raw, odd_raw), features, system),
         spec=spec_of(system, data.config.substeps, latent.frame.dt),
         encoding=latent.encoding,
     )
@@ -276,6 +276,18 @@ def _domain(raw: _Moments, odd: Bool[np.ndarray, " K"]) -> Domain:
     """Return the range of the raw features, the same on both sides for those the mirror reverses."""
     high = np.where(odd, np.maximum(-raw.low, raw.high), raw.high)
     low = np.where(odd, -high, raw.low)
+    return Domain(as_jax(low), as_jax(high))
+
+
+def _with_parameters(domain: Domain, features: Features, system: System) -> Domain:
+    """Return the domain with the whole ranges of parameters, of which runs showed nearly all."""
+    low = np.array(domain.low)
+    high = np.array(domain.high)
+    first = system.parameter_entries.start
+    for place, parameter in enumerate(system.parameters):
+        shown = features.plain.index(first + place)
+        low[shown] = parameter.low
+        high[shown] = parameter.high
     return Domain(as_jax(low), as_jax(high))
 
 

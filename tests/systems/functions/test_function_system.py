@@ -266,3 +266,25 @@ def test_a_file_that_was_not_given_is_not_run_even_where_it_lies(
     with pytest.raises(NeuroAnimatorError, match="--system PATH"):
         system.simulate(np.zeros((1, 2)), np.zeros((1, 1, 1)), 0.1)
     assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("batched", [True, False])
+def test_arguments_of_a_step_function_are_parameters(batched: bool, tmp_path: Path) -> None:
+    source = SPRING.replace(
+        "def step(state, control, dt)", "def step(state, control, dt, stiffness)"
+    )
+    source = source.replace("9.0 * state[0]", "stiffness * state[0]")
+    source += 'PARAMETERS = {"stiffness": ("N/m", 5.0, 15.0)}\n'
+    family = system_from(tmp_path, source.replace("BATCHED = True", f"BATCHED = {batched}"))
+    single = system_from(tmp_path, SPRING, "single")
+    stiffness = family.parameters[0]
+    assert (stiffness.name, stiffness.unit, stiffness.nominal) == ("stiffness", "N/m", 10.0)
+    start = np.array([[0.3, -0.1, 9.0], [0.3, -0.1, 14.0]])
+    controls = np.ones((2, 5, 1))
+    runs = family.simulate(start, controls, 0.1).states
+    alone = single.simulate(start[:1, :2], controls[:1], 0.1).states
+    np.testing.assert_allclose(runs[0, :, :2], alone[0], rtol=1e-12)
+    assert np.abs(runs[1, -1, :2] - runs[0, -1, :2]).max() > 0.01
+    assert (runs[..., 2] == start[:, 2:]).all()
+    drawn = family.at(stiffness=7.0).sample_starts(np.random.default_rng(0), 9)
+    assert (drawn[:, 2] == 7.0).all()

@@ -136,7 +136,7 @@ def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
     recording = cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
     state_order = _order(recording, "state", emulator.state, recording.state)
     control_order = _order(recording, "control", emulator.control, recording.control)
-    states = tuple(_unwrapped(run[:, state_order], emulator) for run in recording.states)
+    states = tuple(unwrapped(run[:, state_order], emulator) for run in recording.states)
     controls = tuple(run[:, control_order] for run in recording.controls)
     return RecordedRuns(recording.file, states, controls, _substeps(recording, emulator.dt))
 
@@ -201,7 +201,7 @@ def _order(
     return [present.index(name) for name in wanted]
 
 
-def _unwrapped(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.ndarray, "T S"]:
+def unwrapped(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.ndarray, "T S"]:
     """Return the states with angles that go on over ±π instead of jumping."""
     if emulator.state_structure.cloud is not None:
         return states

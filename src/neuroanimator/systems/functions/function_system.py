@@ -9,16 +9,28 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.function import PythonDefinition
+from neuroanimator.definitions.parameter import ParameterTable
+from neuroanimator.errors import ArgumentError
 from neuroanimator.files.numbers import MAX_MAGNITUDE
+from neuroanimator.state.layout import Layout
+from neuroanimator.state.parameters import (
+    Parameter,
+    draw_parameters,
+    nominal_values,
+)
+from neuroanimator.state.units import known_unit
 from neuroanimator.systems.functions.step_file import StepFunction, call_step, run_file
+from neuroanimator.systems.parameter_tables import parameter_from_table
 from neuroanimator.systems.state_parts import (
     layout_of_control,
     layout_of_state,
     numbers_of,
     structure_of_parts,
+    with_parameters,
     wrapping_entries,
 )
 from neuroanimator.systems.system import Scheme, System
+from neuroanimator.text import quoted
 
 WHOLE_TURN = 2 * np.pi
 """An angle may jump by this [rad] and be the same."""
@@ -46,17 +58,27 @@ class PythonSystem(System):
         self.file: str = files["name"]
         self.sha256: str = files["sha256"]
         self.batched = definition.batched
-        self.state = layout_of_state(definition.state)
+        self.parameters = tuple(
+            _parameter(name, table) for name, table in definition.parameters.items()
+        )
+        self._arguments = tuple(table.sets for table in definition.parameters.values())
+        moving = layout_of_state(definition.state)
+        constant = tuple(parameter.slice for parameter in self.parameters)
+        self.state = Layout((*moving.slices, *constant))
         self.control, self.bounds = layout_of_control(definition.control)
         physics = definition.physics
         self.scheme = Scheme(FUNCTION, physics.step)
         self.truth = Scheme(FUNCTION, physics.truth_step)
         self.fine = Scheme(FUNCTION, physics.fine_step)
-        self.structure = structure_of_parts(definition.state)
+        self.structure = with_parameters(
+            structure_of_parts(definition.state), moving.size, len(self.parameters)
+        )
         self._angles = wrapping_entries(definition.state)
         self.skeleton = Skeleton(())
-        self.rest = numbers_of(definition.state, "rest")
-        self.spread = numbers_of(definition.state, "spread")
+        self.rest = np.append(numbers_of(definition.state, "rest"), nominal_values(self.parameters))
+        self.spread = np.append(
+            numbers_of(definition.state, "spread"), np.zeros(len(self.parameters))
+        )
         self.sampling = definition.sampling
         self.goals = self.goals_of(definition.goals)
 
@@ -98,11 +120,10 @@ class PythonSystem(System):
         alive = np.flatnonzero(~are_too_large(states))
         before = states[:, self._angles]
         if self.batched and len(alive):
-            columns = call_step(function, self.file, states[alive].T, controls[alive].T, dt)
-            states[alive] = columns.T
+            states[alive] = self._next(function, states[alive].T, controls[alive].T, dt).T
         else:
             for row in alive:
-                states[row] = call_step(function, self.file, states[row], controls[row], dt)
+                states[row] = self._next(function, states[row], controls[row], dt)
         if self._angles:
             with np.errstate(invalid="ignore"):  # of states that have diverged
                 change = states[:, self._angles] - before
@@ -110,11 +131,52 @@ class PythonSystem(System):
             turns = np.round(np.where(is_jump, change, 0.0) / WHOLE_TURN)
             states[:, self._angles] -= WHOLE_TURN * turns
 
+    def next_state(
+        self, state: Float[np.ndarray, " S *B"], control: Float[np.ndarray, " C *B"], dt: float
+    ) -> Float[np.ndarray, " S *B"]:
+        """Return what the function itself says to one state, or to a batch of them."""
+        return self._next(self.function, state, control, dt)
+
+    def _next(
+        self,
+        function: StepFunction,
+        state: Float[np.ndarray, " S *B"],
+        control: Float[np.ndarray, " C *B"],
+        dt: float,
+    ) -> Float[np.ndarray, " S *B"]:
+        moving = state[: self.parameter_entries.start]
+        arguments = self.arguments_of(state)
+        following = call_step(function, self.file, moving, control, dt, arguments)
+        return np.concatenate([following, state[self.parameter_entries]])
+
+    def arguments_of(self, state: Float[np.ndarray, " S *B"]) -> dict[str, Any]:
+        """Return the function's further arguments, by name: the parameters of the body or bodies in `state`."""
+        values = state[self.parameter_entries]
+        return dict(zip(self._arguments, values, strict=True))
+
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         is_near_rest = rng.random(count) < self.sampling.rest_share
         width = np.where(is_near_rest, self.sampling.rest_spread, 1.0)[:, None]
         offsets = rng.uniform(-1, 1, (count, self.state.size))
-        return self.rest + offsets * self.spread * width
+        starts = self.rest + offsets * self.spread * width
+        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        return starts
+
+    def sample_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        starts = super().sample_resets(rng, count)
+        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        return starts
+
+
+def _parameter(name: str, table: ParameterTable) -> Parameter:
+    """Return the parameter that is an argument of a step function."""
+    if not table.sets.isidentifier():
+        raise ArgumentError(
+            f"parameters.{name}.sets: wanted the name of an argument of step, came {quoted(table.sets)}."
+        )
+    unit = known_unit(table.unit or "1", f"parameters.{name}")
+    middle = (table.range[0] + table.range[1]) / 2
+    return parameter_from_table(name, table, unit, middle)
 
 
 def are_too_large(states: Float[np.ndarray, "*B S"]) -> Bool[np.ndarray, "*B"]:

@@ -13,6 +13,7 @@ A step file is all of this; what comes after CONTROL may be left out:
     SPREAD = {"angle": 3.14, "speed": 4.0}            # random starts are rest ± spread
     BATCHED = True                                    # step takes (S, B) and (C, B) arrays too: much faster
     ODE = True                                        # step integrates an equation: finer dt are its reference
+    PARAMETERS = {"length": ("m", 0.5, 2.0)}          # further arguments of step: what varies from body to body
 
     def step(state, control, dt):
         speed = state[1] + dt * (control[0] - 9.81 * np.sin(state[0]))
@@ -23,9 +24,10 @@ from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
-from types import ModuleType
+from types import MappingProxyType, ModuleType
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -34,8 +36,8 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.systems.trusted_files import trusted_file
 from neuroanimator.text import printable
 
-StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
-"""The user's function: (state, control, dt [s]) to the next state."""
+StepFunction = Callable[..., np.ndarray]
+"""The user's function: (state, control, dt [s]), and parameters by name, to the next state."""
 
 DIGEST_SHOWN = 16
 """Number of digits of a file's sha256 that tell its module from others in a process."""
@@ -86,11 +88,15 @@ def call_step(
     state: Float[np.ndarray, " S *B"],
     control: Float[np.ndarray, " C *B"],
     dt: float,
+    arguments: Mapping[str, Any] = MappingProxyType({}),
 ) -> Float[np.ndarray, " S *B"]:
-    """Return the user's next state; whatever the function raises becomes a BadFileError of one line."""
+    """Return the user's next state, given further `arguments` by name.
+
+    Whatever the function raises becomes a BadFileError of one line.
+    """
     try:
         with np.errstate(all="ignore"):
-            answer = function(state.copy(), control.copy(), dt)
+            answer = function(state.copy(), control.copy(), dt, **arguments)
             following = _as_numbers(answer)
     except KeyboardInterrupt:
         raise

@@ -11,7 +11,9 @@ from neuroanimator.definitions.model import FrameTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import model_name
 from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.segments import (
+    Constant,
     Heading,
     Plain,
     PlanarPosition,
@@ -143,9 +145,12 @@ def _is_planar_root(views: list[JointView], planar: tuple[str, ...]) -> bool:
 
 
 def state_layout(
-    model: mujoco.MjModel, views: list[JointView], sensors: tuple[str, ...] = ()
+    model: mujoco.MjModel,
+    views: list[JointView],
+    sensors: tuple[str, ...] = (),
+    parameters: tuple[Parameter, ...] = (),
 ) -> Layout:
-    """Return the named parts of (qpos, qvel, act, sensors); ArgumentError if two have one name."""
+    """Return the named parts of (qpos, qvel, act, sensors, parameters); ArgumentError if two have one name."""
     parts: list[Slice] = []
     for view in views:
         parts += _position_slices(view)
@@ -155,11 +160,12 @@ def state_layout(
         parts.append(Slice("activation", model.na, "1"))
     for name, number in zip(sensors, sensor_numbers(model, sensors), strict=True):
         parts.append(Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1"))
+    parts += [parameter.slice for parameter in parameters]
     names = [part.name for part in parts]
     for name in names:
         if names.count(name) > 1:
             raise ArgumentError(
-                f"Two parts of the state would be called '{name}'. Rename one of the joints."
+                f"Two parts of the state would be called '{name}'. Rename one of the joints or parameters."
             )
     return Layout(tuple(parts))
 
@@ -187,9 +193,14 @@ def _velocity_slices(view: JointView) -> list[Slice]:
 
 
 def structure_of(
-    model: mujoco.MjModel, views: list[JointView], frame: FrameTable, control: Layout, size: int
+    model: mujoco.MjModel,
+    views: list[JointView],
+    frame: FrameTable,
+    control: Layout,
+    size: int,
+    parameters: int = 0,
 ) -> Structure:
-    """Return what an emulator of `model` with states of `size` entries may exploit.
+    """Return what an emulator of `model` with states of `size` entries, the last of them parameters, may exploit.
 
     Raises ArgumentError for a rotational symmetry of a body that has more joints than a free one.
     """
@@ -200,11 +211,13 @@ def structure_of(
     symmetry_controls = []
     for x, y in frame.symmetry_controls:
         symmetry_controls.append((control.index(x).start, control.index(y).start))
+    plain = _plain_entries(model, views, frame.ground)
+    plain += range(size - parameters, size)
     return Structure(
         angles=tuple(_angle_rows(model, views, size)),
         rates=tuple(_rates(views)),
-        plain=tuple(_plain_entries(model, views, frame.ground)),
-        segments=_segments(views, frame.planar, size),
+        plain=tuple(plain),
+        segments=_segments(views, frame.planar, size, parameters),
         probes=frame.probes,
         symmetry_order=frame.symmetry_order,
         symmetry_controls=tuple(symmetry_controls),
@@ -281,18 +294,22 @@ def _parallel_above(
     return parallel
 
 
-def _segments(views: list[JointView], planar: tuple[str, ...], size: int) -> tuple[Segment, ...]:
+def _segments(
+    views: list[JointView], planar: tuple[str, ...], size: int, parameters: int
+) -> tuple[Segment, ...]:
     """Return how the state changes, in order; empty if it is plain all through."""
     has_plain_joints_only = all(view.kind in ("hinge", "slide") for view in views)
-    if has_plain_joints_only and not planar:
+    if has_plain_joints_only and not planar and not parameters:
         return ()
     segments: list[Segment] = []
     for view in views:
         segments += _position_segments(view, planar)
     for view in views:
         segments += _velocity_segments(view, planar)
-    rest = size - sum(segment.size for segment in segments)  # activations and sensors
+    moving = size - parameters
+    rest = moving - sum(segment.size for segment in segments)  # activations and sensors
     segments.append(Plain(size=rest))
+    segments.append(Constant(size=parameters))
     return tuple(_merged(segments))
 
 

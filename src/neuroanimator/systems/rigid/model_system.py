@@ -14,6 +14,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import model_name
 from neuroanimator.state.layout import Layout
+from neuroanimator.state.parameters import draw_parameters, nominal_values
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.state.start import Start
 from neuroanimator.state.symmetry import Symmetry
@@ -30,6 +31,7 @@ from neuroanimator.systems.rigid.joints import (
     structure_of,
 )
 from neuroanimator.systems.rigid.limbs import groups_of
+from neuroanimator.systems.rigid.model_parameters import Family
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.warnings import warnings_counted
@@ -57,10 +59,20 @@ class ModelSystem(MujocoSystem):
         self.model = model
         self.views = joint_views(model, dict(definition.state), definition.frame.planar)
         self.sensors = sensor_entries(model, definition.sensors)
-        self.state = state_layout(model, self.views, definition.sensors)
+        if definition.parameters:
+            self.family = Family(model, definition.parameters)
+            self.parameters = self.family.parameters
+        self.state = state_layout(model, self.views, definition.sensors, self.parameters)
         self.control = layout_of_actuators(model)
         self.bounds = bounds_of_actuators(model, definition.control, definition.holding)
-        structure = structure_of(model, self.views, definition.frame, self.control, self.state.size)
+        structure = structure_of(
+            model,
+            self.views,
+            definition.frame,
+            self.control,
+            self.state.size,
+            len(self.parameters),
+        )
         self.skeleton = skeleton_of(model)
         contacts = None
         if definition.frame.contacts:
@@ -97,7 +109,8 @@ class ModelSystem(MujocoSystem):
             self._scatter(view, starts, spread, rng)
         if self.sampling.above_ground:
             lift_out(self.model, self._height_entry(), starts)
-        return self.with_sensors(starts[:, : self.physical_size])
+        parameters = draw_parameters(self.parameters, rng, count)
+        return self.with_sensors(starts[:, : self.physical_size], parameters)
 
     def sample_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         """Return the state of rest and those of keyframes in random order, with `reset_noise`, as Gymnasium resets."""
@@ -109,7 +122,7 @@ class ModelSystem(MujocoSystem):
             mujoco.mj_normalizeQuat(self.model, position)
         velocities = starts[:, self.model.nq : self.model.nq + self.model.nv]
         velocities += noise * rng.normal(size=velocities.shape)
-        return self.with_sensors(starts)
+        return self.with_sensors(starts, draw_parameters(self.parameters, rng, count))
 
     def _height_entry(self) -> int:
         """Return the state entry that is the root's height, of a free joint or of a vertical slide."""
@@ -123,20 +136,34 @@ class ModelSystem(MujocoSystem):
     def start_at(self, parts: Start) -> Float[np.ndarray, " S"]:
         """Return the start `parts` name, with what the sensors say in it."""
         start = super().start_at(parts)
-        return self.with_sensors(start[None, : self.physical_size])[0]
+        parameters = start[self.parameter_entries]
+        return self.with_sensors(start[None, : self.physical_size], parameters[None])[0]
 
-    def with_sensors(self, physics_states: Float[np.ndarray, "B P"]) -> Float[np.ndarray, "B S"]:
-        """Return the states whose physical part is `physics_states`, with what the sensors say in them."""
+    def with_sensors(
+        self,
+        physics_states: Float[np.ndarray, "B P"],
+        parameters: Float[np.ndarray, "B Q"] | None = None,
+    ) -> Float[np.ndarray, "B S"]:
+        """Return the states whose physical part is `physics_states`, with what the sensors say in them.
+
+        Bodies have these `parameters`, or the nominal ones.
+        """
+        if parameters is None:
+            nominal = nominal_values(self.parameters)
+            parameters = np.broadcast_to(nominal, (len(physics_states), len(nominal)))
+        readings = np.zeros((len(physics_states), len(self.sensors)))
+        states = np.concatenate([physics_states, readings, parameters], axis=1)
         if not self.sensors:
-            return physics_states
+            return states
         data = mujoco.MjData(self.model)
-        readings = np.empty((len(physics_states), len(self.sensors)))
+        sensed = slice(self.physical_size, self.physical_size + len(self.sensors))
         with warnings_counted:
-            for row, state in enumerate(physics_states):
+            for state in states:
+                model = self.model_of(state)
                 self.put(data, state)
-                mujoco.mj_forward(self.model, data)
-                readings[row] = data.sensordata[list(self.sensors)]
-        return np.concatenate([physics_states, readings], axis=1)
+                mujoco.mj_forward(model, data)
+                state[sensed] = data.sensordata[list(self.sensors)]
+        return states
 
     def _scatter(
         self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
+from neuroanimator.systems.rigid.model_parameters import Family
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
@@ -28,6 +29,9 @@ STEPS_IN_PART = 128
 STEPS_IN_MEMORY = 2_000_000
 """Maximum number of physics steps kept at once while simulating; that bounds memory to about 150 MB."""
 
+MODELS_IN_MEMORY = 2**29
+"""Maximum number of bytes of models kept at once while bodies of a family are simulated."""
+
 PARTS = 4
 """Number of parts each thread computes of many runs: some take longer than others."""
 
@@ -39,10 +43,10 @@ def load_model(file_name: str) -> mujoco.MjModel:
 
 
 class MujocoSystem(System):
-    """A MuJoCo model whose state is (qpos, qvel, act, sensors), driven by motors or by forces on its bodies.
+    """A MuJoCo model whose state is (qpos, qvel, act, sensors, parameters), driven by motors or by forces on its bodies.
 
     Sensors are what MuJoCo reports at the last physics step. They are emulated like the rest, but nothing
-    follows from them.
+    follows from them. Parameters stay as they are.
 
     Subclasses set the fields of `System`, `model`, and `external_forces`: per control a (body, axis) pair
     naming the world-frame force it is [N]; empty where the controls are the model's own actuators.
@@ -52,11 +56,20 @@ class MujocoSystem(System):
     external_forces: tuple[tuple[str, int], ...] = ()
     sensors: tuple[int, ...] = ()
     """Entries of MuJoCo's sensor data that belong to the state."""
+    family: Family | None = None
+    """The models of bodies that differ in parameters; None of a single body."""
 
     @property
     def physical_size(self) -> int:
-        """State entries that physics goes on from: all but the sensors."""
+        """Number of state entries of positions, velocities and activations: all but the sensors and parameters."""
         return self.model.nq + self.model.nv + self.model.na
+
+    def model_of(self, state: np.ndarray, like: mujoco.MjModel | None = None) -> mujoco.MjModel:
+        """Return the model, or a copy of one `like` it, of the body whose state (S,) is given: it has its parameters."""
+        model = like or self.model
+        if self.family is None:
+            return model
+        return self.family.model_at(state[self.parameter_entries], model)
 
     def model_with(self, scheme: Scheme) -> mujoco.MjModel:
         """Return a copy of the model that steps by `scheme`."""
@@ -78,6 +91,8 @@ class MujocoSystem(System):
         in_memory = max(1, STEPS_IN_MEMORY // (steps * threads))
         shared = -(-len(states) // (PARTS * threads))
         rows = min(in_memory, max(shared, -(-STEPS_IN_PART // steps), 1))
+        if self.family is not None:
+            rows = max(1, min(rows, MODELS_IN_MEMORY // (model.nbuffer * threads)))
         parts = [slice(first, first + rows) for first in range(0, len(states), rows)]
 
         def fill(part: slice) -> None:
@@ -103,9 +118,10 @@ class MujocoSystem(System):
         energies = np.empty(len(states))
         with warnings_counted:
             for row, state in enumerate(states):
+                model = self.model_of(state)
                 self.put(data, state)
-                mujoco.mj_fwdPosition(self.model, data)
-                mujoco.mj_energyVel(self.model, data)
+                mujoco.mj_fwdPosition(model, data)
+                mujoco.mj_energyVel(model, data)
                 energies[row] = data.energy[1]
         return energies
 
@@ -114,9 +130,10 @@ class MujocoSystem(System):
         counts = np.empty(len(states), int)
         with warnings_counted:
             for row, state in enumerate(states):
+                model = self.model_of(state)
                 data.qpos[:] = state[: self.model.nq]
-                mujoco.mj_kinematics(self.model, data)
-                mujoco.mj_collision(self.model, data)
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_collision(model, data)
                 counts[row] = data.ncon
         return counts
 
@@ -129,20 +146,32 @@ class MujocoSystem(System):
         data.qvel[:] = state[velocities:activations]
         data.act[:] = state[activations : self.physical_size]
 
-    def _rollout(self, model, starts, controls, substeps) -> np.ndarray:
+    def _rollout(
+        self,
+        model: mujoco.MjModel,
+        starts: np.ndarray,
+        controls: np.ndarray,
+        substeps: int,
+    ) -> np.ndarray:
+        """Return the states (B, T, S) after each of `controls` (B, T, C), by steps of `model`."""
         physics_states = starts[:, : self.physical_size]
         time = np.zeros((len(starts), 1))  # MuJoCo's state leads with time
         initial = np.concatenate([time, physics_states], axis=1)
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
+        models: mujoco.MjModel | list[mujoco.MjModel] = model
+        if self.family is not None:
+            models = [self.model_of(start, model) for start in starts]
         with warnings_counted:
             physics, readings = rollout.rollout(
-                model, mujoco.MjData(model), initial, signal, control_spec=int(kind)
+                models, mujoco.MjData(model), initial, signal, control_spec=int(kind)
             )
         ends = slice(substeps - 1, None, substeps)
         states = np.asarray(physics)[:, ends, 1:]
         sensed = np.asarray(readings)[:, ends]
-        return np.concatenate([states, sensed[..., list(self.sensors)]], axis=-1)
+        parameters = starts[:, None, self.parameter_entries]
+        unchanged = np.repeat(parameters, states.shape[1], axis=1)
+        return np.concatenate([states, sensed[..., list(self.sensors)], unchanged], axis=-1)
 
     def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
         """Return which part of MuJoCo's input the controls are, and their values there."""

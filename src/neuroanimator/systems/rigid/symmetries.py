@@ -59,7 +59,7 @@ def symmetries_of(
     The identity is left out.
     Found are mirrors at the planes of the world's axes, half turns about them, and exchanges of like limbs.
     """
-    if system.sensors or system.external_forces:
+    if system.sensors or system.external_forces or system.parameters:
         return {}
     some = slice(0, None, max(1, len(states) // TRIED))
     starts = states[some].astype(float)

@@ -1,0 +1,80 @@
+"""Parameters of a family of bodies: fixed in a motion, different from body to body.
+
+They are the last entries of a state, which no motion changes. So whatever takes states takes them too: a dataset
+holds those of every run, an emulator sees them, and its gradient in a state is one in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import Slice
+from neuroanimator.text import did_you_mean, listed, quoted
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What varies over a family of bodies."""
+
+    name: str
+    unit: str
+    low: float
+    """Least value."""
+    high: float
+    """Largest value."""
+    nominal: float
+    """Value where none is given."""
+
+    @property
+    def slice(self) -> Slice:
+        """Its part of a state."""
+        return Slice(self.name, 1, self.unit)
+
+    def at(self, value: float) -> Parameter:
+        """Return the parameter that always has this `value`; ArgumentError if it lies outside the range."""
+        number = float(value)
+        if not self.low <= number <= self.high:
+            raise ArgumentError(
+                f"{self.name}: wanted {self.low:g} to {self.high:g} {self.unit}, came {number:g}."
+            )
+        return replace(self, low=number, high=number, nominal=number)
+
+
+def nominal_values(parameters: Sequence[Parameter]) -> Float[np.ndarray, " P"]:
+    """Return the value of each parameter where none is given."""
+    return np.array([parameter.nominal for parameter in parameters], float)
+
+
+def draw_parameters(
+    parameters: Sequence[Parameter], rng: np.random.Generator, count: int
+) -> Float[np.ndarray, "B P"]:
+    """Return `count` random bodies of the family, each parameter uniform over its range."""
+    low = [parameter.low for parameter in parameters]
+    high = [parameter.high for parameter in parameters]
+    return rng.uniform(low, high, (count, len(parameters)))
+
+
+def fixed_parameters(
+    parameters: Sequence[Parameter], values: Mapping[str, float]
+) -> tuple[Parameter, ...]:
+    """Return the `parameters`, those named in `values` fixed to the value given.
+
+    Raises ArgumentError for a name that is no parameter, and for a value out of range.
+    """
+    names = [parameter.name for parameter in parameters]
+    for name in values:
+        if name not in names:
+            raise ArgumentError(
+                f"No parameter called {quoted(name)}. {did_you_mean(name, names)}Parameters: {listed(names) or 'none'}."
+            )
+    fixed = []
+    for parameter in parameters:
+        if parameter.name in values:
+            parameter = parameter.at(values[parameter.name])
+        fixed.append(parameter)
+    return tuple(fixed)

@@ -1,0 +1,415 @@
+"""Parameters of a MuJoCo model: attributes of its elements, set in the compiled model.
+
+`body/forearm/mass` is the attribute `mass` of the body `forearm`; `geom/foot/friction` and `body/shin/pos[2]` are like
+it. Names of elements and attributes are those of MJCF, units are MuJoCo's.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.definitions.parameter import ParameterTable
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import model_name
+from neuroanimator.state.parameters import (
+    Parameter,
+    nominal_values,
+)
+from neuroanimator.systems.parameter_tables import parameter_from_table
+from neuroanimator.text import did_you_mean, listed, quoted
+
+OPTION = "option"
+"""Element that a model has once and without a name: gravity, wind, and the medium."""
+
+OBJECTS = {
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+}
+"""MuJoCo's kind of object for each element that has a name."""
+
+COUNTS = {
+    "body": "nbody",
+    "joint": "njnt",
+    "geom": "ngeom",
+    "actuator": "nu",
+    "tendon": "ntendon",
+}
+"""Field of a model with the number of its elements of each kind."""
+
+PATTERN = re.compile(
+    r"(?:(?P<element>\w+)/)(?:(?P<name>.+)/)?(?P<attribute>\w+)(?:\[(?P<index>\d)\])?"
+)
+"""Pattern of what a parameter sets: element/name/attribute[index]."""
+
+SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
+
+LEAST = 1e-9
+"""Least mass, inertia or length of a body, in SI units."""
+
+MAX_CORNERS = 10
+"""Maximum number of parameters of one element whose ends are tried in all combinations."""
+
+MAX_MESSAGE = 200
+"""Maximum number of characters shown of what MuJoCo says."""
+
+TRIANGLE_TOLERANCE = 1e-6
+"""Share by which the largest moment of inertia may exceed the sum of the others: rounding."""
+
+
+class Attribute(NamedTuple):
+    """An attribute of an element, as a compiled model holds it."""
+
+    unit: str
+    """Its unit; of a joint that of one that turns."""
+    least: float
+    """Least value with which there can be such a body."""
+    numbers: int
+    """Number of its numbers."""
+    default: int | None
+    """Index where none is given; None if one must be given."""
+    read: Callable[[mujoco.MjModel, int, int], float]
+    """Returns its value in (model, number of the element, index)."""
+    write: Callable[[mujoco.MjModel, int, int, float], None]
+    """Sets it in (model, number of the element, index) to a value."""
+    sliding_unit: str = ""
+    """Its unit in a joint that slides."""
+
+
+class Target(NamedTuple):
+    """An attribute of one element of a model."""
+
+    element: str
+    number: int
+    """Number of the element among those of its kind."""
+    name: str
+    """Name of the attribute."""
+    attribute: Attribute
+    place: int
+    """Index into an attribute of several numbers."""
+
+    def unit(self, model: mujoco.MjModel) -> str:
+        """Return its unit."""
+        slides = self.element == "joint" and model.jnt_type[self.number] == SLIDE
+        return self.attribute.sliding_unit if slides else self.attribute.unit
+
+    def read(self, model: mujoco.MjModel) -> float:
+        """Return its value in `model`."""
+        return self.attribute.read(model, self.number, self.place)
+
+    def write(self, model: mujoco.MjModel, value: float) -> None:
+        """Set it in `model`."""
+        self.attribute.write(model, self.number, self.place, value)
+
+
+def _field(
+    field: str, unit: str, least: float = -np.inf, count: int = 1, default: int | None = 0
+) -> Attribute:
+    """Return the attribute that is a row of `field`, an array of the model."""
+
+    def read(model: mujoco.MjModel, number: int, index: int) -> float:
+        return float(getattr(model, field)[number].flat[index])
+
+    def write(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+        getattr(model, field)[number : number + 1].flat[index] = value
+
+    return Attribute(unit, least, count, default, read, write)
+
+
+def _of_joint(field: str, unit: str, sliding_unit: str) -> Attribute:
+    """Return the attribute of a joint that `field` holds for each of its degrees of freedom: the same of them all."""
+
+    def read(model: mujoco.MjModel, number: int, index: int) -> float:
+        return float(getattr(model, field)[model.jnt_dofadr[number]])
+
+    def write(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+        first = int(model.jnt_dofadr[number])
+        freedoms = int(np.count_nonzero(model.dof_jntid == number))
+        getattr(model, field)[first : first + freedoms] = value
+
+    return Attribute(unit, 0.0, 1, 0, read, write, sliding_unit)
+
+
+def _of_option(field: str, unit: str, count: int, least: float = -np.inf) -> Attribute:
+    """Return the attribute that is `field` of the model's options."""
+
+    def read(model: mujoco.MjModel, number: int, index: int) -> float:
+        return float(np.atleast_1d(getattr(model.opt, field))[index])
+
+    def write(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+        if count == 1:
+            setattr(model.opt, field, value)
+        else:
+            getattr(model.opt, field)[index] = value
+
+    return Attribute(unit, least, count, 0 if count == 1 else None, read, write)
+
+
+def _read_mass(model: mujoco.MjModel, number: int, index: int) -> float:
+    return float(model.body_mass[number])
+
+
+def _write_mass(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+    """Set the mass of a body of the same shape: its moments of inertia grow with it."""
+    model.body_inertia[number] *= value / model.body_mass[number]
+    model.body_mass[number] = value
+
+
+def _read_kp(model: mujoco.MjModel, number: int, index: int) -> float:
+    return float(model.actuator_gainprm[number, 0])
+
+
+def _write_kp(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+    """Set the gain; of a position servo that of its feedback, too."""
+    if model.actuator_biasprm[number, 1] == -model.actuator_gainprm[number, 0]:
+        model.actuator_biasprm[number, 1] = -value
+    model.actuator_gainprm[number, 0] = value
+
+
+def _read_kv(model: mujoco.MjModel, number: int, index: int) -> float:
+    return -float(model.actuator_biasprm[number, 2])
+
+
+def _write_kv(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+    model.actuator_biasprm[number, 2] = -value
+
+
+def _read_scale(model: mujoco.MjModel, number: int, index: int) -> float:
+    return 1.0
+
+
+def _write_scale(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+    """Scale all lengths of a body and of those below it, at the same densities."""
+    below = _subtree(model, number)
+    deeper = [body for body in below if body != number]
+    model.body_pos[deeper] *= value
+    model.body_ipos[below] *= value
+    model.body_mass[below] *= value**3
+    model.body_inertia[below] *= value**5
+    joints = np.isin(model.jnt_bodyid, below)
+    model.jnt_pos[joints] *= value
+    geoms = np.isin(model.geom_bodyid, below)
+    for lengths in (model.geom_pos, model.geom_size, model.geom_rbound, model.geom_aabb):
+        lengths[geoms] *= value
+    sites = np.isin(model.site_bodyid, below)
+    model.site_pos[sites] *= value
+    model.site_size[sites] *= value
+
+
+def _subtree(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the numbers of `body` and of all bodies below it."""
+    inside = [body]
+    for other in range(body + 1, model.nbody):
+        if int(model.body_parentid[other]) in inside:
+            inside.append(other)
+    return inside
+
+
+ATTRIBUTES: dict[str, dict[str, Attribute]] = {
+    "body": {
+        "mass": Attribute("kg", LEAST, 1, 0, _read_mass, _write_mass),
+        "scale": Attribute("1", LEAST, 1, 0, _read_scale, _write_scale),
+        "pos": _field("body_pos", "m", count=3, default=None),
+        "ipos": _field("body_ipos", "m", count=3, default=None),
+        "inertia": _field("body_inertia", "kg·m²", LEAST, count=3, default=None),
+        "gravcomp": _field("body_gravcomp", "1"),
+    },
+    "joint": {
+        "damping": _of_joint("dof_damping", "N·m·s/rad", "N·s/m"),
+        "frictionloss": _of_joint("dof_frictionloss", "N·m", "N"),
+        "armature": _of_joint("dof_armature", "kg·m²", "kg"),
+        "stiffness": _field("jnt_stiffness", "N·m/rad", 0.0)._replace(sliding_unit="N/m"),
+        "range": _field("jnt_range", "rad", count=2, default=None)._replace(sliding_unit="m"),
+    },
+    "geom": {
+        "friction": _field("geom_friction", "1", 0.0, count=3),
+        "size": _field("geom_size", "m", LEAST, count=3, default=None),
+        "solref": _field("geom_solref", "1", count=2, default=None),
+        "solimp": _field("geom_solimp", "1", count=5, default=None),
+    },
+    "actuator": {
+        "gear": _field("actuator_gear", "1", count=6),
+        "gain": Attribute("1", -np.inf, 1, 0, _read_kp, _write_kp),
+        "kp": Attribute("1", 0.0, 1, 0, _read_kp, _write_kp),
+        "kv": Attribute("1", 0.0, 1, 0, _read_kv, _write_kv),
+    },
+    "tendon": {
+        "stiffness": _field("tendon_stiffness", "1", 0.0),
+        "damping": _field("tendon_damping", "1", 0.0),
+        "frictionloss": _field("tendon_frictionloss", "1", 0.0),
+    },
+    OPTION: {
+        "gravity": _of_option("gravity", "m/s²", 3),
+        "wind": _of_option("wind", "m/s", 3),
+        "density": _of_option("density", "kg/m³", 1, 0.0),
+        "viscosity": _of_option("viscosity", "Pa·s", 1, 0.0),
+    },
+}
+"""Attributes that can be parameters, by element."""
+
+ORDER = ("scale", "mass")
+"""Attributes that are set before all others, as they change others as well."""
+
+
+class Family:
+    """A model and its parameters: it makes the model of any body of the family."""
+
+    def __init__(self, model: mujoco.MjModel, tables: Mapping[str, ParameterTable]):
+        """Raises ArgumentError for an element or attribute that is not there, and for ends that make no possible body."""
+        self.model = model
+        self.parameters: tuple[Parameter, ...] = ()
+        self._targets: list[Target] = []
+        for name, table in tables.items():
+            target = _find_target(model, name, table)
+            unit = target.unit(model)
+            own = target.read(model)
+            self._targets.append(target)
+            self.parameters += (parameter_from_table(name, table, unit, own),)
+        self._order = sorted(range(len(self._targets)), key=self._rank)
+        self._refuse_impossible()
+
+    def model_at(
+        self, values: Float[np.ndarray, " P"], like: mujoco.MjModel | None = None
+    ) -> mujoco.MjModel:
+        """Return a copy of the model, or of one `like` it, in which parameters have these values."""
+        model = (like or self.model).__copy__()
+        self._write(model, values)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
+
+    def _write(self, model: mujoco.MjModel, values: Sequence[float] | np.ndarray) -> None:
+        for place in self._order:
+            self._targets[place].write(model, float(values[place]))
+
+    def _rank(self, place: int) -> int:
+        name = self._targets[place].name
+        return ORDER.index(name) if name in ORDER else len(ORDER)
+
+    def _refuse_impossible(self) -> None:
+        """Raise ArgumentError where the ends of ranges, in some combination, make a body that cannot be.
+
+        Only parameters of the same element are combined: masses and moments of inertia, or both ends of a joint's range.
+        """
+        nominal = nominal_values(self.parameters)
+        elements = {(target.element, target.number) for target in self._targets}
+        for element in sorted(elements):
+            places = [
+                place
+                for place, target in enumerate(self._targets)
+                if (target.element, target.number) == element
+            ][:MAX_CORNERS]
+            ends = [(self.parameters[p].low, self.parameters[p].high) for p in places]
+            for corner in itertools.product(*ends):
+                values = nominal.copy()
+                values[places] = corner
+                fault = self._fault(values, *element)
+                if fault:
+                    names = ", ".join(
+                        f"{self.parameters[place].name} = {value:g}"
+                        for place, value in zip(places, corner, strict=True)
+                    )
+                    raise ArgumentError(f"parameters: with {names} {fault}. Narrow the range.")
+
+    def _fault(self, values: Float[np.ndarray, " P"], element: str, number: int) -> str:
+        """Return why there can be no body with these values; empty if there can."""
+        try:
+            model = self.model_at(values)
+        except mujoco.FatalError as error:
+            message = " ".join(str(error).split())[:MAX_MESSAGE]
+            return f'MuJoCo refuses it: {message}; if it is a body compiled as simple, say simple="false" in its <body>'
+        return _impossible(model, element, number)
+
+
+def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Target:
+    """Return what the parameter called `name` sets; ArgumentError says what is not there, and what is."""
+    where = f"parameters.{name}.sets"
+    match = PATTERN.fullmatch(table.sets)
+    if match is None or match["element"] not in ATTRIBUTES:
+        raise ArgumentError(
+            f"{where}: wanted element/name/attribute such as body/forearm/mass, came {quoted(table.sets)}. "
+            f"Elements: {listed(ATTRIBUTES)}."
+        )
+    element = match["element"]
+    attributes = ATTRIBUTES[element]
+    attribute = attributes.get(match["attribute"])
+    if attribute is None:
+        raise ArgumentError(
+            f"{where}: no attribute {quoted(match['attribute'])} that can be a parameter. "
+            f"{did_you_mean(match['attribute'], attributes)}Attributes of {element}: {listed(attributes)}."
+        )
+    number = _find_element(model, where, element, match["name"])
+    index = attribute.default
+    if match["index"] is not None:
+        index = int(match["index"])
+    if index is None or index >= attribute.numbers:
+        raise ArgumentError(
+            f"{where}: wanted which of its {attribute.numbers} numbers, {match['attribute']}[0] to "
+            f"[{attribute.numbers - 1}], came {quoted(table.sets)}."
+        )
+    target = Target(element, number, match["attribute"], attribute, index)
+    _refuse_unfit(model, where, target, table)
+    return target
+
+
+def _find_element(model: mujoco.MjModel, where: str, element: str, name: str | None) -> int:
+    if element == OPTION:
+        return 0
+    names = [
+        model_name(mujoco.mj_id2name(model, OBJECTS[element], i) or "", f"{element}_{i}")
+        for i in range(getattr(model, COUNTS[element]))
+    ]
+    if name not in names:
+        raise ArgumentError(
+            f"{where}: no {element} called {quoted(name or '')}. {did_you_mean(name or '', names)}"
+            f"Names: {listed(names) or 'none'}."
+        )
+    return names.index(name)
+
+
+def _refuse_unfit(model: mujoco.MjModel, where: str, target: Target, table: ParameterTable) -> None:
+    """Raise ArgumentError for values below the least, for a body without mass, and for lengths of what cannot be scaled."""
+    low = table.range[0]
+    least = target.attribute.least
+    if low < least:
+        wanted = "above 0" if least == LEAST else f"at least {least:g}"
+        raise ArgumentError(
+            f"{where}: with a {target.name} of {low:g} there is no such {target.element}; wanted {wanted}."
+        )
+    if target.name == "mass" and model.body_mass[target.number] < LEAST:
+        raise ArgumentError(
+            f"{where}: this body has no mass of its own. Name the one that carries it."
+        )
+    if target.name == "scale":
+        inside = np.isin(model.geom_bodyid, _subtree(model, target.number))
+        meshes = model.geom_dataid[inside] >= 0
+        if meshes.any() or model.neq or model.ntendon:
+            raise ArgumentError(
+                f"{where}: a part with meshes, tendons or equality constraints cannot be scaled. Use primitive shapes, or "
+                "set masses and positions one by one."
+            )
+
+
+def _impossible(model: mujoco.MjModel, element: str, number: int) -> str:
+    """Return why there can be no such body or joint; empty if there can."""
+    if element == "body":
+        moments = np.sort(model.body_inertia[number])
+        if moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE_TOLERANCE):
+            shown = ", ".join(f"{moment:.3g}" for moment in model.body_inertia[number])
+            return (
+                f"a body has moments of inertia of {shown} kg·m², of which one exceeds the sum of the others: no body "
+                "has such"
+            )
+    if element == "joint" and model.jnt_limited[number]:
+        low, high = model.jnt_range[number]
+        if not low < high:
+            return f"the range of a joint is inverted, {low:g} to {high:g}"
+    return ""
