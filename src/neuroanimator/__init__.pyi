@@ -10,6 +10,9 @@ from neuroanimator.animation.recorded_path import read_path as read_path
 from neuroanimator.codegen.backend import set_backend as set_backend
 from neuroanimator.control.descent.descend import descend as descend
 from neuroanimator.control.descent.options import DescentOptions as DescentOptions
+from neuroanimator.control.identification.identify import Estimate as Estimate
+from neuroanimator.control.identification.identify import Identification as Identification
+from neuroanimator.control.identification.identify import identify as identify
 from neuroanimator.control.objective.costs import *  # noqa: F403
 from neuroanimator.control.objective.goals import goal as goal
 from neuroanimator.control.objective.goals import is_reached as is_reached
@@ -58,6 +61,7 @@ from neuroanimator.export.usd.scene import write_usd as write_usd
 from neuroanimator.export.worst_cases import write_worst as write_worst
 from neuroanimator.gym.learn_policy import learn_policy as learn_policy
 from neuroanimator.state.layout import Bounds as Bounds
+from neuroanimator.state.parameters import Parameter as Parameter
 from neuroanimator.state.pose import read_heights as read_heights
 from neuroanimator.state.pose import read_pose as read_pose
 from neuroanimator.systems import load_system as load_system

@@ -28,6 +28,7 @@ VERBS = {
     "animate": "Animate a motion without running the physics.",
     "control": "Find a controller, replay it on the physics.",
     "policy": "Learn a policy that walks, on the physics.",
+    "identify": "Find a body's parameters from recordings.",
     "export": "Export emulators as programs, clips as films.",
     "studio": "Serve the page that shows every system.",
     "info": "Check a file or a dataset and show what it is.",

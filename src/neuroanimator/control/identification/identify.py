@@ -1,0 +1,298 @@
+"""Identification: the parameters of a body from recordings of its motion."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.control.identification.findings import Findings, findings_of
+from neuroanimator.control.identification.fit import Fit, Fitter, Predict, SlopesAt
+from neuroanimator.control.identification.least_squares import (
+    covariance,
+    normal_equations,
+    robust_weights,
+)
+from neuroanimator.control.identification.measurements import (
+    SHORTEST,
+    Measurements,
+    read_measurements,
+)
+from neuroanimator.control.identification.predictions import Predictor, Slopes
+from neuroanimator.control.identification.unknowns import DELAY, Unknowns, unknowns_of
+from neuroanimator.emulator.emulator import Emulator, as_emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase
+
+SURE = 5.0
+"""A delay or offset that was not asked for is told of from this many standard deviations on."""
+
+NOTEWORTHY = 0.5
+"""… and if what it explains is at least this share of the noise."""
+
+LATE = 0.1
+"""… or of a delay this share of a super step."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One number as it was found."""
+
+    name: str
+    unit: str
+    value: float
+    deviation: float
+    """Standard deviation."""
+    nominal: float
+    low: float
+    high: float
+    is_known: bool
+    """Whether the recording says more of it than its range does."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Parameters of a body, and how well they explain its recordings."""
+
+    estimates: tuple[Estimate, ...]
+    """Parameters, the delay and offsets of sensors."""
+    confused: tuple[tuple[str, ...], ...]
+    """Names of those that the recordings cannot tell apart: only a combination is known."""
+    notes: tuple[str, ...]
+    """What a user should know of the result, a line each."""
+    measurements: Measurements
+    nominal: Fit
+    """Residuals with nominal values, on the physics if there is any."""
+    emulated: Fit
+    """The fit by the emulator alone."""
+    proven: Fit | None
+    """The fit on the physics; None of a system that cannot be simulated."""
+    seconds_of_emulator: float
+    """Wall time of the fit by the emulator [s]."""
+    seconds_of_physics: float
+    """Wall time of the fit on the physics [s]."""
+
+    @property
+    def final(self) -> Fit:
+        """The fit on the physics, or the emulator's where there is none."""
+        return self.proven or self.emulated
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The value of each parameter, as `Emulator.at` and `System.at` take them."""
+        return {
+            estimate.name: estimate.value
+            for estimate in self.estimates
+            if estimate.name != DELAY and " " not in estimate.name
+        }
+
+
+def identify(
+    emulator: Emulator | str | Path,
+    recordings: str | Path | Sequence[str | Path],
+    *,
+    delay: bool = False,
+    offsets: bool = False,
+    window: float | None = None,
+    physics: bool = True,
+) -> Identification:
+    """Return the parameters of the body in `recordings` (CSV or NPZ files), of the family that `emulator` was trained on.
+
+    The state at the start of every window of `window` seconds is found as well, so that noise in it does no harm and
+    velocities need not be measured. With `delay` it is also found by how much sensors are late, with `offsets` by how
+    much each is off. Unless told otherwise, the result is corrected and proved on the `physics`.
+
+    Raises ArgumentError for an emulator without parameters, BadFileError for recordings that do not fit it.
+    """
+    emulator = as_emulator(emulator)
+    if not emulator.parameters:
+        raise ArgumentError(
+            f"{emulator.system}: its emulator is of one body and has no parameters. Write a table [parameters] into its TOML "
+            "file and train again: see docs/tutorials/families.md."
+        )
+    paths = [recordings] if isinstance(recordings, str | Path) else list(recordings)
+    measurements = read_measurements(paths, emulator, window)
+    unknowns = unknowns_of(emulator, measurements, delay=delay, offsets=offsets)
+    fitters = _stages(emulator, measurements, unknowns)
+    begun = time.perf_counter()
+    with phase("fitting the emulator"):
+        stages = _by_emulator(fitters)
+    emulated = stages[-1]
+    seconds_of_emulator = time.perf_counter() - begun
+    begun = time.perf_counter()
+    fitter = fitters[-1]
+    nominal = fitter.first_guess()
+    proven = None
+    slopes = fitter.slopes(emulated)
+    system = system_of(emulator) if physics else None
+    if system is not None and system.can_simulate:
+        with phase("proving it on the physics"):
+            nominal = _at_nominal(fitter, emulated, system)
+            first = replace(stages[0], values=emulated.values)
+            proven = _on_physics(fitters, first, system)
+            slopes = _true_slopes(fitter, system)(proven)
+    seconds_of_physics = time.perf_counter() - begun
+    final = proven or emulated
+    findings = _findings(fitter, final, slopes)
+    return Identification(
+        estimates=_estimates(final, findings, unknowns),
+        confused=findings.confused,
+        notes=(*_notes(findings, unknowns), *_unasked(fitter, final, emulator)),
+        measurements=measurements,
+        nominal=nominal,
+        emulated=emulated,
+        proven=proven,
+        seconds_of_emulator=seconds_of_emulator,
+        seconds_of_physics=seconds_of_physics,
+    )
+
+
+def _stages(emulator: Emulator, measurements: Measurements, unknowns: Unknowns) -> list[Fitter]:
+    """Return fitters of the same motions, from short windows to the whole ones, each twice as long as those before.
+
+    Short windows lead from far away to where long ones have no other minimum.
+    """
+    parts = 1
+    while measurements.steps % (2 * parts) == 0 and measurements.steps // (2 * parts) >= SHORTEST:
+        parts *= 2
+    fitters = []
+    while parts >= 1:
+        windows = measurements.split(parts)
+        fitters.append(Fitter(windows, Predictor(emulator, windows, unknowns), unknowns))
+        parts //= 2
+    return fitters
+
+
+def _by_emulator(fitters: list[Fitter]) -> list[Fit]:
+    """Return the fit of each stage by the emulator."""
+    fits: list[Fit] = []
+    for fitter in fitters:
+        guess = fitter.taken_up(fits[-1]) if fits else fitter.first_guess()
+        fits.append(fitter.fitted(guess, fitter.predictor.by_emulator))
+    return fits
+
+
+def _at_nominal(fitter: Fitter, emulated: Fit, system: System) -> Fit:
+    """Return the residuals of the physics with nominal parameters, the starts as they were found."""
+    values = fitter.unknowns.nominal
+    shown = fitter.predictor.by_physics(system, emulated.starts, values)
+    residuals = fitter.measurements.measured - shown
+    return Fit(values, emulated.starts, residuals, emulated.noise, 0)
+
+
+def _on_physics(fitters: list[Fitter], first: Fit, system: System) -> Fit:
+    """Return the fit of true motions through all stages from `first` on.
+
+    By the emulator's slopes over short windows, where they are good; over longer ones by differences of the physics
+    itself, so that what is left of the emulator's errors moves neither the result nor its standard deviations.
+    """
+    fit = fitters[0].fitted(first, _true_motions(fitters[0], system))
+    for fitter in fitters[1:]:
+        fit = fitter.taken_up(fit)
+    last = fitters[-1]
+    return last.fitted(fit, _true_motions(last, system), _true_slopes(last, system))
+
+
+def _true_motions(fitter: Fitter, system: System) -> Predict:
+    def predict(
+        starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " G"]
+    ) -> Float[np.ndarray, "W F S"]:
+        return fitter.predictor.by_physics(system, starts, values)
+
+    return predict
+
+
+def _true_slopes(fitter: Fitter, system: System) -> SlopesAt:
+    def slopes(fit: Fit) -> Slopes:
+        return fitter.predictor.slopes_by_physics(system, fit.starts, fit.values)
+
+    return slopes
+
+
+def _findings(fitter: Fitter, fit: Fit, slopes: Slopes) -> Findings:
+    weights = robust_weights(fit.residuals, fit.noise)
+    normal = normal_equations(fit.residuals, weights, slopes, fit.values, fitter.unknowns, 0.0)
+    return findings_of(covariance(normal), fit.values, fitter.unknowns)
+
+
+def _estimates(fit: Fit, findings: Findings, unknowns: Unknowns) -> tuple[Estimate, ...]:
+    return tuple(
+        Estimate(
+            name=unknowns.names[i],
+            unit=unknowns.units[i],
+            value=float(fit.values[i]),
+            deviation=float(findings.deviations[i]),
+            nominal=float(unknowns.nominal[i]),
+            low=float(unknowns.low[i]),
+            high=float(unknowns.high[i]),
+            is_known=findings.is_known[i],
+        )
+        for i in range(unknowns.size)
+    )
+
+
+def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
+    """Return what the recordings do not say, a line each."""
+    notes = []
+    for name in findings.not_shown:
+        notes.append(
+            f"{name}: the recordings never show it; its value is hardly more than the nominal one. Record motions that "
+            "depend on it."
+        )
+    for names in findings.confused:
+        notes.append(
+            f"{', '.join(names)}: cannot be told apart; only a combination of them is known. Fix one, by a range around what "
+            "you measured otherwise, or record other motions."
+        )
+    for name in findings.at_end:
+        place = unknowns.names.index(name)
+        notes.append(
+            f"{name}: its best value lies at the end of its range, {unknowns.low[place]:.4g} to {unknowns.high[place]:.4g} "
+            f"{unknowns.units[place]}. Widen that, and train again."
+        )
+    return notes
+
+
+def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
+    """Return notes on a delay or offsets that nobody asked for and the residuals show: one more step with these unknown."""
+    asked = fitter.unknowns
+    if asked.has_delay and asked.offsets:
+        return []
+    measurements = fitter.measurements
+    unknowns = unknowns_of(emulator, measurements, delay=True, offsets=True)
+    values = unknowns.nominal.copy()
+    for place, name in enumerate(asked.names):
+        values[unknowns.names.index(name)] = fit.values[place]
+    wider = Fitter(measurements, Predictor(emulator, measurements, unknowns), unknowns)
+    slopes = wider.predictor.slopes(fit.starts, values)
+    weights = robust_weights(fit.residuals, fit.noise)
+    normal = normal_equations(fit.residuals, weights, slopes, values, unknowns, 0.0)
+    change = np.linalg.solve(normal.matrix, normal.right)
+    deviations = np.sqrt(np.maximum(np.diag(covariance(normal)), 0.0))
+    notes = []
+    for place, name in enumerate(unknowns.names):
+        if name in asked.names or abs(change[place]) < SURE * deviations[place]:
+            continue
+        if name == DELAY:
+            if change[place] > LATE * emulator.dt:
+                notes.append(
+                    f"what was measured seems to be {change[place] * 1e3:.2g} ms late: --delay finds that as well."
+                )
+        elif abs(change[place]) > NOTEWORTHY * _noise_at(name, unknowns, fit):
+            notes.append(
+                f"{name.removeprefix('offset of ')} seems to be off by {change[place]:.3g} {unknowns.units[place]} "
+                "throughout: --offsets finds that as well."
+            )
+    return notes
+
+
+def _noise_at(name: str, unknowns: Unknowns, fit: Fit) -> float:
+    """Return the noise of the number that the offset called `name` is of."""
+    offsets = [known for known in unknowns.names if known.startswith("offset of ")]
+    return float(fit.noise[unknowns.offsets[offsets.index(name)]])

@@ -1,0 +1,327 @@
+"""Recorded motions as identification needs them: on the grid of an emulator's super steps, cut into windows.
+
+A recording holds some of the state's numbers, at its own rate; what it does not hold is NaN here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.evaluation.weakness.fine_tune import column_names, unwrapped
+from neuroanimator.files.atomic import read_bounded
+from neuroanimator.systems.recorded.recording import READERS, Recording, cut_runs
+from neuroanimator.systems.trusted_files import MAX_FILE
+from neuroanimator.text import did_you_mean, listed
+
+WINDOW_STEPS = 16
+"""Number of super steps in a window: long enough that parameters show, short enough that errors have not grown wild."""
+
+MIN_STEPS = 3
+"""Minimum number of super steps in a window: with fewer its start explains everything."""
+
+SHORTEST = 4
+"""Number of super steps in the windows that a fit begins with, where longer ones are a multiple of it."""
+
+MAX_WINDOWS = 4096
+"""Maximum number of windows: each has a start of its own to be found."""
+
+MAX_TIME_ERROR = 1e-3
+"""Share of a super step by which a whole number of samples may miss it: clocks are better than that."""
+
+DEGREES = 180 / np.pi
+
+UNIT_ERROR = 0.2
+"""Share by which the ratio of a velocity to the change of its position may be off the one that is suspected."""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Windows of recorded motions, `dt` between their frames; NaN where nothing was measured."""
+
+    measured: Float[np.ndarray, "W F S"]
+    """Measured numbers of the state at the start and after each super step."""
+    controls: Float[np.ndarray, "W T C"]
+    """Mean control of each super step."""
+    guess: Float[np.ndarray, "W F S"]
+    """First guess of the whole states: as measured, and velocities from positions."""
+    names: tuple[str, ...]
+    """Names and units of the numbers of the state that were measured."""
+    entries: tuple[int, ...]
+    """State entries that were measured."""
+    files: tuple[str, ...]
+
+    @property
+    def steps(self) -> int:
+        """Number of super steps in a window."""
+        return self.controls.shape[1]
+
+    def split(self, parts: int) -> Measurements:
+        """Return the same motions in windows of one of so many `parts` of the length: the first is where a whole one began."""
+        frames = self.steps // parts
+        firsts = frames * np.arange(parts)
+        shown = firsts[:, None] + np.arange(frames + 1)
+        held = firsts[:, None] + np.arange(frames)
+        return replace(
+            self,
+            measured=_joined(self.measured[:, shown]),
+            controls=_joined(self.controls[:, held]),
+            guess=_joined(self.guess[:, shown]),
+        )
+
+
+def _joined(windows: Float[np.ndarray, "W P F N"]) -> Float[np.ndarray, "Q F N"]:
+    """Return the parts of all windows one behind the other."""
+    return windows.reshape(-1, *windows.shape[2:])
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """One run on the grid of super steps."""
+
+    measured: Float[np.ndarray, "F S"]
+    guess: Float[np.ndarray, "F S"]
+    controls: Float[np.ndarray, "T C"]
+
+
+def read_measurements(
+    paths: Sequence[str | Path], emulator: Emulator, window: float | None = None
+) -> Measurements:
+    """Return the recordings in CSV or NPZ files as windows of `window` seconds (usually `WINDOW_STEPS` super steps).
+
+    Columns are parts of the state, not all of which need be there, and all controls; without any column of a control
+    the body was free. Raises BadFileError naming the file and what is wrong with it, ArgumentError for a window that
+    is too short.
+    """
+    if not paths:
+        raise ArgumentError("recordings: wanted at least one, CSV or NPZ.")
+    steps = _window_steps(emulator.dt, window)
+    grids: list[_Grid] = []
+    columns: tuple[int, ...] = ()
+    for path in map(Path, paths):
+        recording = _read(path)
+        found, runs = _on_grid(recording, emulator)
+        if columns and found != columns:
+            raise BadFileError(
+                f"{recording.file}: other columns than in the recording before it. Give recordings of the same sensors."
+            )
+        columns = found
+        grids += runs
+    longest = max(len(grid.controls) for grid in grids)
+    steps = min(steps, longest)
+    if steps < MIN_STEPS:
+        raise BadFileError(
+            f"{Path(paths[0]).name}: the longest run lasts {longest} super steps of {emulator.dt:g} s; wanted at least "
+            f"{MIN_STEPS}. Record longer, or train an emulator of fewer substeps."
+        )
+    return _cut(grids, steps, columns, emulator, tuple(Path(path).name for path in paths))
+
+
+def _window_steps(dt: float, window: float | None) -> int:
+    if window is None:
+        return WINDOW_STEPS
+    steps = round(window / dt)
+    if steps > SHORTEST:
+        steps = SHORTEST * round(steps / SHORTEST)  # so that it can be split
+    if steps < MIN_STEPS:
+        raise ArgumentError(
+            f"window: wanted at least {MIN_STEPS} super steps, {MIN_STEPS * dt:g} s, came {window:g} s."
+        )
+    return steps
+
+
+def _read(path: Path) -> Recording:
+    read = READERS.get(path.suffix)
+    if read is None:
+        raise BadFileError(f"{path}: recordings end in {', '.join(READERS)}.")
+    return cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
+
+
+def _on_grid(recording: Recording, emulator: Emulator) -> tuple[tuple[int, ...], list[_Grid]]:
+    """Return (state entries that were measured, the runs on the grid of super steps)."""
+    moving = emulator.state.size - len(emulator.parameter_entries)
+    names = column_names(emulator.state)[:moving]
+    entries = tuple(_entry(recording, "state", names, column) for column in recording.state)
+    controls = _control_order(recording, emulator)
+    grids = []
+    for run, states in enumerate(recording.states):
+        measured = np.full((len(states), emulator.state.size), np.nan)
+        measured[:, list(entries)] = states
+        _refuse_degrees(recording, emulator, measured)
+        measured = unwrapped(measured, emulator)
+        held = np.tile(emulator.bounds.idle, (len(states), 1))
+        if controls:
+            held = recording.controls[run][:, controls]
+        grid = _resampled(recording, measured, held, emulator)
+        if len(grid.controls) >= MIN_STEPS:
+            grids.append(grid)
+    if not grids:
+        longest = max(len(states) for states in recording.states) * recording.step
+        raise BadFileError(
+            f"{recording.file}: its longest run lasts {longest:g} s; wanted {MIN_STEPS} super steps of {emulator.dt:g} s. "
+            "Record longer."
+        )
+    return entries, grids
+
+
+def _entry(recording: Recording, vector: str, names: list[str], column: tuple[str, str]) -> int:
+    """Return which number of a state or control a column holds."""
+    name, unit = column
+    wanted = f"{name} {unit}"
+    if wanted in names:
+        return names.index(wanted)
+    like = [known for known in names if known.split(" ")[0] == name]
+    if like:
+        raise BadFileError(
+            f"{recording.file}: column '{vector}.{name}' is in {unit}, the emulator's in {like[0].split(' ')[1]}. Convert it."
+        )
+    raise BadFileError(
+        f"{recording.file}: '{vector}.{wanted}' is none of the emulator's. {did_you_mean(wanted, names)}"
+        f"Columns: {listed(f'{vector}.{known}' for known in names)}."
+    )
+
+
+def _control_order(recording: Recording, emulator: Emulator) -> list[int]:
+    """Return the column of each control; none where the recording has no controls at all."""
+    if not recording.control:
+        return []
+    names = column_names(emulator.control)
+    entries = [_entry(recording, "control", names, column) for column in recording.control]
+    missing = [name for number, name in enumerate(names) if number not in entries]
+    if missing:
+        raise BadFileError(
+            f"{recording.file}: no column 'control.{missing[0]}'. Add it: zeros, where that motor did nothing."
+        )
+    return [entries.index(number) for number in range(len(names))]
+
+
+def _refuse_degrees(
+    recording: Recording, emulator: Emulator, measured: Float[np.ndarray, "N S"]
+) -> None:
+    """Raise BadFileError where a velocity is the change of its position times the degrees in a radian, or a part of it."""
+    for position, velocity in emulator.rates:
+        rate = measured[:, velocity]
+        change = np.gradient(measured[:, position], recording.step)
+        if not (np.isfinite(rate).all() and np.isfinite(change).all()):
+            continue
+        is_fast = np.abs(rate) > max(np.median(np.abs(rate)), np.finfo(float).tiny)
+        if not is_fast.any():
+            continue
+        slope = float(
+            np.median(change[is_fast] / rate[is_fast])
+        )  # where an angle jumps by a turn, it is far off
+        for factor, wrong in ((DEGREES, position), (1 / DEGREES, velocity)):
+            if abs(slope / factor - 1) < UNIT_ERROR:
+                raise BadFileError(
+                    f"{recording.file}: {emulator.state.names[wrong]} looks like degrees: it and "
+                    f"{emulator.state.names[velocity if wrong == position else position]} differ by {DEGREES:.1f}. "
+                    "Convert it to radians."
+                )
+
+
+def _resampled(
+    recording: Recording,
+    measured: Float[np.ndarray, "N S"],
+    held: Float[np.ndarray, "N C"],
+    emulator: Emulator,
+) -> _Grid:
+    """Return a run at the super steps' own times."""
+    dt = emulator.dt
+    guess = _guessed(measured, recording.step, emulator)
+    samples = round(dt / recording.step)
+    is_whole = samples >= 1 and abs(samples * recording.step - dt) <= MAX_TIME_ERROR * dt
+    if is_whole:
+        steps = (len(measured) - 1) // samples
+        frames = samples * np.arange(steps + 1)
+        mean = held[: steps * samples].reshape(steps, samples, -1).mean(axis=1)
+        return _Grid(measured[frames], guess[frames], mean)
+    if recording.step > dt * (1 + MAX_TIME_ERROR):
+        return _sparse(recording, measured, guess, held, dt)
+    times = recording.step * np.arange(len(measured))
+    steps = int(times[-1] / dt + MAX_TIME_ERROR)
+    frames = np.minimum(dt * np.arange(steps + 1), times[-1])
+    integral = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
+    edges = recording.step * np.arange(len(integral))
+    whole = np.stack([np.interp(frames, edges, column) for column in integral.T], axis=1)
+    mean = np.diff(whole, axis=0) * recording.step / dt
+    return _Grid(_interpolated(times, measured, frames), _interpolated(times, guess, frames), mean)
+
+
+def _interpolated(
+    times: Float[np.ndarray, " N"],
+    values: Float[np.ndarray, "N S"],
+    frames: Float[np.ndarray, " F"],
+) -> Float[np.ndarray, "F S"]:
+    """Return `values` at other times, by cubic splines; columns that were not measured stay so."""
+    result = np.full((len(frames), values.shape[1]), np.nan)
+    known = np.isfinite(values).all(axis=0)
+    result[:, known] = CubicSpline(times, values[:, known])(frames)
+    return result
+
+
+def _sparse(
+    recording: Recording,
+    measured: Float[np.ndarray, "N S"],
+    guess: Float[np.ndarray, "N S"],
+    held: Float[np.ndarray, "N C"],
+    dt: float,
+) -> _Grid:
+    """Return a run sampled less often than every super step: NaN at the super steps between."""
+    every = round(recording.step / dt)
+    if abs(every * dt - recording.step) > MAX_TIME_ERROR * dt:
+        raise BadFileError(
+            f"{recording.file}: sampled every {recording.step:g} s, which is no whole number of super steps of {dt:g} s. "
+            "Resample it, or train an emulator whose super step fits."
+        )
+    steps = (len(measured) - 1) * every
+    sparse = np.full((steps + 1, measured.shape[1]), np.nan)
+    sparse[::every] = measured
+    times = recording.step * np.arange(len(guess))
+    filled = _interpolated(times, guess, dt * np.arange(steps + 1))
+    return _Grid(sparse, filled, np.repeat(held[:-1], every, axis=0))
+
+
+def _guessed(
+    measured: Float[np.ndarray, "N S"], step: float, emulator: Emulator
+) -> Float[np.ndarray, "N S"]:
+    """Return the whole states as far as they can be guessed: a velocity that was not measured from its position."""
+    guess = measured.copy()
+    for position, velocity in emulator.rates:
+        if np.isnan(guess[:, velocity]).any() and len(guess) > 1:
+            guess[:, velocity] = np.gradient(guess[:, position], step)
+    return np.where(np.isnan(guess), emulator.rest, guess)
+
+
+def _cut(
+    grids: list[_Grid],
+    steps: int,
+    entries: tuple[int, ...],
+    emulator: Emulator,
+    files: tuple[str, ...],
+) -> Measurements:
+    """Return windows of `steps` super steps, one behind the other in each run; of very many, some evenly taken."""
+    measured = []
+    guess = []
+    controls = []
+    for grid in grids:
+        for first in range(0, len(grid.controls) - steps + 1, steps):
+            measured.append(grid.measured[first : first + steps + 1])
+            guess.append(grid.guess[first : first + steps + 1])
+            controls.append(grid.controls[first : first + steps])
+    every = -(-len(guess) // MAX_WINDOWS)
+    names = emulator.state.names
+    return Measurements(
+        measured=np.stack(measured[::every]),
+        controls=np.stack(controls[::every]),
+        guess=np.stack(guess[::every]),
+        names=tuple(names[entry] for entry in entries),
+        entries=entries,
+        files=files,
+    )

@@ -1,0 +1,210 @@
+"""What sensors would show of motions from given starts with given unknowns, by an emulator or by the physics, and its slopes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.identification.measurements import Measurements
+from neuroanimator.control.identification.unknowns import Unknowns
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import rollout_latent
+from neuroanimator.systems.system import System
+
+DIFFERENCE = 1e-4
+"""Distance of two values of an unknown between which motions are compared, as a share of its range."""
+
+START_DIFFERENCE = 1e-5
+"""Likewise of the numbers of a start [rad, m, rad/s or m/s]."""
+
+
+class Slopes(NamedTuple):
+    """Predictions and their derivatives."""
+
+    shown: Float[np.ndarray, "W F S"]
+    """Numbers of the state as sensors show them."""
+    by_unknowns: Float[np.ndarray, "W F S G"]
+    by_starts: Float[np.ndarray, "W F S V"]
+    """Derivatives in a change of the start, as the body's frame counts it."""
+
+
+class Predictor:
+    """Predictions of windows of measurements."""
+
+    def __init__(self, emulator: Emulator, measurements: Measurements, unknowns: Unknowns):
+        self.emulator = emulator
+        self.unknowns = unknowns
+        self.controls = jnp.asarray(measurements.controls, jnp.float32)
+        self._held = measurements.controls
+        self._places = _Places(
+            moving=emulator.state.size - len(emulator.parameter_entries),
+            parameters=len(emulator.parameter_entries),
+            has_delay=unknowns.has_delay,
+            offsets=unknowns.offsets,
+        )
+        # Starts move at once, not with what they coast by.
+        self._still = replace(emulator.frame, dt=0.0)
+        self.start_size = self._still.change_size(emulator.state.size)
+
+    def moved(
+        self, starts: Float[np.ndarray, "W S"], change: Float[np.ndarray, "W V"]
+    ) -> Float[np.ndarray, "W S"]:
+        """Return the starts after a change as the body's frame counts it."""
+        return np.asarray(self._still.apply(starts, change), float)
+
+    def by_emulator(
+        self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " G"]
+    ) -> Float[np.ndarray, "W F S"]:
+        """Return what sensors show of the emulator's motions from `starts`, with `values` of the unknowns."""
+        shown = _shown_by_emulator(
+            self.emulator, self._places, _single(starts), _single(values), self.controls
+        )
+        return np.asarray(shown, float)
+
+    def slopes(self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " G"]) -> Slopes:
+        """Return `by_emulator` with its derivatives."""
+        arrays = _slopes(
+            self.emulator,
+            self._still,
+            self._places,
+            self.start_size,
+            _single(starts),
+            _single(values),
+            self.controls,
+        )
+        return Slopes(*(np.asarray(array, float) for array in arrays))
+
+    def by_physics(
+        self,
+        system: System,
+        starts: Float[np.ndarray, "W S"],
+        values: Float[np.ndarray, " G"],
+    ) -> Float[np.ndarray, "W F S"]:
+        """Return what sensors show of the true motions from `starts`; NaN where the physics diverges."""
+        bodies = starts.copy()
+        bodies[:, system.parameter_entries] = values[: len(system.parameters)]
+        held = system.bounds.clip(self._held)
+        runs = system.simulate_fastest(bodies, held, self.emulator.dt)
+        states = np.where(runs.has_diverged[:, None, None], np.nan, runs.states)
+        shown = _observed(self._places, self.emulator.dt, jnp.asarray(states), jnp.asarray(values))
+        return np.asarray(shown, float)
+
+    def slopes_by_physics(
+        self,
+        system: System,
+        starts: Float[np.ndarray, "W S"],
+        values: Float[np.ndarray, " G"],
+    ) -> Slopes:
+        """Return `by_physics` with its derivatives, by differences; the emulator's where the physics diverges."""
+        emulated = self.slopes(starts, values)
+        shown = self.by_physics(system, starts, values)
+        unknowns = self.unknowns
+        by_unknowns = emulated.by_unknowns.copy()
+        steps = DIFFERENCE * (unknowns.high - unknowns.low)
+        inward = np.where(values > (unknowns.low + unknowns.high) / 2, -steps, steps)
+        for place, step in enumerate(inward):
+            other = values.copy()
+            other[place] += step
+            slope = (self.by_physics(system, starts, other) - shown) / step
+            by_unknowns[..., place] = _where_finite(slope, by_unknowns[..., place])
+        by_starts = emulated.by_starts.copy()
+        for place in range(self.start_size):
+            change = np.zeros((len(starts), self.start_size))
+            change[:, place] = START_DIFFERENCE
+            moved = self.by_physics(system, self.moved(starts, change), values)
+            slope = (moved - shown) / START_DIFFERENCE
+            by_starts[..., place] = _where_finite(slope, by_starts[..., place])
+        return Slopes(shown, by_unknowns, by_starts)
+
+
+def _where_finite(
+    values: Float[np.ndarray, " ..."], otherwise: Float[np.ndarray, " ..."]
+) -> Float[np.ndarray, " ..."]:
+    return np.where(np.isfinite(values), values, otherwise)
+
+
+class _Places(eqx.Module):
+    """Where each kind of unknown lies."""
+
+    moving: int = eqx.field(static=True)
+    parameters: int = eqx.field(static=True)
+    has_delay: bool = eqx.field(static=True)
+    offsets: tuple[int, ...] = eqx.field(static=True)
+
+
+def _single(values: Float[np.ndarray, " ..."]) -> Float[Array, " ..."]:
+    return jnp.asarray(values, jnp.float32)
+
+
+def _motion(
+    emulator: Emulator,
+    places: _Places,
+    start: Float[Array, " S"],
+    values: Float[Array, " G"],
+    controls: Float[Array, "T C"],
+) -> Float[Array, "F S"]:
+    """Return the emulator's motion from `start` with the parameters in `values`."""
+    state = jnp.concatenate([start[: places.moving], values[: places.parameters]])
+    following = rollout_latent(emulator, state, controls, is_bounded=False)
+    return jnp.concatenate([state[None], following])
+
+
+def _observed(
+    places: _Places, dt: float, states: Float[Array, "... F S"], values: Float[Array, " G"]
+) -> Float[Array, "... F S"]:
+    """Return what sensors with that delay and those offsets show of a motion.
+
+    Between super steps states are interpolated by a parabola through three of them; before the first they are
+    extrapolated by it.
+    """
+    if places.has_delay:
+        states = _delayed(states, values[places.parameters] / dt)
+    if places.offsets:
+        shift = jnp.zeros(states.shape[-1], states.dtype)
+        shift = shift.at[np.array(places.offsets)].set(values[-len(places.offsets) :])
+        states = states + shift
+    return states
+
+
+def _delayed(states: Float[Array, "... F S"], steps: Float[Array, ""]) -> Float[Array, "... F S"]:
+    """Return the states `steps` super steps earlier."""
+    frames = states.shape[-2]
+    times = jnp.arange(frames) - steps
+    middle = jnp.clip(jnp.round(jax.lax.stop_gradient(times)), 1, frames - 2).astype(int)
+    away = (times - middle)[:, None]
+    before = states[..., middle - 1, :]
+    here = states[..., middle, :]
+    after = states[..., middle + 1, :]
+    slope = (after - before) / 2
+    bend = after - 2 * here + before
+    return here + away * slope + away**2 * bend / 2
+
+
+@eqx.filter_jit
+def _shown_by_emulator(emulator, places, starts, values, controls):
+    def shown(start: Array, held: Array) -> Array:
+        states = _motion(emulator, places, start, values, held)
+        return _observed(places, emulator.dt, states, values)
+
+    return jax.vmap(shown)(starts, controls)
+
+
+@eqx.filter_jit
+def _slopes(emulator, still, places, start_size, starts, values, controls):
+    def shown(values: Array, change: Array, start: Array, held: Array) -> tuple[Array, Array]:
+        states = _motion(emulator, places, still.apply(start, change), values, held)
+        seen = _observed(places, emulator.dt, states, values)
+        return seen, seen
+
+    def slopes(start: Array, held: Array) -> tuple[Array, Array, Array]:
+        derivatives = jax.jacfwd(shown, argnums=(0, 1), has_aux=True)
+        (by_values, by_start), seen = derivatives(values, jnp.zeros(start_size), start, held)
+        return seen, by_values, by_start
+
+    return jax.vmap(slopes)(starts, controls)
