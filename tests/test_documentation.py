@@ -56,9 +56,9 @@ SHRUNK = {
 }
 """Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
 
-LONG = ("engines.md", "my-python-step.md")
-"""Pages that run in `make endurance`: tests/export/programs exports what the first does, and tests/systems/functions goes
-the way of the second."""
+LONG = ("engines.md", "families.md", "my-python-step.md")
+"""Pages that run in `make endurance`: tests/export/programs exports what the first does, tests/control/identification and
+tests/systems/functions go the way of the others."""
 
 SMALL_FILM = (160, 90)
 """The size of films in reports [pixels]: what is drawn is what other tests look at."""
