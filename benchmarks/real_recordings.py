@@ -3,7 +3,8 @@
 python benchmarks/real_recordings.py --data FOLDER           with a folder of checkouts of the authors' files
 python benchmarks/real_recordings.py --data FOLDER --fetch   puts those that are missing there first
 python benchmarks/real_recordings.py --data FOLDER --quick   one case, no fit; writes no file
-python benchmarks/real_recordings.py --data FOLDER --write RECORDINGS   writes them as recordings of this project, too
+python benchmarks/real_recordings.py --data FOLDER --write RECORDINGS   only writes them as recordings of this project
+python benchmarks/real_recordings.py --data FOLDER --excerpts EXCERPTS  only writes a few seconds of each, with licences
 
 Rows: (a) physics with the authors' own parameters, (b) physics with ours, (f) persistence, constant velocity and a linear
 model; (n) what noise in the measured starts alone makes of (a), a lower bound of every error. Every method begins at the
@@ -20,6 +21,7 @@ from typing import Any
 
 from real_recordings_cases.cases import CASES, Case, windows
 from real_recordings_cases.errors import error_rows
+from real_recordings_cases.excerpts import write_excerpts
 from real_recordings_cases.fitted_physics import fitted_physics
 from real_recordings_cases.lyapunov import lyapunov_time
 from real_recordings_cases.methods import FREE_METHODS, Method, start_noise
@@ -37,7 +39,16 @@ METHODS: dict[str, tuple[str, Method]] = FREE_METHODS | {
 }
 """By its name, each method's row of the table and the function that makes it."""
 
-FIGURES = ("making_s", "predicting_s", "iterations", "rollouts", "cost_before", "cost_after")
+FIGURES = (
+    "making_s",
+    "predicting_s",
+    "iterations",
+    "rollouts",
+    "cost_before",
+    "cost_after",
+    "at_bounds",
+    "fitted",
+)
 """Cells that say what a method took; empty where they have no meaning."""
 
 
@@ -83,12 +94,17 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder of checkouts")
     parser.add_argument("--fetch", action="store_true", help="get files that are missing there")
     parser.add_argument("--quick", action="store_true", help="one case, no fit; writes no file")
-    parser.add_argument("--write", type=Path, help="write the recordings into this folder, too")
+    parser.add_argument("--write", type=Path, help="write the recordings into this folder")
+    parser.add_argument("--excerpts", type=Path, help="write excerpts into this folder")
     arguments = parser.parse_args()
     if arguments.fetch:
         fetch(arguments.data)
     if arguments.write is not None:
         write_recordings(arguments.write, arguments.data)
+    if arguments.excerpts is not None:
+        write_excerpts(arguments.excerpts, arguments.data)
+    if arguments.write is not None or arguments.excerpts is not None:
+        return
     cases = CASES
     methods = METHODS
     if arguments.quick:

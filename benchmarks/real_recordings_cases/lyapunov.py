@@ -17,6 +17,9 @@ SECONDS = 100.0
 INTERVAL = 0.1
 """The distance of neighbours is measured and made small again after so long [s]."""
 
+STEP = 0.0025
+"""Step of the physics [s]."""
+
 DISTANCE = 1e-7
 """Their distance at the beginning of each interval [rad, rad/s]."""
 
@@ -36,6 +39,7 @@ def lyapunov_time(case: Case, unseen: Windows) -> float | str:
     model.dof_frictionloss[:] = 0
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     rows = np.linspace(0, len(unseen.starts) - 1, STARTS).astype(int)
+    model.opt.timestep = STEP
     states = unseen.starts[rows]
     rng = np.random.default_rng(0)
     direction = rng.normal(size=states.shape)

@@ -7,9 +7,9 @@ Two cases:
 * pendubot: swing-ups and balance, driven by the shoulder's motor. Training are the ten runs of one controller (iLQR with
   time-varying LQR), unseen the ten of another (soft actor-critic with LQR).
 
-The authors' sampling varies around 2 and 2.5 ms (up to 19 ms in one run): angles are interpolated at 1 kHz, smoothed, and kept at 200 Hz. A control
-is the mean, over a sample's 5 ms, of the torque the motors report from their current; the authors fitted their model to
-that torque, too. Angles are those of hinges, zero when hanging.
+The authors' sampling varies around 2 and 2.5 ms (up to 19 ms in one run): angles are interpolated at 1 kHz, smoothed, and
+kept at 200 Hz. A control is the mean, over a sample's 5 ms, of the torque the motors report from their current; the authors
+fitted their model to that torque, too. Angles are those of hinges, zero when hanging.
 
 Five of the fifteen excitation runs are files of more than 4 MB and are not used.
 """

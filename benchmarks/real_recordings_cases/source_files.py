@@ -28,6 +28,7 @@ class Repository(NamedTuple):
     name: str
     commit: str
     licence: str
+    copyright: str
 
     def address(self, path: str) -> str:
         """Return the public address of a file."""
@@ -37,16 +38,25 @@ class Repository(NamedTuple):
 
 REPOSITORIES = (
     Repository(
-        "dynamicslab", "MultiArm-Pendulum", "e99a7e13fe2adc8fc647321a156b6cb59a48a698", "MIT"
+        "dynamicslab",
+        "MultiArm-Pendulum",
+        "e99a7e13fe2adc8fc647321a156b6cb59a48a698",
+        "MIT",
+        "Copyright (c) 2022, dynamicslab",
     ),
     Repository(
         "dfki-ric-underactuated-lab",
         "double_pendulum",
         "1e8544e67f3da72a51ee52fbbb278e131ce2a43f",
         "BSD-3-Clause",
+        "Copyright (c) 2022, DFKI RIC Underactuated Robotics Lab",
     ),
     Repository(
-        "DAIRLab", "contact-nets", "c3dc21c94577ff4ed99123f0b00bfe57bb2d1d90", "BSD-3-Clause"
+        "DAIRLab",
+        "contact-nets",
+        "c3dc21c94577ff4ed99123f0b00bfe57bb2d1d90",
+        "BSD-3-Clause",
+        "Copyright (c) 2020, Dynamic Autonomy and Intelligent Robotics Lab",
     ),
 )
 
@@ -86,11 +96,13 @@ def source_files(repository: Repository, folder: str = "") -> list[SourceFile]:
 
 
 def source_file(repository: Repository, path: str) -> SourceFile:
-    """Return one listed file; ValueError lists nothing but says which is missing."""
+    """Return one listed file; ValueError if it is not listed."""
     for file in source_files(repository, path):
         if file.path == path:
             return file
-    raise ValueError(f"{repository.name}/{path} is not in {LIST.name}")
+    raise ValueError(
+        f"{repository.name}/{path} is not in {LIST.name}: add it there with its sha256"
+    )
 
 
 def fetch(data: Path) -> None:

@@ -70,19 +70,28 @@ def _placement(opcodes: list[tuple[str, Any]]) -> tuple[int, tuple[int, ...], tu
     names = [name for name, _ in opcodes]
     begin = names.index("BINPERSID") + 1
     end = names.index("NEWFALSE", begin)
-    runs: list[tuple[int, ...]] = []
-    integers: list[int] = []
+    stack: list[Any] = []
     for name, argument in opcodes[begin:end]:
         if name.startswith("BININT"):
-            integers.append(argument)
-        elif name.startswith("TUPLE") or name == "MARK":
-            runs.append(tuple(integers))
-            integers = []
-    numbers = [run for run in runs if run]
-    if len(numbers) != 2:
-        raise ValueError("a tensor without a shape and strides")
-    offset, *shape = numbers[0]
-    return offset, tuple(shape), numbers[1]
+            stack.append(argument)
+        elif name == "MARK":
+            stack.append(None)
+        elif name.startswith("TUPLE"):
+            first = _tuple_begin(name, stack)
+            members = tuple(member for member in stack[first:] if member is not None)
+            stack[first:] = [members]
+        else:
+            raise ValueError(f"{name} where a tensor's shape should be")
+    if [type(entry) for entry in stack] != [int, tuple, tuple]:
+        raise ValueError("a tensor without an offset, a shape and strides")
+    return stack[0], stack[1], stack[2]
+
+
+def _tuple_begin(name: str, stack: list[Any]) -> int:
+    """Return where on the stack the members of a tuple begin: TUPLE1 to TUPLE3 say how many, TUPLE goes back to a mark."""
+    if name == "TUPLE":
+        return len(stack) - 1 - stack[::-1].index(None)
+    return len(stack) - int(name.removeprefix("TUPLE"))
 
 
 def _row_major(shape: tuple[int, ...]) -> tuple[int, ...]:
