@@ -7,7 +7,7 @@ from pathlib import Path
 from neuroanimator.files.atomic import write_whole
 from real_recordings_cases.cases import CASES, Case
 from real_recordings_cases.runs import Run, write_recording
-from real_recordings_cases.source_files import REPOSITORIES
+from real_recordings_cases.source_files import REPOSITORIES, source_file
 
 ROWS = 600
 """Number of samples of a pendulum's motion: 3 s."""
@@ -30,7 +30,7 @@ def write_excerpts(folder: Path, data: Path) -> None:
             training, _ = case.read(data)
             runs = _beginning(case, training)
             write_recording(folder / EXCERPTS[case.name], runs, case.columns, case.dt)
-    write_whole(folder / "LICENCES.txt", _licences().encode())
+    write_whole(folder / "LICENCES.txt", _licences(data).encode())
 
 
 def _beginning(case: Case, runs: list[Run]) -> list[Run]:
@@ -40,14 +40,12 @@ def _beginning(case: Case, runs: list[Run]) -> list[Run]:
     return [Run(first.name, first.states[:ROWS], first.controls[:ROWS])]
 
 
-def _licences() -> str:
-    lines = [
-        "Excerpts of recordings published by others, resampled and renamed; not part of this project.",
-        "",
+def _licences(data: Path) -> str:
+    parts = [
+        "Excerpts of recordings published by others, resampled and renamed; not part of this project."
     ]
     for repository in REPOSITORIES:
-        place = f"github.com/{repository.owner}/{repository.name}"
-        lines.append(
-            f"{place} at {repository.commit}: {repository.licence}, {repository.copyright}"
-        )
-    return "\n".join(lines) + "\n"
+        place = f"github.com/{repository.owner}/{repository.name} at {repository.commit}"
+        text = source_file(repository, "LICENSE").read(data).decode()
+        parts.append(f"{place}, {repository.licence}:\n\n{text.strip()}")
+    return "\n\n\n".join(parts) + "\n"

@@ -28,7 +28,6 @@ class Repository(NamedTuple):
     name: str
     commit: str
     licence: str
-    copyright: str
 
     def address(self, path: str) -> str:
         """Return the public address of a file."""
@@ -42,21 +41,18 @@ REPOSITORIES = (
         "MultiArm-Pendulum",
         "e99a7e13fe2adc8fc647321a156b6cb59a48a698",
         "MIT",
-        "Copyright (c) 2022, dynamicslab",
     ),
     Repository(
         "dfki-ric-underactuated-lab",
         "double_pendulum",
         "1e8544e67f3da72a51ee52fbbb278e131ce2a43f",
         "BSD-3-Clause",
-        "Copyright (c) 2022, DFKI RIC Underactuated Robotics Lab",
     ),
     Repository(
         "DAIRLab",
         "contact-nets",
         "c3dc21c94577ff4ed99123f0b00bfe57bb2d1d90",
         "BSD-3-Clause",
-        "Copyright (c) 2020, Dynamic Autonomy and Intelligent Robotics Lab",
     ),
 )
 
