@@ -1,0 +1,149 @@
+"""Held against the real world: pendulums, a robot and tossed cubes as recorded; results/real_recordings.csv.
+
+python benchmarks/real_recordings.py --data FOLDER           with a folder of checkouts of the authors' files
+python benchmarks/real_recordings.py --data FOLDER --fetch   puts those that are missing there first
+python benchmarks/real_recordings.py --data FOLDER --quick   one case, no fit; writes no file
+python benchmarks/real_recordings.py --data FOLDER --rows b  some of the rows; the others' lines stay as they are
+python benchmarks/real_recordings.py --data FOLDER --write RECORDINGS   only writes them as recordings of this project
+python benchmarks/real_recordings.py --data FOLDER --excerpts EXCERPTS  only writes a few seconds of each, with licences
+
+Rows: (a) physics with the authors' own parameters, (b) physics with ours, (f) persistence, constant velocity and a linear
+model; (n) what noise in the measured starts alone makes of (a), a lower bound of every error. Every method begins at the
+same measured states of unseen motion. What each error is: real_recordings_cases/errors.py; which runs are unseen: the
+modules that read them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from pathlib import Path
+from typing import Any
+
+from real_recordings_cases.cases import CASES, Case, windows
+from real_recordings_cases.errors import error_rows
+from real_recordings_cases.excerpts import write_excerpts
+from real_recordings_cases.fitted_physics import fitted_physics
+from real_recordings_cases.lyapunov import lyapunov_time
+from real_recordings_cases.methods import FREE_METHODS, Method, start_noise
+from real_recordings_cases.runs import write_recording
+from real_recordings_cases.source_files import fetch
+
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.terminal import print_table
+
+TABLE = Path(__file__).parent / "results" / "real_recordings.csv"
+
+METHODS: dict[str, tuple[str, Method]] = FREE_METHODS | {
+    "physics, fitted by us": ("b", fitted_physics),
+}
+"""By its name, each method's row of the table and the function that makes it."""
+
+NOISE_ROW = "n"
+
+ALL_ROWS = "".join(sorted({row for row, _ in METHODS.values()} | {NOISE_ROW}))
+
+QUICK_ROWS = "afn"
+"""Rows of a quick run: nothing is fitted."""
+
+FIGURES = (
+    "making_s",
+    "predicting_s",
+    "iterations",
+    "rollouts",
+    "cost_before",
+    "cost_after",
+    "at_bounds",
+    "fitted",
+)
+"""Cells that say what a method took; empty where they have no meaning."""
+
+
+def rows_of(case: Case, data: Path, rows_told: str) -> list[dict[str, Any]]:
+    """Return a case's lines of the table, of those rows alone, such as "af"."""
+    training, unseen_runs = case.read(data)
+    unseen = windows(case, unseen_runs)
+    lyapunov: float | str = ""
+    if not case.is_cube:
+        lyapunov = lyapunov_time(case, unseen)
+    rows = []
+
+    def tell(row: str, method: str, states: Any, figures: dict[str, Any]) -> None:
+        for line in error_rows(case, unseen, states):
+            cells = {name: figures.get(name, "") for name in FIGURES}
+            head = {"case": case.name, "row": row, "method": method}
+            rows.append(head | line | {"lyapunov_s": lyapunov} | cells)
+
+    for name, (row, method) in METHODS.items():
+        if row not in rows_told:
+            continue
+        began = time.perf_counter()
+        prediction = method(case, training)
+        made = time.perf_counter()
+        states = prediction.predict(unseen.starts, unseen.controls)
+        seconds = {"making_s": made - began, "predicting_s": time.perf_counter() - made}
+        tell(row, name, states, seconds | prediction.figures)
+    if unseen.halves is not None and NOISE_ROW in rows_told:
+        tell(NOISE_ROW, "noise of the starts", start_noise(case, unseen), {})
+    return rows
+
+
+def keep(rows: list[dict[str, Any]]) -> None:
+    """Write `rows` into the table, in place of older lines of the same case, method and measure."""
+    kept: dict[tuple[str, ...], dict[str, Any]] = {}
+    if TABLE.exists():
+        lines = TABLE.read_text(encoding="utf-8").splitlines()[1:]
+        for line in csv.DictReader(lines):
+            if [*line] == [*rows[0]]:
+                kept[_key(line)] = line
+    for row in rows:
+        kept[_key(row)] = row
+    cases = [case.name for case in CASES]
+    write_csv(TABLE, sorted(kept.values(), key=lambda row: (cases.index(row["case"]), row["row"])))
+
+
+def _key(row: dict[str, Any]) -> tuple[str, ...]:
+    return row["case"], row["row"], row["method"], row["measure"]
+
+
+def write_recordings(folder: Path, data: Path) -> None:
+    """Write the training and the unseen part of every case as recordings of this project."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for case in CASES:
+        stem = case.name.replace(",", "").replace(" ", "_")
+        training, unseen = case.read(data)
+        write_recording(folder / f"{stem}_training.csv", training, case.columns, case.dt)
+        write_recording(folder / f"{stem}_unseen.csv", unseen, case.columns, case.dt)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True, help="folder of checkouts")
+    parser.add_argument("--fetch", action="store_true", help="get files that are missing there")
+    parser.add_argument("--quick", action="store_true", help="one case, no fit; writes no file")
+    parser.add_argument("--rows", default=ALL_ROWS, help="letters of the rows to measure")
+    parser.add_argument("--write", type=Path, help="write the recordings into this folder")
+    parser.add_argument("--excerpts", type=Path, help="write excerpts into this folder")
+    arguments = parser.parse_args()
+    if arguments.fetch:
+        fetch(arguments.data)
+    if arguments.write is not None:
+        write_recordings(arguments.write, arguments.data)
+    if arguments.excerpts is not None:
+        write_excerpts(arguments.excerpts, arguments.data)
+    if arguments.write is not None or arguments.excerpts is not None:
+        return
+    cases = CASES[:1] if arguments.quick else CASES
+    rows_told = QUICK_ROWS if arguments.quick else arguments.rows
+    for case in cases:
+        lines = rows_of(case, arguments.data, rows_told)
+        print_table(lines)
+        if not arguments.quick:
+            keep(lines)
+    print(describe_machine())
+
+
+if __name__ == "__main__":
+    main()
