@@ -7,7 +7,9 @@ python benchmarks/real_recordings.py --data FOLDER --rows b  some of the rows; t
 python benchmarks/real_recordings.py --data FOLDER --write RECORDINGS   only writes them as recordings of this project
 python benchmarks/real_recordings.py --data FOLDER --excerpts EXCERPTS  only writes a few seconds of each, with licences
 
-Rows: (a) physics with the authors' own parameters, (b) physics with ours, (f) persistence, constant velocity and a linear
+Rows: (a) physics with the authors' own parameters, (b) physics with ours, fitted by finite differences and through the emulator of
+a family, (c) that emulator at these parameters, (d) the same after it has learnt from the training part, (e) a network of the
+training part alone, (f) persistence, constant velocity and a linear
 model; (n) what noise in the measured starts alone makes of (a), a lower bound of every error. Every method begins at the
 same measured states of unseen motion. What each error is: real_recordings_cases/errors.py; which runs are unseen: the
 modules that read them.
@@ -24,6 +26,13 @@ from typing import Any
 from real_recordings_cases.cases import CASES, Case, windows
 from real_recordings_cases.errors import error_rows
 from real_recordings_cases.excerpts import write_excerpts
+from real_recordings_cases.families import (
+    fine_tuned_emulator,
+    identified_emulator,
+    identified_physics,
+    of_chains,
+    recording_alone,
+)
 from real_recordings_cases.fitted_physics import fitted_physics
 from real_recordings_cases.lyapunov import lyapunov_time
 from real_recordings_cases.methods import FREE_METHODS, Method, start_noise
@@ -38,6 +47,10 @@ TABLE = Path(__file__).parent / "results" / "real_recordings.csv"
 
 METHODS: dict[str, tuple[str, Method]] = FREE_METHODS | {
     "physics, fitted by us": ("b", fitted_physics),
+    "physics, identified": ("b", of_chains(identified_physics)),
+    "emulator, identified": ("c", of_chains(identified_emulator)),
+    "emulator, fine-tuned": ("d", of_chains(fine_tuned_emulator)),
+    "recording alone": ("e", of_chains(recording_alone)),
 }
 """By its name, each method's row of the table and the function that makes it."""
 
@@ -81,6 +94,8 @@ def rows_of(case: Case, data: Path, rows_told: str) -> list[dict[str, Any]]:
             continue
         began = time.perf_counter()
         prediction = method(case, training)
+        if prediction is None:
+            continue
         made = time.perf_counter()
         states = prediction.predict(unseen.starts, unseen.controls)
         seconds = {"making_s": made - began, "predicting_s": time.perf_counter() - made}
@@ -124,6 +139,7 @@ def main() -> None:
     parser.add_argument("--fetch", action="store_true", help="get files that are missing there")
     parser.add_argument("--quick", action="store_true", help="one case, no fit; writes no file")
     parser.add_argument("--rows", default=ALL_ROWS, help="letters of the rows to measure")
+    parser.add_argument("--cases", default="", help="measure cases whose name has this in it")
     parser.add_argument("--write", type=Path, help="write the recordings into this folder")
     parser.add_argument("--excerpts", type=Path, help="write excerpts into this folder")
     arguments = parser.parse_args()
@@ -136,6 +152,7 @@ def main() -> None:
     if arguments.write is not None or arguments.excerpts is not None:
         return
     cases = CASES[:1] if arguments.quick else CASES
+    cases = [case for case in cases if arguments.cases in case.name]
     rows_told = QUICK_ROWS if arguments.quick else arguments.rows
     for case in cases:
         lines = rows_of(case, arguments.data, rows_told)

@@ -41,7 +41,8 @@ class Prediction:
     """Further cells of the table, such as iterations."""
 
 
-Method = Callable[[Case, list[Run]], Prediction]
+Method = Callable[[Case, list[Run]], Prediction | None]
+"""Returns what predicts, of a case and its training runs; None of a case it has nothing for."""
 
 
 def physics_of_authors(case: Case, training: list[Run]) -> Prediction:

@@ -31,7 +31,7 @@ class Findings(NamedTuple):
     confused: tuple[tuple[str, ...], ...]
     """Names of those of which only a combination is known."""
     at_end: tuple[str, ...]
-    """Names of those whose best value lies at an end of its range."""
+    """Names of those whose best value lies at an end of its range that is not zero, beyond which there may be nothing."""
 
 
 def findings_of(
@@ -46,7 +46,7 @@ def findings_of(
     variances, directions = np.linalg.eigh(scaled)
     is_known = deviations <= KNOWN_SHARE * unknowns.spread
     not_shown: list[str] = []
-    confused: list[tuple[str, ...]] = []
+    confused: list[list[str]] = []
     for variance, direction in zip(variances, directions.T, strict=True):
         if variance <= KNOWN_SHARE**2:
             continue
@@ -56,14 +56,25 @@ def findings_of(
         if len(parts) == 1:
             not_shown += parts
         elif parts:
-            confused.append(tuple(parts))
-    room = AT_END * (unknowns.high - unknowns.low)
-    is_at_end = (values < unknowns.low + room) | (values > unknowns.high - room)
+            _join(confused, parts)
+    low, high = np.array(unknowns.ends).T
+    room = AT_END * (high - low)
+    is_at_end = ((values < low + room) & (low != 0)) | ((values > high - room) & (high != 0))
     at_end = [name for name, is_there in zip(unknowns.names, is_at_end, strict=True) if is_there]
     return Findings(
         deviations=deviations,
         is_known=tuple(bool(known) for known in is_known),
         not_shown=tuple(dict.fromkeys(not_shown)),
-        confused=tuple(dict.fromkeys(confused)),
+        confused=tuple(tuple(sorted(group)) for group in confused),
         at_end=tuple(name for name in at_end if name not in not_shown),
     )
+
+
+def _join(groups: list[list[str]], names: list[str]) -> None:
+    """Add `names` to `groups`, together with every group that has one of them."""
+    joined = set(names)
+    for group in [*groups]:
+        if joined & set(group):
+            joined |= set(group)
+            groups.remove(group)
+    groups.append(sorted(joined))

@@ -229,8 +229,8 @@ def _estimates(fit: Fit, findings: Findings, unknowns: Unknowns) -> tuple[Estima
             value=float(fit.values[i]),
             deviation=float(findings.deviations[i]),
             nominal=float(unknowns.nominal[i]),
-            low=float(unknowns.low[i]),
-            high=float(unknowns.high[i]),
+            low=unknowns.ends[i][0],
+            high=unknowns.ends[i][1],
             is_known=findings.is_known[i],
         )
         for i in range(unknowns.size)
@@ -252,9 +252,10 @@ def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
         )
     for name in findings.at_end:
         place = unknowns.names.index(name)
+        low, high = unknowns.ends[place]
         notes.append(
-            f"{name}: its best value lies at the end of its range, {unknowns.low[place]:.4g} to {unknowns.high[place]:.4g} "
-            f"{unknowns.units[place]}. Widen that, and train again."
+            f"{name}: its best value lies at the end of its range, {low:.4g} to {high:.4g} {unknowns.units[place]}. Widen "
+            "that, and train again."
         )
     return notes
 

@@ -34,9 +34,17 @@ class Unknowns:
     """State entries whose measurements have an unknown offset."""
     low: Float[np.ndarray, " G"]
     high: Float[np.ndarray, " G"]
+    """Between which each is looked for: within its range by a little."""
     nominal: Float[np.ndarray, " G"]
     names: tuple[str, ...]
     units: tuple[str, ...]
+
+    @property
+    def ends(self) -> list[tuple[float, float]]:
+        """Least and largest value of each, as people gave them."""
+        ends = [(parameter.low, parameter.high) for parameter in self.parameters]
+        others = slice(len(ends), None)
+        return ends + list(zip(self.low[others].tolist(), self.high[others].tolist(), strict=True))
 
     @property
     def size(self) -> int:

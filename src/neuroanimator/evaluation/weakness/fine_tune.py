@@ -125,20 +125,34 @@ def fine_tune(
 def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
     """Return the recording in a CSV or NPZ file, whose columns are the parts of the emulator's state and control.
 
-    A part of several numbers has a column for each: `state.velocity.0 rad/s`, `state.velocity.1 rad/s`. Raises
-    BadFileError naming the line and the column that is wrong, columns that are missing, and an interval that does
-    not fill a super step.
+    Parameters are no columns: the body is the one that the emulator's rest is of. A part of several numbers has a column
+    for each: `state.velocity.0 rad/s`, `state.velocity.1 rad/s`. Without any column of a control the body was free.
+    Raises BadFileError naming the line and the column that is wrong, columns that are missing, and an interval that
+    does not fill a super step.
     """
     path = Path(path)
     read = READERS.get(path.suffix)
     if read is None:
         raise BadFileError(f"{path}: recordings end in {', '.join(READERS)}.")
     recording = cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
-    state_order = _order(recording, "state", emulator.state, recording.state)
-    control_order = _order(recording, "control", emulator.control, recording.control)
-    states = tuple(unwrapped(run[:, state_order], emulator) for run in recording.states)
-    controls = tuple(run[:, control_order] for run in recording.controls)
+    moving = emulator.state.size - len(emulator.parameter_entries)
+    names = column_names(emulator.state)[:moving]
+    state_order = _order(recording, "state", names, recording.state)
+    controls = tuple(_controls(recording, run, emulator) for run in range(len(recording.states)))
+    body = emulator.rest[moving:]
+    states = tuple(
+        unwrapped(np.hstack([run[:, state_order], np.tile(body, (len(run), 1))]), emulator)
+        for run in recording.states
+    )
     return RecordedRuns(recording.file, states, controls, _substeps(recording, emulator.dt))
+
+
+def _controls(recording: Recording, run: int, emulator: Emulator) -> Float[np.ndarray, "_ C"]:
+    """Return the controls of a run; those of rest where the recording has none, as of a free swing."""
+    if not recording.control:
+        return np.tile(emulator.bounds.idle, (len(recording.states[run]), 1))
+    order = _order(recording, "control", column_names(emulator.control), recording.control)
+    return recording.controls[run][:, order]
 
 
 def column_names(layout: Layout) -> list[str]:
@@ -186,11 +200,10 @@ def _evenly(runs: Runs, count: int) -> Runs:
 
 
 def _order(
-    recording: Recording, vector: str, layout: Layout, columns: tuple[tuple[str, str], ...]
+    recording: Recording, vector: str, wanted: list[str], columns: tuple[tuple[str, str], ...]
 ) -> list[int]:
-    """Return which column holds each number of a state or a control."""
+    """Return which column holds each of the `wanted` numbers of a state or a control."""
     present = [f"{name} {unit}" for name, unit in columns]
-    wanted = column_names(layout)
     missing = [name for name in wanted if name not in present]
     extra = [name for name in present if name not in wanted]
     if missing or extra:

@@ -164,6 +164,14 @@ def _write_mass(model: mujoco.MjModel, number: int, index: int, value: float) ->
     model.body_mass[number] = value
 
 
+def _read_factor(model: mujoco.MjModel, number: int, index: int) -> float:
+    return 1.0
+
+
+def _write_inertia_factor(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+    model.body_inertia[number] *= value
+
+
 def _read_kp(model: mujoco.MjModel, number: int, index: int) -> float:
     return float(model.actuator_gainprm[number, 0])
 
@@ -181,10 +189,6 @@ def _read_kv(model: mujoco.MjModel, number: int, index: int) -> float:
 
 def _write_kv(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
     model.actuator_biasprm[number, 2] = -value
-
-
-def _read_scale(model: mujoco.MjModel, number: int, index: int) -> float:
-    return 1.0
 
 
 def _write_scale(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
@@ -217,9 +221,10 @@ def _subtree(model: mujoco.MjModel, body: int) -> list[int]:
 ATTRIBUTES: dict[str, dict[str, Attribute]] = {
     "body": {
         "mass": Attribute("kg", LEAST, 1, 0, _read_mass, _write_mass),
-        "scale": Attribute("1", LEAST, 1, 0, _read_scale, _write_scale),
+        "scale": Attribute("1", LEAST, 1, 0, _read_factor, _write_scale),
         "pos": _field("body_pos", "m", count=3, default=None),
         "ipos": _field("body_ipos", "m", count=3, default=None),
+        "inertia_factor": Attribute("1", LEAST, 1, 0, _read_factor, _write_inertia_factor),
         "inertia": _field("body_inertia", "kg·m²", LEAST, count=3, default=None),
         "gravcomp": _field("body_gravcomp", "1"),
     },
@@ -256,7 +261,7 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
 }
 """Attributes that can be parameters, by element."""
 
-ORDER = ("scale", "mass")
+ORDER = ("scale", "mass", "inertia_factor")
 """Attributes that are set before all others, as they change others as well."""
 
 
