@@ -77,7 +77,7 @@ def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules
     task = task_of(definition, toml.name)
     trust_files(toml)
     system = load_system(str(toml))
-    rules = locomotion_rules(task, system.structure, system.rest)
+    rules = locomotion_rules(task, system.structure, system.rest, system.parameters)
     return system, rules, first_emulator(name, definition, task, folder / "run", seed)
 
 

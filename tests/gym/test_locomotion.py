@@ -11,6 +11,7 @@ import pytest
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.control.planning.environments import mujoco_state
 from neuroanimator.gym.locomotion import gymnasium_task, locomotion_rules
+from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.segments import Position, Quaternion
 from neuroanimator.state.structure import Structure
 
@@ -56,3 +57,16 @@ def test_a_task_pays_and_ends_what_its_environment_does(env_id: str):
 def test_an_environment_that_pays_for_something_else_is_refused():
     with pytest.raises(NeuroAnimatorError, match="EpisodeRules"):
         gymnasium_task("Reacher-v5")
+
+
+def test_episodes_of_a_family_begin_with_bodies_of_it():
+    task = gymnasium_task("Hopper-v5")
+    mass = Parameter(name="mass", unit="kg", low=2.0, high=4.0, nominal=3.0)
+    rest = np.append(np.zeros(12), 3.0)
+    rules = locomotion_rules(task, Structure((), (), ()), rest, (mass,))
+    assert rules.draw_start is not None
+    rng = np.random.default_rng(0)
+    starts = np.stack([rules.draw_start(rng) for _ in range(200)])
+    assert starts[:, -1].min() < 2.1
+    assert starts[:, -1].max() > 3.9
+    assert np.abs(starts[:, :-1]).max() <= task.reset_noise

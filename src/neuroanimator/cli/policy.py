@@ -87,7 +87,7 @@ def run(
         task = task_of(definition, system)
         trust_files(system)
         body = load_system(system)
-        rules = locomotion_rules(task, body.structure, body.rest)
+        rules = locomotion_rules(task, body.structure, body.rest, body.parameters)
     began = time.monotonic()
     if emulator is None:
         leaps = first_emulator(name, definition, task, out, seed)

@@ -40,7 +40,7 @@ def policy_motion(
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it)."""
     policy, system, task = _loaded(path, toml)
-    rules = locomotion_rules(task, system.structure, system.rest)
+    rules = locomotion_rules(task, system.structure, system.rest, system.parameters)
     steps = task.steps
     if seconds is not None:
         if not policy.dt <= seconds <= task.steps * policy.dt:
@@ -67,14 +67,18 @@ def evaluate_policy(
     if not 1 <= episodes <= MAX_EPISODES:
         raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
     policy, system, task = _loaded(path, toml)
-    rules = locomotion_rules(task, system.structure, system.rest)
+    rules = locomotion_rules(task, system.structure, system.rest, system.parameters)
     where = task.environment or "the physics"
     with phase(f"{episodes} episodes in {where}"):
+        stepper = physics_stepper(system, system.scheme, policy.dt)
         if task.environment:
             returns = environment_returns(policy, task.environment, episodes, seed)
         else:
-            stepper = physics_stepper(system, system.scheme, policy.dt)
             returns = returns_of(policy, stepper, rules, episodes, seed)
+    of_family = None
+    if task.environment and system.parameters:
+        with phase(f"{episodes} episodes of random bodies"):
+            of_family = returns_of(policy, stepper, rules, episodes, seed)
     with phase(f"{episodes} episodes in the emulator"):
         leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
         inside = returns_of(policy, leaps, rules, episodes, seed)
@@ -85,6 +89,9 @@ def evaluate_policy(
         ("least, most", f"{returns.min():.0f}, {returns.max():.0f}"),
         ("in the emulator", f"{inside.mean():.0f}"),
     ]
+    if of_family is not None:
+        shown = f"{of_family.mean():.0f}, {of_family.min():.0f} to {of_family.max():.0f}"
+        rows.append(("random bodies of the family", shown))
     if report:
         from neuroanimator.evaluation.policy_report import write_policy_report  # with Matplotlib
 
@@ -100,6 +107,8 @@ def evaluate_policy(
             "largest_return": float(returns.max()),
             "mean_return_inside": float(inside.mean()),
         }
+        if of_family is not None:
+            found["mean_return_of_family"] = float(of_family.mean())
         print(dumps(found, indent=2))
         return
     if report:

@@ -109,19 +109,21 @@ def environment_returns(
 ) -> Float[np.ndarray, " B"]:
     """Return the returns of whole episodes in Gymnasium's environment `env_id` itself, without noise.
 
-    Raises ArgumentError for an id that is none of its MuJoCo environments', and for one of another body.
+    Its body has the parameters of the policy's state of rest, where that is of a family. Raises ArgumentError for an id
+    that is none of its MuJoCo environments', and for one of another body.
     """
     # Refuses other ids: that of a file may name a module, which `make` would import.
     mjcf_of(env_id)
     environment: Any = gymnasium.make(env_id)
     check_actions(policy.emulator, environment)
+    parameters = policy.emulator.rest[list(policy.emulator.parameter_entries)]
     returns = []
     for episode in range(episodes):
         observation, _ = environment.reset(seed=seed + episode)
         total = 0.0
         is_over = False
         while not is_over:
-            read = mujoco_state(environment, observation)
+            read = np.append(mujoco_state(environment, observation), parameters)
             state = policy.emulator.state.check(read, env_id)
             action = np.asarray(_controls(policy, as_jax(state[None])))[0]
             observation, reward, is_terminated, is_truncated, _ = environment.step(action)

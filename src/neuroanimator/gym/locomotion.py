@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.models import default_of
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.parameters import Parameter, draw_parameters
 from neuroanimator.state.structure import Structure
 
 FREE_ROOT = 7
@@ -64,11 +66,15 @@ def _limits(env_id: str, argument: str) -> tuple[float, float]:
 
 
 def locomotion_rules(
-    task: TaskTable, structure: Structure, rest: Float[np.ndarray, " S"]
+    task: TaskTable,
+    structure: Structure,
+    rest: Float[np.ndarray, " S"],
+    parameters: Sequence[Parameter] = (),
 ) -> EpisodeRules:
     """Return the rules of `task` for a MuJoCo model whose first coordinates are its root's: x, z and pitch, or a free joint's.
 
-    Episodes begin near `rest`. Rewards and endings take NumPy's arrays and JAX's alike.
+    Episodes begin near `rest`, each with a body of the family that `parameters` describe. Rewards and endings take NumPy's
+    arrays and JAX's alike.
     """
     is_free = any(entry == FREE_ROOT - 4 for entry, _ in structure.orientations)
     height_entry = 2 if is_free else 1
@@ -103,7 +109,10 @@ def locomotion_rules(
 
     def draw_start(rng: np.random.Generator) -> Float[np.ndarray, " S"]:
         start = np.array(rest, float)
-        start += rng.uniform(-task.reset_noise, task.reset_noise, len(start))
+        moving = len(start) - len(parameters)
+        start[:moving] += rng.uniform(-task.reset_noise, task.reset_noise, moving)
+        if parameters:
+            start[moving:] = draw_parameters(parameters, rng, 1)[0]
         if is_free:
             start[3:FREE_ROOT] /= np.linalg.norm(start[3:FREE_ROOT])
         return start

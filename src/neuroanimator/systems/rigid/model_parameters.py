@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
+from threading import Lock
 from typing import NamedTuple
 
 import mujoco
@@ -55,6 +56,12 @@ SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 
 LEAST = 1e-9
 """Least mass, inertia or length of a body, in SI units."""
+
+MAX_KEPT = 1024
+"""Maximum number of models of bodies that are kept."""
+
+KEPT_BYTES = 2**27
+"""Maximum number of bytes of theirs."""
 
 MAX_CORNERS = 10
 """Maximum number of parameters of one element whose ends are tried in all combinations."""
@@ -271,6 +278,9 @@ class Family:
     def __init__(self, model: mujoco.MjModel, tables: Mapping[str, ParameterTable]):
         """Raises ArgumentError for an element or attribute that is not there, and for ends that make no possible body."""
         self.model = model
+        self._kept: dict[tuple[bytes, float, int], mujoco.MjModel] = {}
+        self._data = mujoco.MjData(model)
+        self._lock = Lock()
         self.parameters: tuple[Parameter, ...] = ()
         self._targets: list[Target] = []
         for name, table in tables.items():
@@ -285,11 +295,22 @@ class Family:
     def model_at(
         self, values: Float[np.ndarray, " P"], like: mujoco.MjModel | None = None
     ) -> mujoco.MjModel:
-        """Return a copy of the model, or of one `like` it, in which parameters have these values."""
-        model = (like or self.model).__copy__()
-        self._write(model, values)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-        return model
+        """Return a copy of the model, or of one `like` it but for its step, in which parameters have these values.
+
+        Nothing may be changed in it: it is kept for the next time, as bodies of an episode are asked for at every step.
+        """
+        model = like or self.model
+        key = (values.tobytes(), model.opt.timestep, model.opt.integrator)
+        with self._lock:
+            kept = self._kept.get(key)
+            if kept is None:
+                kept = model.__copy__()
+                self._write(kept, values)
+                mujoco.mj_setConst(kept, self._data)
+                if len(self._kept) >= min(MAX_KEPT, KEPT_BYTES // model.nbuffer):
+                    self._kept.clear()
+                self._kept[key] = kept
+            return kept
 
     def _write(self, model: mujoco.MjModel, values: Sequence[float] | np.ndarray) -> None:
         for place in self._order:
