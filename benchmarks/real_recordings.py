@@ -9,9 +9,10 @@ python benchmarks/real_recordings.py --data FOLDER --excerpts EXCERPTS  only wri
 
 Rows: (a) physics with the authors' own parameters; (b) physics with ours, fitted by finite differences, and through the
 emulator of a family; (c) that emulator at these parameters; (d) the same after it has learnt from the training part; (e) a
-network of the training part alone; (f) persistence, constant velocity and a linear model; (n) what noise in the measured starts alone makes of (a), a lower bound of every error. Every method begins at the
-same measured states of unseen motion. What each error is: real_recordings_cases/errors.py; which runs are unseen: the
-modules that read them.
+network of the training part alone; (f) persistence, constant velocity and a linear model;
+(n) what noise in the measured starts alone makes of (a), a lower bound of every error. Every method begins at the same
+measured states of unseen motion. What each error is: real_recordings_cases/errors.py; which runs are unseen: the modules
+that read them.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -20,16 +20,18 @@ from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
 from neuroanimator.control.descent.options import DescentOptions, check_steps
-from neuroanimator.control.descent.parametrisation import Parametrisation
-from neuroanimator.control.descent.problem import Problem
+from neuroanimator.control.descent.parametrisation import NEARLY_ALL, Parametrisation
+from neuroanimator.control.descent.problem import Problem, VariedParameters
 from neuroanimator.control.objective.feasibility import check_reachable
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.objective_cost import check_objective
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.arrays import as_float32, as_parameter
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import phase
+from neuroanimator.text import listed, quoted
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class Descent:
     """(K, T, C) what every start came to, the best first."""
     candidate_costs: np.ndarray
     """(K,) J on the emulator of each."""
+    candidate_starts: np.ndarray
+    """(K, S) where the motion of each begins: with the parameters found, if some were varied."""
     is_diverged: bool = False
     """Whether J or its slope stopped being finite; the best before that is kept."""
 
@@ -75,7 +79,38 @@ def descend(
         check_reachable(objective, emulator, state, steps)
     problem = pose_problem(emulator, objective, parametrisation, state, options.defects)
     guesses = first_guesses(emulator, parametrisation, options)
+    if options.varied:
+        varied = vary_parameters(emulator, options.varied)
+        problem = replace(problem, varied=varied)
+        first = guess_parameters(varied, state, len(guesses), options.seed)
+        guesses = np.concatenate([guesses, first], axis=1)
     return _descend(problem, guesses, options)
+
+
+def vary_parameters(emulator: Emulator, names: Sequence[str]) -> VariedParameters:
+    """Return how the parameters called `names` are varied: over the ranges of training. ArgumentError lists those there are."""
+    known = {p.name: number for number, p in enumerate(emulator.parameters)}
+    for name in names:
+        if name not in known:
+            raise ArgumentError(
+                f"varied: no parameter called {quoted(name)}. Parameters: {listed(known) or 'none'}."
+            )
+    chosen = [emulator.parameters[known[name]] for name in names]
+    return VariedParameters(
+        entries=tuple(emulator.parameter_entries[known[name]] for name in names),
+        middle=as_parameter(np.array([(p.high + p.low) / 2 for p in chosen])),
+        half=as_parameter(np.array([(p.high - p.low) / 2 for p in chosen])),
+    )
+
+
+def guess_parameters(
+    varied: VariedParameters, start: Float[np.ndarray, " S"], count: int, seed: int
+) -> Float[np.ndarray, "K P"]:
+    """Return what stands for the parameters of `count` first guesses: those of `start`, and then random ones."""
+    values = start[list(varied.entries)]
+    shares = (values - np.asarray(varied.middle)) / np.asarray(varied.half)
+    others = np.random.default_rng([seed, FIRST_GUESSES]).uniform(-1, 1, (count - 1, len(shares)))
+    return np.arctanh(np.clip(np.vstack([shares, others]), -NEARLY_ALL, NEARLY_ALL))
 
 
 def pose_problem(
@@ -133,10 +168,16 @@ def _descend(
     best_zs = np.stack([start.best for start in starts])
     seconds = time.perf_counter() - began - evaluator.compile_seconds
     with phase("compiling"):
-        candidates = controls_of(problem.parametrisation, best_zs)
+        candidates = controls_of(
+            problem.parametrisation, best_zs[:, : problem.parametrisation.size]
+        )
     costs = np.array([start.least for start in starts])
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     best = order[0]
+    begins = np.repeat(np.asarray(problem.start, float)[None], len(best_zs), axis=0)
+    if problem.varied is not None:
+        ws = as_float32(best_zs[:, problem.parametrisation.size :])
+        begins = np.array([problem.varied.put(problem.start, w) for w in ws], float)
     return Descent(
         method=options.method,
         controls=candidates[best],
@@ -146,6 +187,7 @@ def _descend(
         seconds=seconds,
         candidates=candidates[order],
         candidate_costs=costs[order],
+        candidate_starts=begins[order],
         is_diverged=starts[best].is_diverged,
     )
 
@@ -211,7 +253,7 @@ def controls_in_jax(
 
 def evaluator_of(problem: Problem) -> Evaluator:
     """Return what evaluates `problem`, by the `backend`."""
-    if backend() != "jax":
+    if backend() != "jax" and problem.varied is None:
         in_c = c_evaluator(problem)
         if in_c is not None:
             return in_c

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.defects import rollout_with_defects
@@ -32,6 +33,20 @@ class Linearised(NamedTuple):
     """J at z."""
 
 
+class VariedParameters(eqx.Module):
+    """Parameters of a body that a descent varies beside its controls: middle + half · tanh(w), within their ranges."""
+
+    entries: tuple[int, ...] = eqx.field(static=True)
+    """State entries of the parameters."""
+    middle: Float[AnyArray, " P"]
+    half: Float[AnyArray, " P"]
+
+    def put(self, start: Float[AnyArray, " S"], w: Float[AnyArray, " P"]) -> Float[Array, " S"]:
+        """Return the start of a body with the parameters of `w`."""
+        values = self.middle + jnp.tanh(w) * self.half
+        return jnp.asarray(start, w.dtype).at[np.array(self.entries)].set(values)
+
+
 class Problem(eqx.Module):
     """z (Z,) → controls → emulated trajectory → J. For use inside jit, grad and vmap."""
 
@@ -42,11 +57,21 @@ class Problem(eqx.Module):
     defects: Float[AnyArray, "T V"]
     """Added to the super steps: see `find_defects`."""
     control_scale: Float[AnyArray, " C"]
+    varied: VariedParameters | None = None
+    """What of the body is varied, too: the last numbers of z; None if nothing is."""
 
     def trajectory(self, z: Float[Array, " Z"]) -> Trajectory:
         """Return the emulated motion under the controls of z."""
-        controls = self.parametrisation.controls(z)
-        return self._trajectory(self._rollout(controls), controls)
+        controls = self._controls(z)
+        start = self.start
+        if self.varied is not None:
+            start = self.varied.put(start, z[self.parametrisation.size :])
+        return self._trajectory(start, self._rollout(start, controls), controls)
+
+    def _controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+        if self.varied is not None:
+            z = z[: self.parametrisation.size]
+        return self.parametrisation.controls(z)
 
     def cost(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
         """Return J."""
@@ -60,7 +85,7 @@ class Problem(eqx.Module):
             return of_states.residuals(self.trajectory(z))
 
         def of_effort(z: Array) -> Array:
-            controls = self.parametrisation.controls(z)
+            controls = self._controls(z)
             motion = Trajectory(self.start[None], controls, self.control_scale, self.emulator.dt)
             return of_controls.residuals(motion)
 
@@ -83,13 +108,18 @@ class Problem(eqx.Module):
     def _extra(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
         return self.objective.extra(self.trajectory(z))
 
-    def _rollout(self, controls: Float[Array, "T C"]) -> Float[Array, "T+1 I"]:
+    def _rollout(
+        self, start: Float[AnyArray, " S"], controls: Float[Array, "T C"]
+    ) -> Float[Array, "T+1 I"]:
         # Traced once, however often a program follows the emulator.
-        latent = self.emulator.encode(self.start)
+        latent = self.emulator.encode(start)
         return call_compiled(rollout_with_defects, self.emulator, latent, controls, self.defects)
 
     def _trajectory(
-        self, latent: Float[Array, "T1 I"], controls: Float[Array, "T C"]
+        self,
+        start: Float[AnyArray, " S"],
+        latent: Float[Array, "T1 I"],
+        controls: Float[Array, "T C"],
     ) -> Trajectory:
-        states = jnp.concatenate([self.start[None], self.emulator.decode(latent[1:])])
+        states = jnp.concatenate([start[None], self.emulator.decode(latent[1:])])
         return Trajectory(states, controls, self.control_scale, self.emulator.dt)
