@@ -26,12 +26,12 @@ from typing import Any
 
 from classic_cases.learning import learning_rows
 from classic_cases.motion_spectra import spectrum_rows
-from classic_cases.page import read_rows, tables
+from classic_cases.page import tables
 from classic_cases.pictures import PICTURES
 from classic_cases.race import race_rows
 from classic_cases.sensitivity import map_rows, sensitivity_rows, summary_rows
 from classic_cases.super_steps import super_step_rows
-from classic_cases.surfaces import descent_rows, torque_rows, weight_rows
+from classic_cases.surfaces import curvature_rows, descent_rows, torque_rows, weight_rows
 from classic_cases.units import unit_rows
 
 from neuroanimator.evaluation.csv_table import write_csv
@@ -52,6 +52,10 @@ Measure = Callable[[bool], dict[str, Rows]]
 """Whether it must be quick → the rows of each table."""
 
 
+def _weights(is_quick: bool) -> dict[str, Rows]:
+    return {"weights": weight_rows(is_quick), "curvatures": curvature_rows(is_quick)}
+
+
 def _torques(is_quick: bool) -> dict[str, Rows]:
     return {"torques": torque_rows(is_quick), "descents": descent_rows(is_quick)}
 
@@ -66,7 +70,7 @@ PARTS: dict[str, Measure] = {
     "units-dolphin": lambda is_quick: {"units_dolphin": unit_rows("dolphin", is_quick)},
     "super-steps": lambda is_quick: {"super_steps": super_step_rows(is_quick)},
     "spectra": lambda is_quick: {"spectra": spectrum_rows(is_quick)},
-    "weights": lambda is_quick: {"weights": weight_rows(is_quick)},
+    "weights": _weights,
     "torques": _torques,
     "learning": lambda is_quick: {"learning": learning_rows(is_quick)},
     "race": lambda is_quick: {"race": race_rows(is_quick)},

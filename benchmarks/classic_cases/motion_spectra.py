@@ -135,5 +135,7 @@ def band_powers(
     frequencies, density = welch(velocities, fs=1 / dt, nperseg=round(SEGMENT / dt), axis=1)
     total = density.mean(axis=0).sum(axis=1)
     # The integral up to each edge, so that narrow bands need no frequency of their own.
-    integral = np.concatenate([[0.0], np.cumsum((total[1:] + total[:-1]) / 2 * np.diff(frequencies))])
+    integral = np.concatenate(
+        [[0.0], np.cumsum((total[1:] + total[:-1]) / 2 * np.diff(frequencies))]
+    )
     return [float(power) for power in np.diff(np.interp(edges, frequencies, integral))]

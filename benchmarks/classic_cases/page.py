@@ -105,14 +105,17 @@ def super_steps_table() -> str:
         if network == PHYSICS:
             continue
         chosen = [row for row in rows if (row["system"], row["network"]) == (system, network)]
-        (physics,) = (
-            row for row in rows if (row["system"], row["network"]) == (system, PHYSICS)
-        )
+        (physics,) = (row for row in rows if (row["system"], row["network"]) == (system, PHYSICS))
         soon = [figure(row["error_horizon"]) for row in chosen]
         late = [figure(row["error_5s"]) for row in chosen]
         name = f"{system}, {NETWORKS[network]}"
         body.append([name, *soon, *late, figure(physics["error_5s"])])
-    header = ["after 100 physics steps, and after 5 s", "4 × 25", "2 × 50", "1 × 100"]
+    header = [
+        "after 100 physics steps, and after 5 s",
+        "4 of n = 25",
+        "2 of n = 50",
+        "1 of n = 100",
+    ]
     header += ["5 s, n = 25", "n = 50", "n = 100", "physics, n = 1"]
     return markdown(header, body)
 
@@ -153,6 +156,7 @@ def _octave_ratio(rows: Rows, low: float) -> str:
 def weights_table() -> str:
     """Return what the surface of the training error over two weights is like."""
     rows = read_rows("weights")
+    (every,) = read_rows("curvatures")
     errors = _grid(rows, "from_trained_1", "from_trained_2", "error")
     middle = len(errors) // 2
     curvature = rows[0]["curvature_largest"] / rows[0]["curvature_least"]
@@ -161,7 +165,13 @@ def weights_table() -> str:
         ["least on the surface", figure(errors.min())],
         ["largest on the surface", figure(errors.max())],
         ["minima inside it", f"{minima(errors)}"],
-        ["curvature across the valley over that along it", figure(curvature)],
+        ["of these two weights: largest curvature over the least", figure(curvature)],
+        [
+            f"of all {every['weights']:,.0f} weights: largest curvature over the median",
+            f"{every['largest'] / every['median_size']:,.0f}",
+        ],
+        ["of these: curvatures above a hundredth of the largest", f"{every['large']:.0f}"],
+        ["of these: negative ones", f"{every['negative']:.0f}"],
     ]
     return markdown(["root mean square error of training", ""], body)
 
@@ -180,9 +190,7 @@ def torques_table() -> str:
     descents = read_rows("descents")
     last = max(row["iteration"] for row in descents)
     for method in METHODS:
-        ends = [
-            row for row in descents if row["method"] == method and row["iteration"] == last
-        ]
+        ends = [row for row in descents if row["method"] == method and row["iteration"] == last]
         good = sum(row["j_physics"] <= AS_GOOD * true.min() for row in ends)
         worst = max(row["j_physics"] for row in ends)
         found = f"{good} of {len(ends)}, {worst:.0f}"
@@ -255,6 +263,10 @@ def sensitivity_table() -> str:
             cells.append(f"{correlation}, {figure(row[f'error_{name}'])}")
         cells.append(f"{row['correlation_physics_mass']:.4f}")
         body.append(cells)
-    header = ["network: correlation and relative error", "with the physics' own", "with (M + Δt D)⁻¹ Δt"]
+    header = [
+        "network: correlation and relative error",
+        "with the physics' own",
+        "with (M + Δt D)⁻¹ Δt",
+    ]
     header += ["with M⁻¹ Δt", "the physics' own with M⁻¹ Δt"]
     return markdown(header, body)

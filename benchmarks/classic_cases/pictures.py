@@ -43,6 +43,9 @@ OLIVE = "#8a8d2f"
 BY_SUBSTEPS = {25: (BLUE, "o"), 50: (TEAL, "s"), 100: (ORANGE, "^"), 200: (PURPLE, "D")}
 """Colour and marker of each number of physics steps: told apart without colours, too."""
 
+APART = 0.18
+"""Distance of markers side by side."""
+
 MAP = "cividis"
 """Colours of surfaces: told apart by those who do not see red or green."""
 
@@ -108,7 +111,7 @@ def draw_super_steps(path: Path) -> None:
         (soon, "error_horizon", "after 100 physics steps"),
         (late, "error_5s", "after 5 s"),
     ):
-        for substeps, count in ((25, 4), (50, 2), (100, 1)):
+        for number, substeps in enumerate((25, 50, 100)):
             colour, marker = BY_SUBSTEPS[substeps]
             errors = []
             for kind in kinds:
@@ -118,16 +121,15 @@ def draw_super_steps(path: Path) -> None:
                     if (row["system"], row["network"]) == kind and row["substeps"] == substeps
                 )
                 errors.append(row[column])
-            shift = 0.18 * (("25", "50", "100").index(str(substeps)) - 1)
-            label = f"{count} × {substeps}" if axes is soon else f"n = {substeps}"
-            axes.semilogy(
-                np.arange(len(kinds)) + shift, errors, marker, color=colour, label=label
-            )
+            places = np.arange(len(kinds)) + APART * (number - 1)
+            axes.semilogy(places, errors, marker, color=colour, label=f"n = {substeps}")
         names = [f"{name}\n{'1998' if network == CLASSIC else ''}" for name, network in kinds]
-        axes.set_xticks(range(len(kinds)), [name.replace("-", "-\n") for name in names], fontsize="small")
+        axes.set_xticks(
+            range(len(kinds)), [name.replace("-", "-\n") for name in names], fontsize="small"
+        )
         axes.set_title(title)
         axes.grid(axis="y", which="both", alpha=0.2)
-        axes.legend(fontsize="small")
+    soon.legend(fontsize="small")
     soon.set_ylabel("error\n[standard deviations of the\nchange in 100 physics steps]")
     save(figure, path)
 
@@ -140,7 +142,11 @@ def draw_spectra(path: Path) -> None:
         of_network = [row for row in rows if row["network"] == network]
         first = [row for row in of_network if row["substeps"] == 25]
         axes.loglog(
-            _middles(first), _densities(first, "physics"), color="black", linewidth=2.5, label="physics"
+            _middles(first),
+            _densities(first, "physics"),
+            color="black",
+            linewidth=2.5,
+            label="physics",
         )
         for substeps, (colour, marker) in BY_SUBSTEPS.items():
             chosen = [row for row in of_network if row["substeps"] == substeps]
@@ -174,9 +180,7 @@ def _densities(rows: Rows, column: str) -> list[float]:
     return [row[column] / (row["high_hz"] - row["low_hz"]) for row in rows]
 
 
-def _surface(
-    axes: Axes, rows: Rows, first: str, second: str, height: str, levels: int = 14
-) -> Any:
+def _surface(axes: Axes, rows: Rows, first: str, second: str, height: str, levels: int = 14) -> Any:
     """Draw a surface as filled contours, its heights on a logarithmic scale."""
     x = np.array(sorted({row[first] for row in rows}))
     y = np.array(sorted({row[second] for row in rows}))
@@ -194,13 +198,15 @@ def draw_weights(path: Path) -> None:
     figure = Figure(figsize=(5.2, 3.9), layout="constrained")
     axes = figure.add_subplot()
     filled = _surface(axes, rows, "weight_1", "weight_2", "error")
-    (trained,) = (
-        row for row in rows if row["from_trained_1"] == 0 and row["from_trained_2"] == 0
+    (trained,) = (row for row in rows if row["from_trained_1"] == 0 and row["from_trained_2"] == 0)
+    axes.plot(
+        trained["weight_1"], trained["weight_2"], "w*", markersize=13, markeredgecolor="black"
     )
-    axes.plot(trained["weight_1"], trained["weight_2"], "w*", markersize=13, markeredgecolor="black")
     axes.set_xlabel("first weight of a hidden unit")
     axes.set_ylabel("second weight of the same unit")
-    bar = figure.colorbar(filled, ax=axes, label="training error\n[standard deviations of the change]")
+    bar = figure.colorbar(
+        filled, ax=axes, label="training error\n[standard deviations of the change]"
+    )
     _plain_ticks(bar, [row["error"] for row in rows])
     save(figure, path)
 
@@ -208,7 +214,9 @@ def draw_weights(path: Path) -> None:
 def _plain_ticks(bar: Any, heights: list[float]) -> None:
     """Label a colour bar with a few plain numbers."""
     ticks = np.geomspace(min(heights), max(heights), 6)
-    bar.set_ticks(ticks, labels=[f"{tick:,.3g}" if tick < 1000 else f"{tick:,.0f}" for tick in ticks])
+    bar.set_ticks(
+        ticks, labels=[f"{tick:,.3g}" if tick < 1000 else f"{tick:,.0f}" for tick in ticks]
+    )
     bar.minorticks_off()
 
 

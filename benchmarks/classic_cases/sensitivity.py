@@ -40,7 +40,9 @@ def configurations() -> Float[np.ndarray, "N 6"]:
     elbow, wrist = np.meshgrid(angles, angles, indexing="ij")
     shoulder = np.random.default_rng(0).uniform(-np.pi, np.pi, elbow.size)
     still = np.zeros((elbow.size, JOINTS))
-    return np.concatenate([np.stack([shoulder, elbow.ravel(), wrist.ravel()], axis=1), still], axis=1)
+    return np.concatenate(
+        [np.stack([shoulder, elbow.ravel(), wrist.ravel()], axis=1), still], axis=1
+    )
 
 
 def sensitivity_rows(is_quick: bool) -> Rows:
@@ -152,9 +154,7 @@ def summary_rows(rows: Rows) -> Rows:
     summaries = []
     emulators = list(dict.fromkeys((row["network"], row["substeps"]) for row in rows))
     for network, substeps in emulators:
-        chosen = [
-            row for row in rows if row["network"] == network and row["substeps"] == substeps
-        ]
+        chosen = [row for row in rows if row["network"] == network and row["substeps"] == substeps]
         learnt = np.array([row["learnt"] for row in chosen])
         summary: dict[str, Any] = {"network": network, "substeps": substeps}
         for name in ("physics", "mass_damped", "mass"):

@@ -71,9 +71,7 @@ def emulated(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, "B T S"]:
     return np.asarray(rollouts(emulator, test.states[:, 0], controls), float)[:, ::each]
 
 
-def errors_at_moments(
-    test: HeldOut, states: Float[np.ndarray, "B T S"]
-) -> Float[np.ndarray, " 3"]:
+def errors_at_moments(test: HeldOut, states: Float[np.ndarray, "B T S"]) -> Float[np.ndarray, " 3"]:
     """Return errors after one horizon, after 1 s and at the end, over the standard deviation of the change in a horizon."""
     with np.errstate(over="ignore", invalid="ignore"):
         errors = test.relative(test.frame.difference(test.states, states))

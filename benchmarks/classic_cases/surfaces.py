@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 import neuroanimator as na
@@ -32,6 +33,12 @@ SUBSTEPS = 50
 
 EXAMPLES = 2_048
 """Number of transitions of training over which the error of the surface is taken."""
+
+EXAMPLES_OF_CURVATURES = 1_024
+"""Number of transitions of training over which the curvatures are taken."""
+
+LARGE_CURVATURE = 0.01
+"""Share of the largest curvature above which another one counts as large."""
 
 REACH = 6.0
 """Distance to which a weight is varied about its trained value."""
@@ -96,6 +103,38 @@ def weight_rows(is_quick: bool) -> Rows:
                 }
             )
     return rows
+
+
+def curvature_rows(is_quick: bool) -> Rows:
+    """Return one row: how the training error curves in all weights of the trained network."""
+    lesson, networks = classic_networks(SUBSTEPS, is_quick)
+    weights, restored = ravel_pytree(networks[0])
+    count = 32 if is_quick else EXAMPLES_OF_CURVATURES
+
+    def loss(weights: Float[Array, " W"]) -> Float[Array, ""]:
+        network = restored(weights)
+        return lesson.loss(network, lesson.states[:count], lesson.controls[:count])
+
+    @jax.jit
+    def hessian(weights: Float[Array, " W"]) -> Float[Array, "W W"]:
+        # Column by column, for all of them at once take gigabytes.
+        def column(direction: Float[Array, " W"]) -> Float[Array, " W"]:
+            return jax.jvp(jax.grad(loss), (weights,), (direction,))[1]
+
+        return jax.lax.map(column, jnp.eye(len(weights)))
+
+    curvatures = np.linalg.eigvalsh(np.asarray(hessian(weights), float))
+    sizes = np.abs(curvatures)
+    return [
+        {
+            "weights": len(curvatures),
+            "largest": float(curvatures.max()),
+            "median_size": float(np.median(sizes)),
+            "least": float(curvatures.min()),
+            "large": int((sizes > LARGE_CURVATURE * curvatures.max()).sum()),
+            "negative": int((curvatures < 0).sum()),
+        }
+    ]
 
 
 class TwoTorques(Parametrisation):

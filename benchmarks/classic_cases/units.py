@@ -77,9 +77,7 @@ def unit_row(
     return _row(system, inputs, str(units), errors)
 
 
-def _row(
-    system: str, inputs: str, units: str, errors: Float[np.ndarray, "N 2"]
-) -> dict[str, Any]:
+def _row(system: str, inputs: str, units: str, errors: Float[np.ndarray, "N 2"]) -> dict[str, Any]:
     one_step = errors[:, 0]
     after = errors[:, 1]
     return {
