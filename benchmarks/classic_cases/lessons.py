@@ -175,7 +175,7 @@ def train_side_by_side(
     networks = jax.tree.map(lambda *leaves: jnp.stack(leaves), *fresh)
     states = eqx.filter_vmap(optimizer.init)(networks)
 
-    def update_of(key: PRNGKeyArray, number: Array, carry: tuple[Network, Any]) -> Any:
+    def update_of(key: PRNGKeyArray, number: Array, carry: tuple[Any, Any]) -> Any:
         network, state = carry
         rows = sampler(jax.random.fold_in(key, number), number)
         gradient = jax.grad(lesson.loss)(network, lesson.states[rows], lesson.controls[rows])

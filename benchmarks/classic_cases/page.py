@@ -143,14 +143,16 @@ def spectra_table() -> str:
 
 
 def _octave_ratio(rows: Rows, low: float) -> str:
-    """Return the emulated power over the true one at super steps; and as drawn, beyond what super steps can tell."""
+    """Return the emulated power over the true one at super steps; beyond what these can tell, as drawn, and of the physics."""
     octave = [row for row in rows if 0.99 * low < row["low_hz"] < 1.9 * low]
     is_told = all(row["emulated_at_super_steps"] != "" for row in octave)
     if is_told:
         emulated = sum(row["emulated_at_super_steps"] for row in octave)
         return figure(emulated / sum(row["physics_at_super_steps"] for row in octave))
-    drawn = sum(row["emulated_interpolated"] for row in octave)
-    return f"*{figure(drawn / sum(row['physics'] for row in octave))}*"
+    physics = sum(row["physics"] for row in octave)
+    emulated = sum(row["emulated_interpolated"] for row in octave) / physics
+    true = sum(row["physics_interpolated"] for row in octave) / physics
+    return f"*{figure(emulated)} ({figure(true)})*"
 
 
 def weights_table() -> str:

@@ -226,6 +226,7 @@ def draw_torques(path: Path) -> None:
     descents = read_rows("descents")
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
+    filled: Any = None
     for axes, method in zip(panels, METHODS, strict=True):
         filled = _surface(axes, rows, "torque_1", "torque_2", "j_emulator")
         of_method = [row for row in descents if row["method"] == method]
@@ -310,7 +311,8 @@ def draw_sensitivity(path: Path) -> None:
     shipped = [row for row in rows if row["network"] == SHIPS]
     classic = [row for row in rows if row["network"] == CLASSIC]
     figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.1))
+    parts = figure.subfigures(2, 1, height_ratios=(1, 1.1), squeeze=False)
+    above, below = parts[:, 0]
     maps = (
         ("true physics", _entry(shipped, "physics_00")),
         ("learnt, package", _entry(shipped, "learnt_00")),
@@ -319,6 +321,7 @@ def draw_sensitivity(path: Path) -> None:
     least = min(float(values.min()) for _, values in maps)
     largest = max(float(values.max()) for _, values in maps)
     panels = above.subplots(1, 3, sharey=True)
+    image: Any = None
     for axes, (title, values) in zip(panels, maps, strict=True):
         image = axes.imshow(
             values.T,

@@ -44,12 +44,12 @@ def unit_rows(system: str, is_quick: bool) -> Rows:
     rows = []
     units_tried = UNITS[:2] if is_quick else UNITS
     count = 3_600 if is_quick else COUNTS[system]
-    for inputs in INPUTS[system]:
-        lesson = Lesson.of(system, SUBSTEPS, count, inputs)
+    lessons = [Lesson.of(system, SUBSTEPS, count, inputs) for inputs in INPUTS[system]]
+    for inputs, lesson in zip(INPUTS[system], lessons, strict=True):
         for units in units_tried:
             rows.append(unit_row(lesson, system, inputs, units, is_quick))
     shipped = na.load_emulator(f"{system}-{SUBSTEPS}")
-    one_step, after = unseen_errors(shipped, lesson.test, SECONDS)
+    one_step, after = unseen_errors(shipped, lessons[-1].test, SECONDS)
     widths = "-".join(map(str, shipped.network.widths))
     errors = np.array([[one_step, after]])
     rows.append(_row(system, "ships", widths, errors))
