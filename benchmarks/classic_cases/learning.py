@@ -85,9 +85,9 @@ WAYS = (
     Way("batch, momentum", 0, (0.1, 0.3, 1.0, 3.0), MOMENTUM),
     Way("on-line", 1, (0.01, 0.03, 0.1)),
     Way("on-line, momentum", 1, (0.001, 0.003, 0.01), MOMENTUM),
-    Way("mini-batch, momentum", 64, (0.03, 0.1, 0.3), MOMENTUM),
-    Way("mini-batch, Adam", 64, (0.003, 0.01, 0.03), is_adam=True),
-    Way("mini-batch, Muon", 64, (0.003, 0.01, 0.03), is_muon=True),
+    Way("mini-batch, momentum", 64, (0.1, 0.3, 1.0), MOMENTUM),
+    Way("mini-batch, Adam", 64, (0.01, 0.03, 0.1), is_adam=True),
+    Way("mini-batch, Muon", 64, (0.01, 0.03, 0.1), is_muon=True),
 )
 """Every way, the oldest first."""
 

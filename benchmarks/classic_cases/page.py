@@ -11,6 +11,7 @@ import numpy as np
 from classic_cases.pendulum_1998 import UNITS as USUAL_UNITS
 from classic_cases.super_steps import CLASSIC, PHYSICS, SHIPS
 from classic_cases.surfaces import AS_GOOD, METHODS, minima
+from neuroanimator.evaluation.accuracy import LOST
 
 Rows = list[dict[str, Any]]
 
@@ -127,15 +128,20 @@ def spectra_table() -> str:
     lows = sorted({row["low_hz"] for row in rows})
     octaves = lows[::3]
     body = []
+    first = kinds[0]
+    powers = {
+        row["low_hz"]: row["physics"] for row in rows if (row["network"], row["substeps"]) == first
+    }
     for low in octaves:
-        cells = [f"{low:g} to {2 * low:g}"]
+        power = sum(powers[band] for band in powers if 0.99 * low < band < 1.9 * low)
+        cells = [f"{low:g} to {2 * low:g}", f"{100 * power / sum(powers.values()):.1f}"]
         for network, substeps in kinds:
             of_kind = [
                 row for row in rows if (row["network"], row["substeps"]) == (network, substeps)
             ]
             cells.append(_octave_ratio(of_kind, low))
         body.append(cells)
-    header = ["Hz"]
+    header = ["Hz", "of the power [%]"]
     for network, substeps in kinds:
         name = "1998" if network == CLASSIC else "package"
         header.append(f"{name}, n = {substeps:.0f}")
@@ -217,6 +223,9 @@ def learning_table() -> str:
         last = of_way[-1]
         (early,) = (row for row in of_way if row["examples_seen"] == last["examples_seen"] / 20)
         spread = f"{figure(last['one_step_least'])} to {figure(last['one_step_largest'])}"
+        end = f"{figure(last['one_step_error'])} ({spread})"
+        if last["one_step_least"] > LOST:
+            end = f"over {figure(LOST)}"
         body.append(
             [
                 way,
@@ -224,7 +233,7 @@ def learning_table() -> str:
                 f"{last['rate']:g}",
                 f"{last['updates']:,.0f}",
                 figure(early["one_step_error"]),
-                f"{figure(last['one_step_error'])} ({spread})",
+                end,
             ]
         )
     seen = rows[-1]["examples_seen"]

@@ -274,7 +274,7 @@ def draw_learning(path: Path) -> None:
     ticks = [0.1, 0.2, 0.5, 1]
     axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.set_yticks([], minor=True)
-    axes.set_ylim(top=2)
+    axes.set_ylim(0.13, 2)
     axes.grid(which="both", alpha=0.2)
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     save(figure, path)
