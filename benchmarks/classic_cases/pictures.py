@@ -46,6 +46,9 @@ BY_SUBSTEPS = {25: (BLUE, "o"), 50: (TEAL, "s"), 100: (ORANGE, "^"), 200: (PURPL
 APART = 0.18
 """Distance of markers side by side."""
 
+ROUND_TICKS = np.array([2, 5, 10, 20, 50, 100, 300, 1_000, 3_000, 10_000])
+"""Values of J that are labelled."""
+
 MAP = "cividis"
 """Colours of surfaces: told apart by those who do not see red or green."""
 
@@ -289,7 +292,7 @@ def draw_race(path: Path) -> None:
     moments = (
         ("j_equal_steps", "as many physics steps", BLUE, "o"),
         ("j_equal_time", "the emulator's time", TEAL, "s"),
-        ("j_at_last", "12 times its time", ORANGE, "^"),
+        ("j_at_last", "12 times its time, 0.5 s at least", ORANGE, "^"),
     )
     for axes, task in zip(panels, tasks, strict=True):
         chosen = [row for row in rows if row["task"] == task]
@@ -298,6 +301,10 @@ def draw_race(path: Path) -> None:
             costs = [row[column] for row in chosen]
             axes.semilogy(range(len(names)), costs, marker, color=colour, label=label)
         axes.set_xticks(range(len(names)), names, rotation=30, fontsize="small")
+        ticks = ROUND_TICKS[chosen[0]["j_at_last"] / 2 < ROUND_TICKS]
+        ticks = ticks[ticks < 2 * max(row["j_equal_steps"] for row in chosen)]
+        axes.set_yticks(ticks, [f"{tick:,.0f}" for tick in ticks])
+        axes.set_yticks([], minor=True)
         axes.set_title(task)
         axes.grid(axis="y", which="both", alpha=0.2)
     panels[0].set_ylabel("J on the true physics")
