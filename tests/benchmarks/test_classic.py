@@ -10,7 +10,7 @@ import pytest
 from classic_cases.motion_spectra import SAMPLE_DT, band_powers, interpolate
 from classic_cases.page import tables
 from classic_cases.pictures import PICTURES
-from classic_cases.surfaces import TwoTorques, minima
+from classic_cases.surfaces import TwoTorques, minima, torque_rows
 from control_cases.baselines.genetic import MAX_GENE, children_of, winners
 
 from neuroanimator import load_system
@@ -97,3 +97,10 @@ def test_two_torques_drive_the_shoulder_alone_and_are_guessed_back():
     assert not controls[:, 1:].any()
     assert len(np.unique(controls[:, 0])) == 2
     np.testing.assert_allclose(parameters.guess(controls), z, atol=1e-5)
+
+
+def test_a_small_surface_is_the_same_on_the_emulator_and_on_the_physics():
+    rows = torque_rows(is_quick=True)
+    emulated = np.array([row["j_emulator"] for row in rows])
+    true = np.array([row["j_physics"] for row in rows])
+    np.testing.assert_allclose(np.log(emulated), np.log(true), atol=0.2)
