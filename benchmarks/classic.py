@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from classic_cases.learning import learning_rows
-from classic_cases.motion_spectra import spectrum_rows
+from classic_cases.motion_spectra import chance_rows, spectrum_rows
 from classic_cases.page import tables
 from classic_cases.pictures import PICTURES
 from classic_cases.race import race_rows
@@ -56,6 +56,10 @@ def _weights(is_quick: bool) -> dict[str, Rows]:
     return {"weights": weight_rows(is_quick), "curvatures": curvature_rows(is_quick)}
 
 
+def _spectra(is_quick: bool) -> dict[str, Rows]:
+    return {"spectra": spectrum_rows(is_quick), "spectra_chance": chance_rows(is_quick)}
+
+
 def _torques(is_quick: bool) -> dict[str, Rows]:
     return {"torques": torque_rows(is_quick), "descents": descent_rows(is_quick)}
 
@@ -69,7 +73,7 @@ PARTS: dict[str, Measure] = {
     "units-pendulum": lambda is_quick: {"units_pendulum": unit_rows("pendulum", is_quick)},
     "units-dolphin": lambda is_quick: {"units_dolphin": unit_rows("dolphin", is_quick)},
     "super-steps": lambda is_quick: {"super_steps": super_step_rows(is_quick)},
-    "spectra": lambda is_quick: {"spectra": spectrum_rows(is_quick)},
+    "spectra": _spectra,
     "weights": _weights,
     "torques": _torques,
     "learning": lambda is_quick: {"learning": learning_rows(is_quick)},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +32,12 @@ RUNS = 12
 SECONDS = 60.0
 """Length of a motion [s]."""
 
+COPIES = 8
+"""Number of times all motions are made again from starts that differ by a trifle."""
+
+TRIFLE = 1e-3
+"""Standard deviation of that difference [rad] and [rad/s]."""
+
 SEGMENT = 8.0
 """Length of the pieces that Welch's method averages over [s]."""
 
@@ -51,8 +57,18 @@ GATED_WIDTHS = (96, 64)
 """Hidden layers of the pendulum's emulators that ship."""
 
 
-def spectrum_rows(is_quick: bool) -> Rows:
-    """Return a row per network, super step and band: the power of the joints' velocities [(rad/s)²]."""
+class Motions(NamedTuple):
+    """True motions of the pendulum."""
+
+    starts: Float[np.ndarray, "B S"]
+    controls: Float[np.ndarray, "B T C"]
+    """Each held for `LONGEST` physics steps."""
+    velocities: Float[np.ndarray, "B F 3"]
+    """Those of the joints, `SAMPLE_DT` apart."""
+
+
+def true_motions(is_quick: bool) -> Motions:
+    """Return random motions of the pendulum under random controls: always the same."""
     system = na.load_system(PENDULUM)
     rng = np.random.default_rng(34)
     dt = LONGEST * system.physics_dt
@@ -60,16 +76,51 @@ def spectrum_rows(is_quick: bool) -> Rows:
     steps = round((10.0 if is_quick else SECONDS) / dt)
     starts = sample_starts(system, rng, runs)
     controls = sample_control_runs(rng, runs, steps, dt, system)
-    fine_controls = np.repeat(controls, round(dt / SAMPLE_DT), axis=1)
-    truth = system.simulate(starts, fine_controls, SAMPLE_DT, scheme=system.truth).states
-    true_velocities = truth[..., VELOCITIES]
+    return Motions(starts, controls, true_velocities(starts, controls))
+
+
+def true_velocities(
+    starts: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
+) -> Float[np.ndarray, "B F 3"]:
+    """Return the velocities of the joints on the true physics, `SAMPLE_DT` apart."""
+    system = na.load_system(PENDULUM)
+    held = round(LONGEST * system.physics_dt / SAMPLE_DT)
+    fine_controls = np.repeat(controls, held, axis=1)
+    runs = system.simulate(starts, fine_controls, SAMPLE_DT, scheme=system.truth)
+    return runs.states[..., VELOCITIES]
+
+
+def chance_rows(is_quick: bool) -> Rows:
+    """Return a row per octave: how far powers of the physics are from its own, where starts differ by a trifle.
+
+    Motions are chaotic, so that they part; an emulator's powers cannot be told from the true ones by less.
+    """
+    motions = true_motions(is_quick)
+    edges = LOWEST * 2.0 ** np.arange(OCTAVES + 1)
+    powers = np.array(band_powers(motions.velocities, SAMPLE_DT, edges))
+    rng = np.random.default_rng(35)
+    ratios = []
+    for _ in range(2 if is_quick else COPIES):
+        starts = motions.starts + TRIFLE * rng.normal(size=motions.starts.shape)
+        velocities = true_velocities(starts, motions.controls)
+        ratios.append(np.array(band_powers(velocities, SAMPLE_DT, edges)) / powers)
+    chances = np.sqrt(np.mean((np.array(ratios) - 1) ** 2, axis=0))
+    rows = []
+    for low, chance in zip(edges[:-1], chances, strict=True):
+        rows.append({"low_hz": float(low), "high_hz": float(2 * low), "chance": float(chance)})
+    return rows
+
+
+def spectrum_rows(is_quick: bool) -> Rows:
+    """Return a row per network, super step and band: the power of the joints' velocities [(rad/s)²]."""
+    motions = true_motions(is_quick)
     rows = []
     for substeps in SUBSTEPS[:1] if is_quick else SUBSTEPS:
         for network, emulator in emulators_of(substeps, is_quick).items():
-            each = round(dt / emulator.dt)
-            states = rollouts(emulator, starts, np.repeat(controls, each, axis=1))
+            controls = np.repeat(motions.controls, LONGEST // substeps, axis=1)
+            states = rollouts(emulator, motions.starts, controls)
             velocities = np.asarray(states, float)[..., VELOCITIES]
-            rows += rows_of(network, substeps, emulator.dt, true_velocities, velocities)
+            rows += rows_of(network, substeps, emulator.dt, motions.velocities, velocities)
     return rows
 
 

@@ -132,16 +132,18 @@ def spectra_table() -> str:
     powers = {
         row["low_hz"]: row["physics"] for row in rows if (row["network"], row["substeps"]) == first
     }
+    chances = {row["low_hz"]: row["chance"] for row in read_rows("spectra_chance")}
     for low in octaves:
         power = sum(powers[band] for band in powers if 0.99 * low < band < 1.9 * low)
         cells = [f"{low:g} to {2 * low:g}", f"{100 * power / sum(powers.values()):.1f}"]
+        cells.append(f"± {chances[low]:.2f}")
         for network, substeps in kinds:
             of_kind = [
                 row for row in rows if (row["network"], row["substeps"]) == (network, substeps)
             ]
             cells.append(_octave_ratio(of_kind, low))
         body.append(cells)
-    header = ["Hz", "of the power [%]"]
+    header = ["Hz", "of the power [%]", "chance"]
     for network, substeps in kinds:
         name = "1998" if network == CLASSIC else "package"
         header.append(f"{name}, n = {substeps:.0f}")
@@ -192,7 +194,6 @@ def torques_table() -> str:
     correlation = np.corrcoef(np.log(emulated).ravel(), np.log(true).ravel())[0, 1]
     body = [
         ["least J on the surface: emulator, physics", f"{emulated.min():.0f}, {true.min():.0f}"],
-        ["minima inside it: emulator, physics", f"{minima(emulated)}, {minima(true)}"],
         ["correlation of log J, emulator and physics", f"{correlation:.4f}"],
     ]
     descents = read_rows("descents")
