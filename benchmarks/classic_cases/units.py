@@ -23,7 +23,7 @@ INPUTS = {"pendulum": (PLAIN, FEATURES), "dolphin": (PLAIN,)}
 COUNTS = {"pendulum": 60_000, "dolphin": 36_000}
 """Number of transitions of each system."""
 
-UPDATES = {"pendulum": 6_000, "dolphin": 6_000}
+UPDATES = {"pendulum": 6_000, "dolphin": 3_000}
 """Number of updates of each training."""
 
 SEEDS = {"pendulum": 5, "dolphin": 3}
