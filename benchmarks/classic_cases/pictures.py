@@ -30,7 +30,7 @@ HEIGHT = 3.4
 DPI = 100
 """Pixels an inch."""
 
-COLOURS = 96
+COLOURS = 192
 """Number of colours of a picture."""
 
 BLUE = "#2b5a94"
