@@ -22,7 +22,13 @@ PANEL_HEIGHT = 1.9
 DPI = 110
 """Pixels an inch: the picture is as wide as a page."""
 
-COLOURS = {"annealing": "#2b5a94", "cma-es": "#e8892b", "ilqr": "#4fa3a0", "nelder-mead": "#7a4f9a"}
+COLOURS = {
+    "annealing": "#2b5a94",
+    "cma-es": "#e8892b",
+    "genetic": "#8a8d2f",
+    "ilqr": "#4fa3a0",
+    "nelder-mead": "#7a4f9a",
+}
 """The colour of each baseline's curve."""
 
 

@@ -25,7 +25,7 @@ from neuroanimator.terminal import progress_bar
 
 Rows = list[dict[str, Any]]
 
-DERIVATIVE_FREE = ("annealing", "cma-es", "nelder-mead")
+DERIVATIVE_FREE = ("annealing", "cma-es", "genetic", "nelder-mead")
 """The baselines that need no derivatives of the physics, which is what the speed-up is told against."""
 
 WARM_UP_TRIAL = 10_000

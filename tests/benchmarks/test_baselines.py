@@ -230,7 +230,7 @@ def test_ilqr_steps_the_physics_in_a_way_that_mujoco_can_differentiate():
 def test_unknown_baselines_and_systems_without_derivatives_are_refused_by_name():
     with pytest.raises(
         ArgumentError,
-        match="No baseline called 'magic'. Baselines: annealing, cma-es, ilqr, nelder-mead.",
+        match="No baseline called 'magic'. Baselines: annealing, cma-es, genetic, ilqr, nelder-mead.",
     ):
         run("magic")
     cube = load_system("cube")

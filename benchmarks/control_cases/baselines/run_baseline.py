@@ -18,6 +18,7 @@ from control_cases.baselines.budgeted_cost import BudgetedCost, BudgetSpent, Imp
 from control_cases.baselines.cost_evaluator import CostEvaluator
 from control_cases.baselines.derivative_free import cma_es, nelder_mead, simulated_annealing
 from control_cases.baselines.fast_physics import cheapest_scheme, fast_physics, side_by_side
+from control_cases.baselines.genetic import genetic_algorithm
 from control_cases.baselines.ilqr import ilqr, linear_scheme
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
@@ -33,6 +34,7 @@ Baseline = Callable[[BudgetedCost, np.ndarray, np.random.Generator], None]
 BASELINES: dict[str, Baseline] = {
     "annealing": simulated_annealing,
     "cma-es": cma_es,
+    "genetic": genetic_algorithm,
     "ilqr": ilqr,
     "nelder-mead": nelder_mead,
 }

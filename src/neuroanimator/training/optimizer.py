@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import jax
 import optax
 from optax import contrib
 
@@ -27,9 +30,24 @@ def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
     rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, warmup, total)
     optimizers = {
         "muon": contrib.muon(
-            rate, ns_steps=config.orthogonalisation_steps, adam_learning_rate=rate
+            rate,
+            ns_steps=config.orthogonalisation_steps,
+            adam_learning_rate=rate,
+            muon_weight_dimension_numbers=matrices_of,
         ),
         "adam": optax.adam(rate, b2=ADAM_DECAY),
         "momentum": optax.sgd(rate, momentum=MOMENTUM),
     }
     return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optimizers[config.optimizer])
+
+
+def matrices_of(network: Any) -> Any:
+    """Return which of a network's weights Muon orthogonalises: its matrices, but those without rows."""
+
+    # Without a mirror a network has no even inputs, and Muon would divide by their number.
+    def dimensions(weights: Any) -> contrib.MuonDimensionNumbers | None:
+        if weights.ndim != 2 or not weights.size:
+            return None
+        return contrib.MuonDimensionNumbers()
+
+    return jax.tree.map(dimensions, network)
