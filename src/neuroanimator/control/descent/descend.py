@@ -78,7 +78,10 @@ def descend(
         check_objective(objective, emulator, state, steps)
         check_reachable(objective, emulator, state, steps)
     problem = pose_problem(emulator, objective, parametrisation, state, options.defects)
-    guesses = first_guesses(emulator, parametrisation, options)
+    if options.searched:
+        guesses = searched_guesses(problem, options)
+    else:
+        guesses = first_guesses(emulator, parametrisation, options)
     if options.varied:
         varied = vary_parameters(emulator, options.varied)
         problem = replace(problem, varied=varied)
@@ -151,6 +154,21 @@ def random_guesses(
         controls = sample_controls(rng, parametrisation.steps, emulator.dt, spec.bounds, spec.gait)
         guess[:] = parametrisation.guess(controls)
     return guesses
+
+
+def searched_guesses(problem: Problem, options: DescentOptions) -> Float[np.ndarray, "K Z"]:
+    """Return the z of the best of many random controls, by J of one rollout each.
+
+    Where a motor is too weak to do it at once a body has to pump: then gradients from nearly all guesses lead nowhere,
+    but some of thousands of random motions come near.
+    """
+    drawn = random_guesses(
+        problem.emulator, problem.parametrisation, options.searched, options.seed
+    )
+    with phase("searching"):
+        costs = evaluator_of(problem).costs(drawn)
+    order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+    return drawn[order[: options.starts]]
 
 
 FIRST_GUESSES = 11

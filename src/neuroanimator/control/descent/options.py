@@ -42,6 +42,8 @@ class DescentOptions:
     """What is varied; one value per super step and control if None."""
     defects: Float[AnyArray, "T V"] | None = None
     """Added to the emulator's super steps, see `find_defects`; none if None."""
+    searched: int = 0
+    """Random controls tried by a rollout each, of which the best are the first guesses: rollouts cost microseconds. None if 0."""
     varied: tuple[str, ...] = ()
     """Names of the body's parameters that are varied beside its controls."""
     on_iteration: Callable[[int, float], None] | None = None

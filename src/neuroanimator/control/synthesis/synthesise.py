@@ -41,6 +41,12 @@ TRUST_DIRECTIONS = 64
 REFINING_MINUTES = 0.5
 """Longest time that refinements may take in all, if nothing else is said [min]."""
 
+SEARCHED = 4096
+"""Random controls that are tried where a goal is missed, if nothing else is said: a second or two of rollouts."""
+
+SEARCH_STARTS = 16
+"""Number of the best of them that are descended from, at least."""
+
 RESTARTS = 12
 """Joins the seed of the controls to begin again from, so that they are not the first guesses of the descents."""
 
@@ -247,12 +253,14 @@ def synthesise_goal(
     refinements: int = 2,
     minutes: float = REFINING_MINUTES,
     data: Transitions | None = None,
+    searched: int = SEARCHED,
     measures_trust: bool = False,
     on_refine: Callable[[float], None] = lambda gap: None,
 ) -> Synthesis:
     """Return the controller that reaches the goal called `name` from `start` (S,) in `seconds`; the rest as `synthesise`.
 
-    `start` and `seconds` default to what the goal itself says is sensible. With a `threshold` the motion is kept where
+    Where the goal is missed, `searched` random controls are tried by a rollout each, and all begins again from the best of
+    them. `start` and `seconds` default to what the goal itself says is sensible. With a `threshold` the motion is kept where
     the emulator's scores are at most that (`stay_trusted`), which takes longer.
     The gradient is not measured where the goal is reached on the physics: there it led to what was wanted. `goals_from`
     is the emulator's system with other goals: they may be written after training.
@@ -284,6 +292,22 @@ def synthesise_goal(
         on_refine=on_refine,
     )
     reached = is_reached(named, goal, synthesis.outcome.physics_states[-1])
+    if not reached and searched and options.first is None:
+        widely = replace(options, starts=max(options.starts, SEARCH_STARTS), searched=searched)
+        other = synthesise(
+            synthesis.emulator,
+            system,
+            objective,
+            begin,
+            steps=steps,
+            options=widely,
+            corrections=corrections,
+            refinements=0,
+        )
+        other_reached = is_reached(named, goal, other.outcome.physics_states[-1])
+        if other_reached or other.outcome.cost_physics < synthesis.outcome.cost_physics:
+            reached = other_reached
+            synthesis = replace(other, spent=synthesis.spent + other.spent)
     trust = None
     if measures_trust and not reached and system.can_simulate:
         trust = _measure_trust(emulator, system, objective, begin, steps, options)
