@@ -1,8 +1,9 @@
 """An emulator of a family of arms, and ten parameters of one of them from recordings, beside MuJoCo's own toolbox.
 
 python benchmarks/identification.py accuracy                      errors of a family's emulators and of one body's
-python benchmarks/identification.py recordings                    five recordings; wants pip install 'mujoco[sysid]'
+python benchmarks/identification.py recordings                    six recordings; wants pip install 'mujoco[sysid]'
 python benchmarks/identification.py recordings --seeds 1 --dry
+python benchmarks/identification.py summary                       medians and ratios of these two tables
 
 Emulators are taken from the folder --emulators, and made there if they are missing: 15 minutes of two cores. A recording
 lasts five seconds, of a body with ten parameters within 30 % of nominal ones, with noise of one per cent in angles and
@@ -16,6 +17,7 @@ results/identification_summary.csv (medians).
 from __future__ import annotations
 
 import argparse
+import csv
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -23,7 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from identification_cases.emulators import CASES, FILES, LARGE_FAMILY, made
+from identification_cases.emulators import CASES, FREE_CASES, LARGE_FAMILY, Case, made
 from identification_cases.recordings import Recording, record, write_recording
 from identification_cases.toolbox import (
     OPTIMISERS,
@@ -48,6 +50,9 @@ from neuroanimator.terminal import print_table
 Rows = list[dict[str, Any]]
 
 RESULTS = Path(__file__).parent / "results"
+ACCURACY = RESULTS / "identification_accuracy.csv"
+RUNS = RESULTS / "identification.csv"
+SUMMARY = RESULTS / "identification_summary.csv"
 
 SECONDS = 5.0
 """Length of a recording [s]."""
@@ -69,12 +74,16 @@ SCHEMES = (MODEL_STEP, TRUE_STEP, COARSE_STEP)
 
 
 def accuracy_rows(folder: Path) -> Rows:
-    """Return a line for each emulator: its error on unseen runs over that of one body's emulator."""
+    """Return a line for each emulator: its error on unseen runs over that of its one body's emulator."""
+    return [*_accuracy_rows("arm", CASES, folder), *_accuracy_rows("free arm", FREE_CASES, folder)]
+
+
+def _accuracy_rows(system: str, cases: Iterable[Case], folder: Path) -> Rows:
     rows: Rows = []
-    for case in CASES:
+    for case in cases:
         emulator, data_seconds, training_seconds = made(case, folder)
         test = held_out_runs(emulator, TEST_RUNS)
-        row: dict[str, Any] = {"emulator": case.name, "of": case.of}
+        row: dict[str, Any] = {"system": system, "emulator": case.name, "of": case.of}
         row["transitions"] = case.transitions
         row["widths"] = " ".join(map(str, case.training.get("widths", ("usual",))))
         row["updates"] = case.training.get("updates", "usual")
@@ -175,50 +184,81 @@ def _errors(errors: Float[np.ndarray, " P"]) -> dict[str, Any]:
 
 
 def summary_rows(rows: Rows, making_seconds: float) -> Rows:
-    """Return the medians of each method over its runs, and how long ours takes of them.
+    """Return the medians of each method over its recordings, and the ratios of its times to ours of the same recordings.
 
-    An emulator pays for itself after so many identifications as it took times what one saves.
+    An emulator pays for itself after as many identifications as its making takes of what one saves.
     """
+    ours = [row for row in rows if row["method"] == "ours"]
+    alone = [row for row in rows if row["method"] == "ours, emulator alone"]
     groups: dict[tuple[str, str, str], Rows] = {}
     for row in rows:
         key = (row["method"], row["optimiser"], row["physics"])
         groups.setdefault(key, []).append(row)
-    ours = median(groups[("ours", "", "rk4 2 ms")], "seconds")
-    ours_an_iteration = median(groups[("ours, emulator alone", "", "")], "ms_an_iteration")
-    found = []
+    summary = []
     for (method, optimiser, physics), group in groups.items():
-        seconds = median(group, "seconds")
-        saved = seconds - ours
-        found.append(
-            {
-                "method": method,
-                "optimiser": optimiser,
-                "physics": physics,
-                "runs": len(group),
-                "found": sum(row["is_found"] for row in group),
-                "worst_error": median(group, "worst_error"),
-                "mean_error": median(group, "mean_error"),
-                "seconds": seconds,
-                "cpu_seconds": median(group, "cpu_seconds"),
-                "seconds_to_tolerance": median(group, "seconds_to_tolerance"),
-                "iterations": median(group, "iterations"),
-                "ms_an_iteration": median(group, "ms_an_iteration"),
-                "seconds_over_ours": seconds / ours,
-                "iteration_over_ours": median(group, "ms_an_iteration") / ours_an_iteration,
-                "break_even_identifications": making_seconds / saved if saved > 0 else np.inf,
-            }
-        )
-    return found
+        errors = of_recordings(group, "worst_error")
+        seconds = of_recordings(group, "seconds")
+        our_seconds = of_recordings(ours, "seconds")
+        saved = median(seconds[seed] - our_seconds[seed] for seed in seconds)
+        line: dict[str, Any] = {"method": method, "optimiser": optimiser, "physics": physics}
+        line["recordings"] = len(errors)
+        line["found"] = sum(error <= TOLERANCE for error in errors.values())
+        for key in MEDIANS:
+            line[key] = median(of_recordings(group, key).values())
+        for key in RATIOS:
+            line[f"{key}_over_ours"] = ratio(group, ours, key)
+        line["iteration_over_emulators"] = ratio(group, alone, "ms_an_iteration")
+        line["break_even_identifications"] = making_seconds / saved if saved > 0 else np.inf
+        summary.append(line)
+    return summary
 
 
-def median(rows: Rows, key: str) -> float:
-    """Return the median of a column."""
-    return float(np.median([row[key] for row in rows]))
+MEDIANS = ("worst_error", "mean_error", "seconds", "cpu_seconds", "iterations", "ms_an_iteration")
+"""Columns whose medians are in the summary."""
+
+RATIOS = ("seconds", "cpu_seconds", "seconds_to_tolerance")
+"""Columns that are compared with ours."""
+
+
+def of_recordings(rows: Rows, key: str) -> dict[int, float]:
+    """Return the median of a column for each recording."""
+    seeds = dict.fromkeys(row["seed"] for row in rows)
+    return {seed: median(row[key] for row in rows if row["seed"] == seed) for seed in seeds}
+
+
+def ratio(rows: Rows, ours: Rows, key: str) -> float:
+    """Return the median over recordings of a time over ours; those that neither could find do not count."""
+    theirs = of_recordings(rows, key)
+    our_own = of_recordings(ours, key)
+    found = [seed for seed in theirs if min(theirs[seed], our_own[seed]) < np.inf]
+    return median(theirs[seed] / our_own[seed] for seed in found)
+
+
+def median(values: Iterable[float]) -> float:
+    """Return the median; not a number of no values."""
+    numbers = sorted(values)
+    return float(np.median(numbers)) if numbers else np.nan
+
+
+def read_rows(path: Path) -> Rows:
+    """Return the rows of one of the tables."""
+    with path.open(newline="") as lines:
+        next(lines)  # the machine
+        return [
+            {key: _number(value) for key, value in row.items()} for row in csv.DictReader(lines)
+        ]
+
+
+def _number(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
 
 
 def recording_rows(emulator: Emulator, seeds: Iterable[int], repeats: int) -> Iterable[Rows]:
     """Yield the lines of each recording: every way to give the toolbox, with each of its optimisers and steps for the first
-    recording and with the best of them for all; ours in turn with them."""
+    recording, with the best of them and a second optimiser for all; ours in turn with them."""
     system: Any = system_of(emulator)
     first, *others = seeds
     with TemporaryDirectory() as name:
@@ -235,6 +275,7 @@ def recording_rows(emulator: Emulator, seeds: Iterable[int], repeats: int) -> It
                 trials.append(toolbox_row(way, optimiser, scheme, recording, system, first))
             yield trials
             chosen.append((way, *best_of(trials)))
+        chosen += SECOND_OPINIONS
         for seed in others:
             recording = record(system, emulator.dt, SECONDS, seed)
             write_recording(path, recording, system)
@@ -243,6 +284,10 @@ def recording_rows(emulator: Emulator, seeds: Iterable[int], repeats: int) -> It
                     rows = our_rows(emulator, path, recording, system, seed)
                     rows.append(toolbox_row(way, optimiser, scheme, recording, system, seed))
                     yield rows
+
+
+SECOND_OPINIONS = [(way, "scipy parallel", COARSE_STEP) for way in WAYS[:3]]
+"""What is tried on every recording beside the best of the first one; the last way takes too long."""
 
 
 def settings_of(way: Way) -> list[tuple[str, Scheme]]:
@@ -265,7 +310,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("part", choices=["accuracy", "recordings"])
+    parser.add_argument("part", choices=["accuracy", "recordings", "summary"])
     parser.add_argument("--emulators", type=Path, default=Path("emulators"))
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--repeats", type=int, default=1)
@@ -275,22 +320,26 @@ def main() -> None:
     if arguments.part == "accuracy":
         rows = accuracy_rows(arguments.emulators)
         print_table(rows)
-        if not arguments.dry:
-            write_csv(RESULTS / "identification_accuracy.csv", rows)
-        return
-    require_toolbox()
-    na.trust_files(FILES / LARGE_FAMILY.toml)
-    emulator, data_seconds, training_seconds = made(LARGE_FAMILY, arguments.emulators)
-    rows = []
-    for some in recording_rows(emulator, range(arguments.seeds), arguments.repeats):
-        print_table(some)
-        rows += some
-        if not arguments.dry:
-            write_csv(RESULTS / "identification.csv", rows)
-    summary = summary_rows(rows, data_seconds + training_seconds)
-    print_table(summary)
-    if not arguments.dry:
-        write_csv(RESULTS / "identification_summary.csv", summary)
+        keep(ACCURACY, rows, arguments.dry)
+    elif arguments.part == "recordings":
+        require_toolbox()
+        emulator, _, _ = made(LARGE_FAMILY, arguments.emulators)
+        rows = []
+        for some in recording_rows(emulator, range(arguments.seeds), arguments.repeats):
+            print_table(some)
+            rows += some
+            keep(RUNS, rows, arguments.dry)
+    else:
+        making = next(r for r in read_rows(ACCURACY) if r["emulator"] == LARGE_FAMILY.name)
+        summary = summary_rows(read_rows(RUNS), making["data_s"] + making["training_s"])
+        print_table(summary)
+        keep(SUMMARY, summary, arguments.dry)
+
+
+def keep(path: Path, rows: Rows, is_dry: bool) -> None:
+    """Write a table, unless this is a try."""
+    if not is_dry:
+        write_csv(path, rows)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ class Case(NamedTuple):
     @property
     def of(self) -> str:
         """What it is of: "body" or "family"."""
-        return "body" if self.toml == "arm.toml" else "family"
+        return "family" if self.toml.endswith("family.toml") else "body"
 
 
 BODY = Case("a300", "arm.toml", 300_000, {})
@@ -45,7 +45,13 @@ WIDE_FAMILY = Case("f300w", "family.toml", 300_000, RECIPE)
 LARGE_FAMILY = Case("f1m", "family.toml", 1_000_000, LONG_RECIPE)
 
 CASES = (BODY, FAMILY, WIDE_FAMILY, LARGE_FAMILY)
-"""The emulators of the table; the last one identifies."""
+"""Emulators of an arm whose first and last link can touch; the last one identifies."""
+
+FREE_CASES = (
+    Case("free_a300", "free_arm.toml", 300_000, {}),
+    Case("free_f300", "free_family.toml", 300_000, {}),
+)
+"""Emulators of the same arm when nothing of it can touch anything."""
 
 
 class Made(NamedTuple):

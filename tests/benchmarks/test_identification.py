@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identification import TOLERANCE, errors_of, settings_of, summary_rows
-from identification_cases.emulators import CASES, FILES
+from identification_cases.emulators import CASES, FILES, FREE_CASES
 from identification_cases.recordings import NOISE, record, write_recording
 from identification_cases.toolbox import OPTIMISERS, WAYS
 
@@ -27,10 +27,12 @@ def family() -> System:
     return load_system(str(toml))
 
 
-def test_every_emulator_is_of_a_file_that_is_there():
-    for case in CASES:
-        assert (FILES / case.toml).exists()
-        assert case.of == ("body" if case.toml == "arm.toml" else "family")
+def test_every_emulator_is_of_what_it_says():
+    for case in (*CASES, *FREE_CASES):
+        toml = FILES / case.toml
+        trust_files(toml)
+        system = load_system(str(toml))
+        assert bool(system.parameters) == (case.of == "family")
 
 
 def test_a_recording_is_of_a_body_within_the_ranges_and_as_noisy_as_it_says(family: System):
@@ -74,6 +76,7 @@ def test_an_emulator_that_saves_no_time_never_pays_for_itself():
     def row(method: str, physics: str, seconds: float) -> dict[str, object]:
         return {
             "method": method,
+            "seed": 0,
             "optimiser": "",
             "physics": physics,
             "is_found": True,
