@@ -35,10 +35,10 @@ MAX_DAMPING = 1e4
 that did not, and where a fit ends."""
 
 TOLERANCE = 1e-4
-"""Share of the cost by which a step that counts lowers it."""
+"""Share of the cost by which a step that counts lowers it, or promised to if it did not help."""
 
 PATIENCE = 3
-"""Number of steps in a row that may lower it less: the first ones are damped, and go slowly where much is uncertain."""
+"""Number of steps in a row that may do less: the first ones are damped, and go slowly where much is uncertain."""
 
 NOISE_ROUNDS = 3
 """Number of times that the noise is estimated anew, and the fit taken up with it."""
@@ -137,20 +137,21 @@ class Fitter:
             residuals = self._residuals(predict, starts, values)
             following = self._cost(residuals, fit.noise, values)
             iterations = fit.iterations + 1
-            if following < cost:
-                is_small = cost - following < TOLERANCE * cost
-                small_steps = small_steps + 1 if is_small else 0
+            is_better = following < cost
+            gain = cost - following if is_better else step.gain
+            is_small = gain < TOLERANCE * cost
+            small_steps = small_steps + 1 if is_small else 0
+            if is_better:
                 fit = Fit(values, starts, residuals, fit.noise, iterations)
                 cost = following
-                if small_steps == PATIENCE:
-                    break
                 damping *= LESS_DAMPING
-                slopes = slopes_at(fit)
+                if small_steps < PATIENCE:
+                    slopes = slopes_at(fit)
             else:
                 fit = Fit(fit.values, fit.starts, fit.residuals, fit.noise, iterations)
                 damping *= MORE_DAMPING
-                if damping > MAX_DAMPING:
-                    break
+            if small_steps == PATIENCE or damping > MAX_DAMPING:
+                break
         return fit
 
     def _residuals(

@@ -31,6 +31,8 @@ class Step(NamedTuple):
 
     values: Float[np.ndarray, " G"]
     starts: Float[np.ndarray, "W V"]
+    gain: float
+    """How much the change of the shared unknowns lowers the cost, if motions are as linear as their slopes say."""
 
 
 class Normal(NamedTuple):
@@ -129,7 +131,8 @@ def bounded_step(normal: Normal, values: Float[np.ndarray, " G"], unknowns: Unkn
     change = np.clip(solution.x, low, high) * scale
     rest = normal.starts_right - normal.cross @ change
     starts = np.linalg.solve(normal.starts_matrix, rest[..., None])[..., 0]
-    return Step(change, starts)
+    gain = float(normal.right @ change - change @ normal.matrix @ change / 2)
+    return Step(change, starts, gain)
 
 
 def covariance(normal: Normal) -> Float[np.ndarray, "G G"]:

@@ -15,7 +15,7 @@ from neuroanimator.control.identification.measurements import Measurements
 from neuroanimator.control.identification.unknowns import Unknowns
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import rollout_latent
-from neuroanimator.systems.system import System
+from neuroanimator.systems.system import Scheme, System
 
 DIFFERENCE = 1e-4
 """Distance of two values of an unknown between which motions are compared, as a share of its range."""
@@ -87,13 +87,30 @@ class Predictor:
         values: Float[np.ndarray, " G"],
     ) -> Float[np.ndarray, "W F S"]:
         """Return what sensors show of the true motions from `starts`; NaN where the physics diverges."""
+        return self._by_physics(system, starts[None], values[None], system.truth)[0]
+
+    def _by_physics(
+        self,
+        system: System,
+        starts: Float[np.ndarray, "N W S"],
+        values: Float[np.ndarray, "N G"],
+        scheme: Scheme,
+    ) -> Float[np.ndarray, "N W F S"]:
+        """Return `by_physics` of several starts and values by steps of `scheme`, simulated all at once."""
+        count, windows, _ = starts.shape
         bodies = starts.copy()
-        bodies[:, system.parameter_entries] = values[: len(system.parameters)]
-        held = system.bounds.clip(self._held)
-        runs = system.simulate_fastest(bodies, held, self.emulator.dt)
+        bodies[..., system.parameter_entries] = values[:, None, : len(system.parameters)]
+        held = np.tile(system.bounds.clip(self._held), (count, 1, 1))
+        runs = system.simulate_fastest(
+            bodies.reshape(count * windows, -1), held, self.emulator.dt, scheme
+        )
         states = np.where(runs.has_diverged[:, None, None], np.nan, runs.states)
-        shown = _observed(self._places, self.emulator.dt, jnp.asarray(states), jnp.asarray(values))
-        return np.asarray(shown, float)
+        motions = states.reshape(count, windows, *states.shape[1:])
+        shown = [
+            _observed(self._places, self.emulator.dt, jnp.asarray(motion), jnp.asarray(unknowns))
+            for motion, unknowns in zip(motions, values, strict=True)
+        ]
+        return np.stack([np.asarray(motion, float) for motion in shown])
 
     def slopes_by_physics(
         self,
@@ -101,24 +118,31 @@ class Predictor:
         starts: Float[np.ndarray, "W S"],
         values: Float[np.ndarray, " G"],
     ) -> Slopes:
-        """Return `by_physics` with its derivatives, by differences; the emulator's where the physics diverges."""
+        """Return the physics' motions with their derivatives, by differences; the emulator's where the physics diverges.
+
+        By the system's own step, which is cheaper than the one of `by_physics`: slopes of a fit need not be as exact.
+        """
         emulated = self.slopes(starts, values)
-        shown = self.by_physics(system, starts, values)
+        count = 1 + len(values) + self.start_size
+        all_starts = np.repeat(starts[None], count, axis=0)
+        all_values = np.repeat(values[None], count, axis=0)
         unknowns = self.unknowns
-        by_unknowns = emulated.by_unknowns.copy()
         steps = DIFFERENCE * (unknowns.high - unknowns.low)
         inward = np.where(values > (unknowns.low + unknowns.high) / 2, -steps, steps)
         for place, step in enumerate(inward):
-            other = values.copy()
-            other[place] += step
-            slope = (self.by_physics(system, starts, other) - shown) / step
-            by_unknowns[..., place] = _where_finite(slope, by_unknowns[..., place])
-        by_starts = emulated.by_starts.copy()
+            all_values[1 + place, place] += step
         for place in range(self.start_size):
             change = np.zeros((len(starts), self.start_size))
             change[:, place] = START_DIFFERENCE
-            moved = self.by_physics(system, self.moved(starts, change), values)
-            slope = (moved - shown) / START_DIFFERENCE
+            all_starts[1 + len(values) + place] = self.moved(starts, change)
+        shown, *others = self._by_physics(system, all_starts, all_values, system.scheme)
+        by_unknowns = emulated.by_unknowns.copy()
+        for place, step in enumerate(inward):
+            slope = (others[place] - shown) / step
+            by_unknowns[..., place] = _where_finite(slope, by_unknowns[..., place])
+        by_starts = emulated.by_starts.copy()
+        for place in range(self.start_size):
+            slope = (others[len(values) + place] - shown) / START_DIFFERENCE
             by_starts[..., place] = _where_finite(slope, by_starts[..., place])
         return Slopes(shown, by_unknowns, by_starts)
 

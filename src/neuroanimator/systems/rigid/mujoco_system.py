@@ -161,7 +161,7 @@ class MujocoSystem(System):
         signal = np.repeat(signal, substeps, axis=1)
         models: mujoco.MjModel | list[mujoco.MjModel] = model
         if self.family is not None:
-            models = [self.model_of(start, model) for start in starts]
+            models = self._models_of(starts, model)
         with warnings_counted:
             physics, readings = rollout.rollout(
                 models, mujoco.MjData(model), initial, signal, control_spec=int(kind)
@@ -172,6 +172,13 @@ class MujocoSystem(System):
         parameters = starts[:, None, self.parameter_entries]
         unchanged = np.repeat(parameters, states.shape[1], axis=1)
         return np.concatenate([states, sensed[..., list(self.sensors)], unchanged], axis=-1)
+
+    def _models_of(self, starts: np.ndarray, model: mujoco.MjModel) -> list[mujoco.MjModel]:
+        """Return the model of each of `starts` (B, S), a copy of `model`: one for all that are of the same body."""
+        values = starts[:, self.parameter_entries]
+        _, firsts, bodies = np.unique(values, axis=0, return_index=True, return_inverse=True)
+        models = [self.model_of(starts[first], model) for first in firsts]
+        return [models[body] for body in bodies.reshape(-1)]
 
     def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
         """Return which part of MuJoCo's input the controls are, and their values there."""

@@ -1,0 +1,92 @@
+"""Emulators of one arm and of its family, and what making them costs."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from neuroanimator import TrainingConfig, load_emulator
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.generate import generate, simulate_transitions
+from neuroanimator.data.store import read_transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.training.train import read_metrics, run_folder, train
+
+FILES = Path(__file__).parent
+"""The folder of the arm and its definitions."""
+
+SAMPLE = 20_000
+"""Number of transitions by which the time of simulating data is measured."""
+
+RECIPE = {"widths": (192, 128), "updates": 40_000}
+LONG_RECIPE = {"widths": (192, 128), "updates": 80_000}
+
+
+class Case(NamedTuple):
+    """An emulator of the table."""
+
+    name: str
+    toml: str
+    transitions: int
+    training: dict[str, Any]
+    """What of the training is not as usual."""
+
+    @property
+    def of(self) -> str:
+        """What it is of: "body" or "family"."""
+        return "family" if self.toml.endswith("family.toml") else "body"
+
+
+BODY = Case("a300", "arm.toml", 300_000, {})
+FAMILY = Case("f300", "family.toml", 300_000, {})
+WIDE_FAMILY = Case("f300w", "family.toml", 300_000, RECIPE)
+LARGE_FAMILY = Case("f1m", "family.toml", 1_000_000, LONG_RECIPE)
+
+CASES = (BODY, FAMILY, WIDE_FAMILY, LARGE_FAMILY)
+"""Emulators of an arm whose first and last link can touch; the last one identifies."""
+
+FREE_CASES = (
+    Case("free_a300", "free_arm.toml", 300_000, {}),
+    Case("free_f300", "free_family.toml", 300_000, {}),
+)
+"""Emulators of the same arm when nothing of it can touch anything."""
+
+
+class Made(NamedTuple):
+    """An emulator and what it cost."""
+
+    emulator: Emulator
+    data_seconds: float
+    training_seconds: float
+
+
+def made(case: Case, folder: Path) -> Made:
+    """Return the emulator of `case`, from `folder` if it lies there, else made and put there.
+
+    The time of simulating its data is that of `SAMPLE` transitions, scaled.
+    """
+    toml = FILES / case.toml
+    trust_files(toml)
+    path = folder / f"{case.name}.emulator.safetensors"
+    if not path.exists():
+        make(case, path)
+    reports = read_metrics(run_folder(path) / "metrics.jsonl")
+    name, definition, substeps = resolve(str(toml))
+    sample = DatasetConfig.usual(name, definition, substeps, count=SAMPLE, seed=1)
+    began = time.perf_counter()
+    simulate_transitions(sample)
+    seconds = time.perf_counter() - began
+    return Made(load_emulator(path), seconds * case.transitions / SAMPLE, reports[-1].seconds)
+
+
+def make(case: Case, path: Path) -> None:
+    """Simulate the data of `case`, and train."""
+    name, definition, substeps = resolve(str(FILES / case.toml))
+    config = DatasetConfig.usual(name, definition, substeps, count=case.transitions)
+    data_folder = path.with_name(f"{case.name}.data")
+    generate(config, data_folder)
+    data = read_transitions(data_folder)
+    settings = TrainingConfig.usual(data.system.structure, **case.training)
+    train(data, settings, path)
