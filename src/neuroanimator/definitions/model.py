@@ -17,6 +17,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.files.names import ModelPath, PartName, SystemName
@@ -124,4 +125,6 @@ class Definition(Table):
     sampling: Sampling = Sampling()
     task: TaskTable | None = None
     """What a policy is to do; of no meaning to emulators."""
+    follow: FollowTable | None = None
+    """What motion it is to follow instead."""
     goals: dict[SystemName, GoalTable] = Field(default={})
