@@ -76,8 +76,8 @@ def run(
 ) -> None:
     """Learn a policy on the true physics, with the help of slopes from an emulator; needs the extra [gym].
 
-    The rules are those of [task] or [follow]. The best policy on the way, by whole episodes, is kept. A run that was stopped goes on where it
-    was, and one that is over goes on for more --updates or --minutes.
+    The rules are those of [task] or [follow]. The best policy on the way, by whole episodes, is kept. A run that was stopped goes
+    on where it was, and one that is over goes on for more --updates or --minutes.
     """
     if minutes is not None and not 0 < minutes <= MAX_MINUTES:
         raise ArgumentError(

@@ -24,6 +24,7 @@ from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.rotation import conjugate, multiply
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -82,12 +83,13 @@ class Following(eqx.Module):
             tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
         )
         trunk = names.index(table.trunk)
-        placed = link_poses(kinematics, motion.frames)
+        frames = jnp.asarray(motion.frames)
+        placed = link_poses(kinematics, frames)
         return cls(
             motion,
             kinematics,
             trunk,
-            _about_root(placed, motion.frames),
+            _about_root(placed, frames),
             placed[..., trunk, :3, :3],
             table.lost_distance,
             table.lost_tilt,
@@ -159,8 +161,13 @@ def following_rules(
     if table.laps > 1:
         steps -= motion.lap - 1
 
-    def reward(states: Array, controls: Array, after: Array, dt: float) -> Array:
-        return _rewards(following, after)
+    def reward(
+        states: Float[AnyArray, "... S"],
+        controls: Float[AnyArray, "... C"],
+        after: Float[AnyArray, "... S"],
+        dt: float,
+    ) -> Float[AnyArray, " ..."]:
+        return _rewards(following, jnp.asarray(after, jnp.float32))
 
     def is_over(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
         return np.asarray(_lost(following, as_jax(states)))
@@ -180,7 +187,7 @@ def following_rules(
 
 @eqx.filter_jit
 def _rewards(following: Following, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
-    return following.reward(jnp.asarray(states, jnp.float32))
+    return following.reward(states)
 
 
 @eqx.filter_jit

@@ -72,10 +72,11 @@ def learn_policy(
 ) -> StatePolicy:
     """Return the best of the policies on the way, by whole episodes on the true physics.
 
-    `emulator` leaps one step of the episodes; a copy of it learns from them. `reference` is the motion that the policy follows, if
-    it follows one. Given `seconds`, learning ends after that time, not after a number of updates, and the policy depends on the
-    machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number of
-    updates it ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has another emulator or other settings.
+    `emulator` leaps one step of the episodes; a copy of it learns from them. `reference` is the motion that the policy follows,
+    if it follows one. Given `seconds`, learning ends after that time, not after a number of updates, and the policy depends on
+    the machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number
+    of updates it ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has
+    another emulator or other settings.
     """
     if folder is None:
         run = _Run(system, emulator, rules, learning, reference, None)

@@ -348,7 +348,7 @@ class Learner:
     def _see(self, states: Float[np.ndarray, "T N S"]) -> None:
         """Let what networks are shown of a state keep to what states there are."""
         view = self.progress.view
-        shown = np.asarray(_shown(view, states)).reshape(-1, len(view.mean)).astype(float)
+        shown = np.asarray(_shown(view, as_jax(states))).reshape(-1, len(view.mean)).astype(float)
         seen = self.numbers.seen
         share = len(shown) / (seen + len(shown))
         mean = np.asarray(view.mean, float)
@@ -405,8 +405,8 @@ def _batches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
 
 
 @eqx.filter_jit
-def _shown(view: View, states: Float[np.ndarray, "*B S"]) -> Float[Array, "*B O"]:
-    return view.of(jnp.asarray(states))
+def _shown(view: View, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
+    return view.of(states)
 
 
 @eqx.filter_jit

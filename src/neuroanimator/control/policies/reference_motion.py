@@ -16,10 +16,8 @@ from jaxtyping import Array, Float, Int
 from neuroanimator.files.numbers import entries, listed, number, whole
 from neuroanimator.state.rotation import (
     conjugate,
-    facing,
-    heading_of,
     multiply,
-    rotate_back,
+    rotation_rows,
     upward,
 )
 
@@ -28,6 +26,9 @@ MAX_FRAMES = 20_000
 
 MAX_LEAD = 10.0
 """Longest time a servo may aim ahead [s]."""
+
+TINY = 1e-12
+"""Keeps the root of a body that points straight up from having no direction."""
 
 TURN = 2 * np.pi
 
@@ -84,9 +85,15 @@ class ReferenceMotion(eqx.Module):
         return jnp.clip(steps, 0, len(self.frames) - 1).astype(jnp.int32)
 
     def frame(self, states: Float[Array, "*B S"], later: int = 0) -> Float[Array, "*B S"]:
-        """Return the state that the motion has when the clock stands as it does, or some super steps `later`."""
+        """Return the state that the motion has when the clock stands as it does, or some super steps `later`.
+
+        Between two frames it is interpolated, as a product of weights and frames, which generated C has, too.
+        """
         last = len(self.frames) - 1
-        return self.frames[jnp.minimum(self.index(states) + later, last)]
+        steps = states[..., self.phase] * (self.lap / TURN) + later
+        away = jnp.clip(steps, 0, last)[..., None] - jnp.arange(len(self.frames), dtype=jnp.float32)
+        weights = jnp.maximum(1 - jnp.abs(away), 0)
+        return weights @ jnp.asarray(self.frames)
 
     def target(self, states: Float[Array, "*B S"]) -> Float[Array, "*B C"]:
         """Return what each servo is to aim at so that it comes to the motion's next pose: the angle there, and a lead."""
@@ -99,7 +106,6 @@ class ReferenceMotion(eqx.Module):
         """Return what a policy is shown beside `shown`: the root and the motion's next state from where it stands and faces."""
         following = self.frame(states, 1)
         orientation = states[..., ORIENTATION]
-        facing_it = facing(heading_of(orientation))
         velocity = slice(self.velocity, self.velocity + 3)
         apart = following[..., POSITION] - states[..., POSITION]
         relative = multiply(conjugate(orientation), following[..., ORIENTATION])
@@ -109,10 +115,10 @@ class ReferenceMotion(eqx.Module):
         angle = states[..., self.phase, None]
         parts = [
             upward(orientation),
-            rotate_back(facing_it, states[..., velocity]),
-            rotate_back(facing_it, apart),
+            _from_heading(orientation, states[..., velocity]),
+            _from_heading(orientation, apart),
             rotation,
-            rotate_back(facing_it, following[..., velocity]),
+            _from_heading(orientation, following[..., velocity]),
             following[..., hinges] - states[..., hinges],
             jnp.sin(angle),
             jnp.cos(angle),
@@ -154,6 +160,19 @@ class ReferenceMotion(eqx.Module):
             if len(driven) != controls:
                 raise ValueError(f"reference: wanted {controls} angles that controls drive")
         return motion
+
+
+def _from_heading(
+    orientation: Float[Array, "*B 4"], vector: Float[Array, "*B 3"]
+) -> Float[Array, "*B 3"]:
+    """Return a vector of the world along the axes of a body that stands upright and faces as this one does."""
+    rows = rotation_rows(orientation)
+    length = jnp.sqrt(rows[0][0] ** 2 + rows[1][0] ** 2 + TINY)
+    cosine = rows[0][0] / length
+    sine = rows[1][0] / length
+    ahead = cosine * vector[..., 0] + sine * vector[..., 1]
+    left = cosine * vector[..., 1] - sine * vector[..., 0]
+    return jnp.stack([ahead, left, vector[..., 2]], axis=-1)
 
 
 def _checked_lead(lead: Any, label: str) -> float:
