@@ -27,7 +27,8 @@ FOLLOWING = PolicyLearning(
     slope_weight=0.0,
     policy_widths=(256, 128),
     critic_widths=(256, 128),
-    spread=0.3,
+    divergence=0.015,
+    spread=0.12,
 )
 """Settings of learning to follow a motion."""
 
@@ -50,7 +51,7 @@ class PolicyTask(NamedTuple):
 
 def check_task(definition: str, label: str) -> None:
     """Raise ArgumentError, which names `label`, if the JSON text `definition` has no task."""
-    if _follow_table(definition) is None:
+    if follow_table(definition) is None:
         task_of(definition, label)
 
 
@@ -59,7 +60,7 @@ def task_to_learn(definition: str, toml: Path, system: System) -> PolicyTask:
 
     ArgumentError where there is no task or it does not suit the system, BadFileError for a motion that does not.
     """
-    table = _follow_table(definition)
+    table = follow_table(definition)
     if table is None:
         return _going(definition, str(toml), system)
     motion = read_motion(toml.parent / table.clip, table, system)
@@ -69,14 +70,14 @@ def task_to_learn(definition: str, toml: Path, system: System) -> PolicyTask:
 def task_of_policy(policy: StatePolicy, path: Path, system: System) -> PolicyTask:
     """Return the task that the policy in the file at `path` was learnt for: a motion that it follows is in it."""
     definition = policy.emulator.definition
-    table = _follow_table(definition)
+    table = follow_table(definition)
     motion = policy.view.reference
     if table is None or motion is None:
         return _going(definition, str(path), system)
     return _following(table, motion, system)
 
 
-def _follow_table(definition: str) -> FollowTable | None:
+def follow_table(definition: str) -> FollowTable | None:
     """Return the table [follow] of a definition; None if there is none. ArgumentError where there is a [task], too."""
     written = read_definition_text(definition).definition if definition else None
     if not isinstance(written, Definition) or written.follow is None:
