@@ -10,7 +10,7 @@ import pytest
 
 from neuroanimator import NeuroAnimatorError, load_system
 from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, ReferenceMotion
-from neuroanimator.definitions.carried import read_definition_text
+from neuroanimator.definitions.carried import data_identity, read_definition_text
 from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.gym.following import Following, following_rules
 from neuroanimator.gym.policy_task import check_task
@@ -239,3 +239,15 @@ def test_a_file_with_two_tasks_is_refused(tmp_path: Path):
     trust_files(toml)
     with pytest.raises(NeuroAnimatorError, match="does one or the other"):
         check_task(definition, "human.toml")
+
+
+def test_what_is_followed_is_no_physics(tmp_path: Path):
+    (tmp_path / "human.xml").write_bytes((HUMAN / "human.xml").read_bytes())
+    toml = tmp_path / "human.toml"
+    whole = TOML.read_text()
+    texts = []
+    for text in (whole, whole.replace("walk.csv", "jog.csv"), whole[: whole.index("[follow]")]):
+        toml.write_text(text)
+        texts.append(resolve(str(toml))[1])
+    assert len(set(texts)) == 3
+    assert len({data_identity(text) for text in texts}) == 1

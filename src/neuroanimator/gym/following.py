@@ -2,13 +2,12 @@
 
 What a step pays are exponentials of how far the body is off the motion, as in DeepMimic (Peng and others, SIGGRAPH 2018):
 
-    r = Σ w exp(−k e),  e: squared errors of angles, of their velocities, of where hands and feet are about the root, of the root
+    r = Σ w exp(−k e),  e: squared errors of angles, of their velocities, of the parts' places about the root, of the root
                            and of its velocity
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from neuroanimator.appearance.skeleton import Bone
 from neuroanimator.control.policies.reference_motion import (
     ORIENTATION,
     POSITION,
@@ -28,8 +26,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.kinematics import Kinematics
-from neuroanimator.state.links import Numbers
-from neuroanimator.state.rotation import conjugate, multiply, rotate
+from neuroanimator.state.rotation import conjugate, multiply
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 
@@ -40,16 +37,16 @@ class Term(NamedTuple):
     sharpness: float
 
 
-ANGLES = Term(0.3, 2.0)
+ANGLES = Term(0.35, 2.0)
 """Of the sum of squared errors of angles [rad²]."""
 
 RATES = Term(0.1, 0.005)
 """Of that of their velocities [rad²/s²]."""
 
-ENDS = Term(0.25, 200.0)
-"""Of the mean squared error of where points of hands and feet are about the root [m²]: a foot that is off slips or drags."""
+PARTS = Term(0.15, 60.0)
+"""Of the mean squared error of the parts' places about the root [m²]."""
 
-ROOT = Term(0.25, 20.0)
+ROOT = Term(0.3, 20.0)
 """Of the squared error of the root's position [m²], and of `TILT_SHARE` of that of its orientation [rad²]."""
 
 ROOT_VELOCITY = Term(0.1, 1.0)
@@ -67,10 +64,8 @@ class Following(eqx.Module):
     kinematics: Kinematics = eqx.field(static=True)
     trunk: int = eqx.field(static=True)
     """Number of the link whose tilt counts."""
-    points: tuple[tuple[int, Numbers], ...] = eqx.field(static=True)
-    """Points of the last links of limbs: the link's number, and where in its frame [m]."""
-    places: Float[Array, "K P 3"]
-    """Places of the motion's points about the root [m], along the world's axes."""
+    places: Float[Array, "K L 3"]
+    """Places of the motion's links about the root [m], along the world's axes."""
     trunks: Float[Array, "K 3 3"]
     """Rotations of the motion's trunk."""
     lost_distance: float = eqx.field(static=True)
@@ -90,16 +85,14 @@ class Following(eqx.Module):
         trunk = names.index(table.trunk)
         frames = jnp.asarray(motion.frames)
         placed = link_poses(kinematics, frames)
-        points = end_points(bones)
         return cls(
-            motion=motion,
-            kinematics=kinematics,
-            trunk=trunk,
-            points=points,
-            places=_about_root(placed, points, frames),
-            trunks=placed[..., trunk, :3, :3],
-            lost_distance=table.lost_distance,
-            lost_tilt=table.lost_tilt,
+            motion,
+            kinematics,
+            trunk,
+            _about_root(placed, frames),
+            placed[..., trunk, :3, :3],
+            table.lost_distance,
+            table.lost_tilt,
         )
 
     def reward(self, following: Float[Array, "*B S"]) -> Float[Array, " *B"]:
@@ -110,7 +103,7 @@ class Following(eqx.Module):
         angles = (off[..., np.array(motion.hinges)] ** 2).sum(axis=-1)
         rates = (off[..., np.array(motion.rates)] ** 2).sum(axis=-1)
         placed = link_poses(self.kinematics, following)
-        ends = _about_root(placed, self.points, following) - self.places[motion.index(following)]
+        parts = _about_root(placed, following) - self.places[motion.index(following)]
         relative = multiply(conjugate(wanted[..., ORIENTATION]), following[..., ORIENTATION])
         turned = 4 * (relative[..., 1:] ** 2).sum(axis=-1)
         distance = (off[..., POSITION] ** 2).sum(axis=-1)
@@ -120,7 +113,7 @@ class Following(eqx.Module):
         return (
             _paid(ANGLES, angles)
             + _paid(RATES, rates)
-            + _paid(ENDS, (ends**2).sum(axis=-1).mean(axis=-1))
+            + _paid(PARTS, (parts**2).sum(axis=-1).mean(axis=-1))
             + _paid(ROOT, distance + TILT_SHARE * turned)
             + _paid(ROOT_VELOCITY, moving + TURNING_SHARE * turning)
         )
@@ -142,22 +135,6 @@ class Following(eqx.Module):
         """Return whether the body is off the motion by more than the task allows."""
         is_far = self.distance(states) > self.lost_distance
         return is_far | (self.tilt(states) > self.lost_tilt)
-
-
-def end_points(bones: Sequence[Bone]) -> tuple[tuple[int, Numbers], ...]:
-    """Return the ends of what is drawn of each bone that nothing hangs from: (the bone's number, where in its frame [m])."""
-    parents = {bone.parent for bone in bones}
-    points = []
-    for number, bone in enumerate(bones):
-        if number in parents or bone.parent < 0:
-            continue
-        for shape in bone.shapes:
-            middle = np.array(shape.position)
-            half = shape.size[1] if shape.kind == "capsule" else 0.0
-            along = rotate(np.array(shape.orientation), np.array([0.0, 0.0, half]))
-            for point in (middle + along, middle - along):
-                points.append((number, tuple(point.tolist())))
-    return tuple(points)
 
 
 def link_poses(kinematics: Kinematics, states: Float[Array, "*B S"]) -> Float[Array, "*B L 4 4"]:
@@ -223,12 +200,6 @@ def _paid(term: Term, error: Float[Array, " *B"]) -> Float[Array, " *B"]:
 
 
 def _about_root(
-    placed: Float[Array, "*B L 4 4"],
-    points: tuple[tuple[int, Numbers], ...],
-    states: Float[Array, "*B S"],
-) -> Float[Array, "*B P 3"]:
-    links = np.array([link for link, _ in points])
-    offsets = jnp.asarray([offset for _, offset in points], states.dtype)
-    frames = placed[..., links, :3, :]
-    places = (frames[..., :3] * offsets[:, None, :]).sum(axis=-1) + frames[..., 3]
-    return places - states[..., None, POSITION]
+    placed: Float[Array, "*B L 4 4"], states: Float[Array, "*B S"]
+) -> Float[Array, "*B L 3"]:
+    return placed[..., :3, 3] - states[..., None, POSITION]

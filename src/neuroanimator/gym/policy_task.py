@@ -28,7 +28,7 @@ FOLLOWING = PolicyLearning(
     policy_widths=(256, 128),
     critic_widths=(256, 128),
     divergence=0.015,
-    spread=0.1,
+    spread=0.12,
 )
 """Settings of learning to follow a motion."""
 
