@@ -156,7 +156,7 @@ def draw_sheet(policy: StatePolicy, task: PolicyTask, system: MujocoSystem, out:
     clip = na.make_clip(policy.emulator, states)
     with TemporaryDirectory() as place:
         film = Path(place) / "film.mp4"
-        na.write_video(clip, film, size=(640, 640), camera="follow")
+        na.write_video(clip, film, size=(640, 640), camera="side")
         chosen = np.linspace(0, len(clip.times) - 1, IMAGES).round().astype(int)
         tile(film, chosen.tolist(), IMAGES // 2, 2, 320, out)
 
