@@ -78,7 +78,7 @@ def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules
     trust_files(toml)
     system = load_system(str(toml))
     rules = locomotion_rules(task, system.structure, system.rest, system.parameters)
-    return system, rules, first_emulator(name, definition, task, folder / "run", seed)
+    return system, rules, first_emulator(name, definition, task.hold, folder / "run", seed)
 
 
 def kept(file: str, renewed: list[str]) -> Rows:

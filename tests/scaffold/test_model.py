@@ -201,7 +201,16 @@ def test_the_toml_says_all_of_the_definition_and_nothing_else(cart_proposal: tup
     written = tomllib.loads(text)
     assert written == json.loads(
         proposal.definition.model_dump_json(
-            exclude={"goals", "groups", "tree", "holding", "passive", "parameters", "task"}
+            exclude={
+                "goals",
+                "groups",
+                "tree",
+                "holding",
+                "passive",
+                "parameters",
+                "task",
+                "follow",
+            }
         )
     )
 

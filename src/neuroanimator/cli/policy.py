@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,6 @@ import typer
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.definitions.task import TaskTable
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.learn_policy import (
@@ -19,7 +19,7 @@ from neuroanimator.gym.learn_policy import (
     learn_policy,
 )
 from neuroanimator.gym.learner import PolicyLearning
-from neuroanimator.gym.locomotion import locomotion_rules, task_of
+from neuroanimator.gym.policy_task import check_task, task_to_learn
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.system import System
@@ -53,7 +53,10 @@ TINY = 1e-6
 
 def run(
     system: Annotated[
-        str, typer.Argument(help="TOML file with a [task], as 'new Hopper-v5' writes.")
+        str,
+        typer.Argument(
+            help="TOML file with a [task], as 'new Hopper-v5' writes, or with a motion to [follow]."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="File for the policy.")],
     emulator: Annotated[
@@ -73,8 +76,8 @@ def run(
 ) -> None:
     """Learn a policy on the true physics, with the help of slopes from an emulator; needs the extra [gym].
 
-    The rules are those of [task]. The best policy on the way, by whole episodes, is kept. A run that was stopped goes on where it
-    was, and one that is over goes on for more --updates or --minutes.
+    The rules are those of [task] or [follow]. The best policy on the way, by whole episodes, is kept. A run that was stopped goes
+    on where it was, and one that is over goes on for more --updates or --minutes.
     """
     if minutes is not None and not 0 < minutes <= MAX_MINUTES:
         raise ArgumentError(
@@ -84,17 +87,17 @@ def run(
         raise ArgumentError(f"updates: wanted 1 to {MAX_UPDATES:,}, came {updates:,}.")
     with phase("loading"):
         name, definition, _ = resolve(system)
-        task = task_of(definition, system)
+        check_task(definition, system)
         trust_files(system)
         body = load_system(system)
-        rules = locomotion_rules(task, body.structure, body.rest, body.parameters)
+        task = task_to_learn(definition, Path(system), body)
     began = time.monotonic()
     if emulator is None:
-        leaps = first_emulator(name, definition, task, out, seed)
+        leaps = first_emulator(name, definition, task.hold, out, seed)
     else:
         leaps = load_emulator(emulator)
-    _check_emulator(leaps, body, task)
-    learning = PolicyLearning(updates=updates, seed=seed)
+    _check_emulator(leaps, body, task.hold)
+    learning = replace(task.learning, updates=updates, seed=seed)
     limit = None
     if minutes is not None:
         # One update at least, where making the emulator took all the time.
@@ -110,8 +113,9 @@ def run(
         policy = learn_policy(
             body,
             leaps,
-            rules,
+            task.rules,
             learning,
+            reference=task.motion,
             seconds=limit,
             folder=folder,
             on_share=lambda share: bar.advance_to(round(PERCENT * share), note),
@@ -129,7 +133,7 @@ def run(
     print_rows([*rows, ("judge it", f"neuroanimator evaluate {out} --episodes 100")])
 
 
-def first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed: int) -> Emulator:
+def first_emulator(name: str, definition: str, hold: int, out: Path, seed: int) -> Emulator:
     """Return an emulator of one step of the task, as random controls have it; it lies in the run's folder of the policy `out`."""
     path = run_folder(out) / f"{name}.emulator.safetensors"
     if path.exists():
@@ -139,7 +143,7 @@ def first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed:
     config = DatasetConfig(
         system=name,
         definition=definition,
-        substeps=task.hold,
+        substeps=hold,
         count=TRANSITIONS,
         samples_per_run=36,
         seed=seed,
@@ -154,11 +158,11 @@ def first_emulator(name: str, definition: str, task: TaskTable, out: Path, seed:
         return train(data, training, path, on_chunk=bar.advance_to)
 
 
-def _check_emulator(emulator: Emulator, system: System, task: TaskTable) -> None:
+def _check_emulator(emulator: Emulator, system: System, hold: int) -> None:
     """Refuse an emulator of another system, or that leaps anything but one step of the task."""
-    wanted = task.hold * system.physics_dt
+    wanted = hold * system.physics_dt
     if emulator.state != system.state or abs(emulator.dt - wanted) > TINY * wanted:
         raise ArgumentError(
             f"emulator: wanted one of {system.name} in super steps of {wanted:g} s, came one of {emulator.system} in "
-            f"{emulator.dt:g} s. Leave it out, or train one with --substeps {task.hold}."
+            f"{emulator.dt:g} s. Leave it out, or train one with --substeps {hold}."
         )

@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
-from neuroanimator.definitions.task import TaskTable
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.gym.bodies import environment_returns, motion_of, returns_of
+from neuroanimator.gym.bodies import environment_returns, episodes_of, motion_of, returns_of
 from neuroanimator.gym.learn_policy import LearningReport
-from neuroanimator.gym.locomotion import locomotion_rules, task_of
+from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
 from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.systems.system import System
@@ -25,14 +24,14 @@ from neuroanimator.training.train import METRICS, read_reports, run_folder
 MAX_EPISODES = 100_000
 
 
-def _loaded(path: Path, toml: Path | None) -> tuple[StatePolicy, System, TaskTable]:
+def _loaded(path: Path, toml: Path | None) -> tuple[StatePolicy, System, PolicyTask]:
     """Return (the policy, its physics, what it is to do)."""
     with phase("loading"):
         policy = load_state_policy(path)
         if toml:
             trust_files(toml)
         system = system_of(policy.emulator)
-        return policy, system, task_of(policy.emulator.definition, str(path))
+        return policy, system, task_of_policy(policy, path, system)
 
 
 def policy_motion(
@@ -40,7 +39,6 @@ def policy_motion(
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it)."""
     policy, system, task = _loaded(path, toml)
-    rules = locomotion_rules(task, system.structure, system.rest, system.parameters)
     steps = task.steps
     if seconds is not None:
         if not policy.dt <= seconds <= task.steps * policy.dt:
@@ -51,7 +49,7 @@ def policy_motion(
         steps = round(seconds / policy.dt)
     with phase("simulating"):
         stepper = physics_stepper(system, system.scheme, policy.dt)
-        return policy.emulator, motion_of(policy, stepper, rules, steps, seed)
+        return policy.emulator, motion_of(policy, stepper, task.rules, steps, seed)
 
 
 def evaluate_policy(
@@ -67,7 +65,12 @@ def evaluate_policy(
     if not 1 <= episodes <= MAX_EPISODES:
         raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
     policy, system, task = _loaded(path, toml)
-    rules = locomotion_rules(task, system.structure, system.rest, system.parameters)
+    if task.motion is not None and report is not None:
+        raise ArgumentError("report: a policy that follows a motion has none yet. Leave it out.")
+    if task.motion is not None:
+        _evaluate_following(policy, path, system, task, episodes, seed, as_json=as_json)
+        return
+    rules = task.rules
     where = task.environment or "the physics"
     with phase(f"{episodes} episodes in {where}"):
         stepper = physics_stepper(system, system.scheme, policy.dt)
@@ -114,3 +117,41 @@ def evaluate_policy(
     if report:
         rows.append(("report", report))
     print_rows(rows)
+
+
+def _evaluate_following(
+    policy: StatePolicy,
+    path: Path,
+    system: System,
+    task: PolicyTask,
+    episodes: int,
+    seed: int,
+    *,
+    as_json: bool,
+) -> None:
+    """Print how many of `episodes` starts at random phases are still on the motion at its end, and what they earn."""
+    with phase(f"{episodes} episodes on the physics"):
+        stepper = physics_stepper(system, system.scheme, policy.dt)
+        found = episodes_of(policy, stepper, task.rules, episodes, seed)
+    kept = int(episodes - found.is_fallen.sum())
+    if as_json:
+        numbers = {
+            "environment": "the physics",
+            "episodes": episodes,
+            "mean_return": float(found.returns.mean()),
+            "least_return": float(found.returns.min()),
+            "largest_return": float(found.returns.max()),
+            "largest_possible_return": task.steps,
+            "on_the_motion_at_its_end": kept,
+        }
+        print(dumps(numbers, indent=2))
+        return
+    print_rows(
+        [
+            ("policy", path),
+            ("episodes", f"{episodes:,} on the physics, of {task.steps * policy.dt:.3g} s at most"),
+            ("on the motion", f"{kept:,} of them at its end"),
+            ("mean return", f"{found.returns.mean():.0f} of {task.steps}"),
+            ("least, most", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
+        ]
+    )

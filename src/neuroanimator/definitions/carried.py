@@ -36,6 +36,9 @@ TABLES: dict[str, type[Any]] = {
 }
 """Tables that definitions of each kind are checked against."""
 
+AIMS = frozenset(("task", "follow"))
+"""Tables of what a policy is to do, which are no physics."""
+
 SPLIT = 2
 """Number of the way recordings are cut, raised whenever other stretches of them are held out."""
 
@@ -131,8 +134,8 @@ def data_identity(text: str) -> str:
     definition = values.get("definition")
     if not isinstance(definition, dict):
         return text
-    if definition.get("goals") or "task" in definition:
-        physics = {key: value for key, value in definition.items() if key != "task"}
+    if definition.get("goals") or not AIMS.isdisjoint(definition):
+        physics = {key: value for key, value in definition.items() if key not in AIMS}
         values |= {"definition": physics | {"goals": {}}}
         text = canonical_json(values)
     files = values.get("files")

@@ -17,6 +17,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parameter import Parameters
 from neuroanimator.definitions.task import TaskTable
@@ -127,4 +128,6 @@ class Definition(Table):
     """What varies from body to body of a family."""
     task: TaskTable | None = None
     """What a policy is to do; of no meaning to emulators."""
+    follow: FollowTable | None = None
+    """What motion it is to follow instead."""
     goals: dict[SystemName, GoalTable] = Field(default={})

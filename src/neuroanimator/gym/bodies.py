@@ -45,6 +45,7 @@ class Bodies:
         if rules.draw_start is None:
             raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
         self.rows = StateRows(emulator, stepper, rules, None, NOISE)
+        self.is_cut = rules.is_cut
         self.ages = np.zeros(count, np.int32)
         self.begin(rng, np.ones(count, bool))
 
@@ -69,25 +70,42 @@ class Bodies:
         """Go a step on."""
         outcome = self.rows.step(self.rows.emulator.bounds.clip(controls))
         self.ages += 1
-        is_last = outcome.is_over | (self.ages >= self.rows.steps)
+        is_last = outcome.is_over | (self.ages >= self.rows.steps) | self.is_cut(self.states)
         return Moved(self.states, outcome.rewards, outcome.is_over, is_last)
+
+
+class Episodes(NamedTuple):
+    """Whole episodes, a row each."""
+
+    returns: Float[np.ndarray, " B"]
+    is_fallen: Bool[np.ndarray, " B"]
+    """Whether the rules ended it, not its length."""
 
 
 def returns_of(
     policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, episodes: int, seed: int
 ) -> Float[np.ndarray, " B"]:
     """Return the returns of whole episodes without noise, of bodies that `stepper` moves."""
+    return episodes_of(policy, stepper, rules, episodes, seed).returns
+
+
+def episodes_of(
+    policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, episodes: int, seed: int
+) -> Episodes:
+    """Return what became of whole episodes without noise, of bodies that `stepper` moves."""
     rng = np.random.default_rng([seed, episodes])
     bodies = Bodies(stepper, rules, policy.emulator, rng, episodes)
     total = np.zeros(episodes)
+    is_fallen = np.zeros(episodes, bool)
     goes_on = np.ones(episodes, bool)
     while goes_on.any():
         controls = np.asarray(_controls(policy, as_jax(bodies.states)), float)
         moved = bodies.step(controls)
         total += np.where(goes_on, moved.rewards, 0)
+        is_fallen |= goes_on & moved.is_fallen
         goes_on &= ~moved.is_last
         bodies.begin(rng, moved.is_last)
-    return total
+    return Episodes(total, is_fallen)
 
 
 def motion_of(

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
@@ -63,6 +64,7 @@ def learn_policy(
     rules: EpisodeRules,
     learning: PolicyLearning = PolicyLearning(),
     *,
+    reference: ReferenceMotion | None = None,
     seconds: float | None = None,
     folder: str | Path | None = None,
     on_share: Callable[[float], None] = lambda share: None,
@@ -70,16 +72,18 @@ def learn_policy(
 ) -> StatePolicy:
     """Return the best of the policies on the way, by whole episodes on the true physics.
 
-    `emulator` leaps one step of the episodes; a copy of it learns from them. Given `seconds`, learning ends after that time, not
-    after a number of updates, and the policy depends on the machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is
-    given, and a run found there is continued; by number of updates it ends with the same bytes. `on_share` is told the share
-    that is done. BadFileError if the run in `folder` has another emulator or other settings.
+    `emulator` leaps one step of the episodes; a copy of it learns from them. `reference` is the motion that the policy follows,
+    if it follows one. Given `seconds`, learning ends after that time, not after a number of updates, and the policy depends on
+    the machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number
+    of updates it ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has
+    another emulator or other settings.
     """
     if folder is None:
-        return _Run(system, emulator, rules, learning, None).finish(seconds, on_share, on_report)
+        run = _Run(system, emulator, rules, learning, reference, None)
+        return run.finish(seconds, on_share, on_report)
     place = Path(folder)
     with locked(place):
-        run = _Run(system, emulator, rules, learning, place)
+        run = _Run(system, emulator, rules, learning, reference, place)
         return run.finish(seconds, on_share, on_report)
 
 
@@ -92,15 +96,18 @@ class _Run:
         emulator: Emulator,
         rules: EpisodeRules,
         learning: PolicyLearning,
+        reference: ReferenceMotion | None,
         folder: Path | None,
     ):
-        self.learner = Learner(system, emulator, rules, learning)
+        self.learner = Learner(system, emulator, rules, learning, reference)
         self.stepper = physics_stepper(system, system.scheme, emulator.dt)
         self.folder = folder
         settings = asdict(learning)
         del settings["updates"], settings["reports"]  # a run may go on for longer
         # The definition has the task: a run for other rewards is another run.
         settings["definition"] = emulator.definition
+        if reference is not None:
+            settings["reference"] = digest({"frames": np.asarray(reference.frames)})
         self.identity = f"{digest(emulator_tensors(emulator))[:16]}-{canonical_json(settings)}"
         if folder is None:
             return

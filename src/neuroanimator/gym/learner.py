@@ -19,6 +19,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, Int
 
+from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.control.policies.state_policy import FIRST_GAIN, Perceptron, StatePolicy, View
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
@@ -152,9 +153,17 @@ class Learner:
     """A policy, its critic and its emulator, between two updates."""
 
     def __init__(
-        self, system: System, emulator: Emulator, rules: EpisodeRules, learning: PolicyLearning
+        self,
+        system: System,
+        emulator: Emulator,
+        rules: EpisodeRules,
+        learning: PolicyLearning,
+        reference: ReferenceMotion | None = None,
     ):
-        """Raises ArgumentError for settings that cannot be, and for rules that draw no starts."""
+        """Begin; `reference` is the motion that the policy follows, if it follows one.
+
+        Raises ArgumentError for settings that cannot be, and for rules that draw no starts.
+        """
         if learning.bodies < GROUPS or learning.bodies % GROUPS:
             raise ArgumentError(f"bodies: wanted a multiple of {GROUPS}, came {learning.bodies}.")
         if learning.slope_weight is not None and not 0 <= learning.slope_weight <= 1:
@@ -163,11 +172,15 @@ class Learner:
         self.rules = rules
         self.learning = learning
         shown = _shown_entries(system.structure)
+        if reference is not None:
+            shown = reference.shown
+        view = View.fresh(shown, reference)
+        count = len(view.mean)
         policy_key, critic_key = jax.random.split(jax.random.key(learning.seed))
         controls = system.control.size
-        sizes = (len(shown), *learning.policy_widths, controls)
+        sizes = (count, *learning.policy_widths, controls)
         network = Perceptron.fresh(sizes, policy_key, FIRST_GAIN)
-        values = Perceptron.fresh((len(shown), *learning.critic_widths, 1), critic_key, 1.0)
+        values = Perceptron.fresh((count, *learning.critic_widths, 1), critic_key, 1.0)
         actor = Actor(network, jnp.full(controls, np.log(learning.spread), jnp.float32))
         self.optimizers = (
             _clipped_adam(1.0), _clipped_adam(learning.critic_rate), optax.adam(EMULATOR_RATE)
@@ -178,7 +191,6 @@ class Learner:
         memories = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
         stepper = physics_stepper(system, system.scheme, emulator.dt)
         self.bodies = Bodies(stepper, rules, emulator, self._rng(-1), learning.bodies)
-        view = View(jnp.zeros(len(shown)), jnp.ones(len(shown)), shown)
         size = system.state.size
         self.progress = Progress(
             actor=actor,
@@ -336,7 +348,7 @@ class Learner:
     def _see(self, states: Float[np.ndarray, "T N S"]) -> None:
         """Let what networks are shown of a state keep to what states there are."""
         view = self.progress.view
-        shown = states[..., list(view.entries)].reshape(-1, len(view.entries)).astype(float)
+        shown = np.asarray(_shown(view, as_jax(states))).reshape(-1, len(view.mean)).astype(float)
         seen = self.numbers.seen
         share = len(shown) / (seen + len(shown))
         mean = np.asarray(view.mean, float)
@@ -347,6 +359,7 @@ class Learner:
             jnp.asarray(mean + share * away, jnp.float32),
             jnp.asarray(np.sqrt(square), jnp.float32),
             view.entries,
+            view.reference,
         )
         self.progress = self.progress._replace(view=renewed)
         self.numbers = self.numbers._replace(seen=min(seen + len(shown), int(MAX_SEEN)))
@@ -389,6 +402,11 @@ def _batches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
     """Return the rows of each minibatch of some epochs."""
     order = np.stack([rng.permutation(count) for _ in range(EPOCHS)])
     return as_jax(order.reshape(EPOCHS * BATCHES, -1), np.int32)
+
+
+@eqx.filter_jit
+def _shown(view: View, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
+    return view.of(states)
 
 
 @eqx.filter_jit

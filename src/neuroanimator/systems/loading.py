@@ -358,7 +358,7 @@ def _travelling(definition: Any) -> dict[str, Any]:
         values["model"] = Path(definition.model).name
         del values["tree"]
     if isinstance(definition, Definition):
-        for key in ("holding", "passive", "task", "parameters"):
+        for key in ("holding", "passive", "task", "follow", "parameters"):
             if not values[key]:  # as before there was such a key
                 del values[key]
         if not definition.sampling.reset_share:

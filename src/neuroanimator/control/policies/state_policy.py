@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.control.policies.policy import Policy, load_policy
+from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.emulator.artifact import FAULTS, check_arrays, check_format, first_line
 from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.description import blank, describe
@@ -71,20 +72,42 @@ class Perceptron(eqx.Module):
 
 
 class View(eqx.Module):
-    """What networks are shown of a state: some of its entries, by their mean and standard deviation."""
+    """What networks are shown of a state: some of its entries, by their mean and standard deviation.
+
+    Of a motion to follow they are shown, besides, how the body stands to it.
+    """
 
     mean: Float[Array, " O"]
     deviation: Float[Array, " O"]
     entries: tuple[int, ...] = eqx.field(static=True)
+    reference: ReferenceMotion | None = None
+
+    @classmethod
+    def fresh(cls, entries: tuple[int, ...], reference: ReferenceMotion | None) -> View:
+        """Return a view that shows numbers as they are."""
+        size = len(entries)
+        if reference is not None:
+            size += reference.size
+        return cls(jnp.zeros(size), jnp.ones(size), entries, reference)
+
+    def of(self, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
+        """Return what is shown, each number in its own unit."""
+        shown = states[..., np.array(self.entries)]
+        if self.reference is None:
+            return shown
+        return jnp.concatenate([shown, self.reference.observe(states)], axis=-1)
 
     def __call__(self, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
         """Return the numbers shown, of order one."""
-        shown = states[..., np.array(self.entries)]
+        shown = self.of(states)
         return jnp.clip((shown - self.mean) / (self.deviation + EPSILON), -MAX_SHOWN, MAX_SHOWN)
 
 
 class StatePolicy(eqx.Module):
-    """u = middle + half · tanh(network(what it is shown of the state))."""
+    """u = middle + half · tanh(network(what it is shown of the state)).
+
+    One that follows a motion has the motion's next pose in the middle, for servos to aim at, and its reach for half.
+    """
 
     emulator: Emulator
     """Emulator of one step, which learnt along with it."""
@@ -104,9 +127,15 @@ class StatePolicy(eqx.Module):
         self, states: Float[Array, "*B S"], noise: Float[Array, "*B C"] | float = 0.0
     ) -> Float[Array, "*B C"]:
         """Return the controls for bodies in `states`; `noise` is added before they are pressed into their bounds."""
+        share = jnp.tanh(self.network(self.view(states)) + noise)
+        reference = self.view.reference
+        if reference is not None:
+            aims = reference.target(states) + reference.reach * share
+            bounds = self.emulator.bounds
+            return jnp.clip(aims, jnp.asarray(bounds.low), jnp.asarray(bounds.high))
         middle = jnp.asarray(self.emulator.bounds.middle, jnp.float32)
         half = jnp.asarray(self.emulator.bounds.half, jnp.float32)
-        return middle + half * jnp.tanh(self.network(self.view(states)) + noise)
+        return middle + half * share
 
     def save(self, path: str | Path, provenance: dict[str, Any] | None = None) -> None:
         """Write the policy as one `.safetensors` file; `provenance` says how it was learnt (any JSON)."""
@@ -119,6 +148,8 @@ def _leaves(policy: StatePolicy) -> dict[str, Any]:
     """Return every array by its name in files."""
     leaves: dict[str, Any] = prefixed("emulator", emulator_leaves(policy.emulator))
     leaves |= {"view.mean": policy.view.mean, "view.deviation": policy.view.deviation}
+    if policy.view.reference is not None:
+        leaves["reference.frames"] = policy.view.reference.frames
     for index, (weights, bias) in enumerate(
         zip(policy.network.weights, policy.network.biases, strict=True)
     ):
@@ -128,13 +159,16 @@ def _leaves(policy: StatePolicy) -> dict[str, Any]:
 
 
 def _describe(policy: StatePolicy) -> dict[str, Any]:
-    return {
+    described = {
         "kind": KIND,
         "format": FORMAT,
         "emulator": describe(policy.emulator),
         "entries": list(policy.view.entries),
         "widths": [len(bias) for bias in policy.network.biases[:-1]],
     }
+    if policy.view.reference is not None:
+        described["reference"] = policy.view.reference.to_json()
+    return described
 
 
 def load_state_policy(path: Path) -> StatePolicy:
@@ -170,12 +204,17 @@ def _blank(metadata: dict[str, Any]) -> StatePolicy:
     emulator = blank(metadata["emulator"], Emulator)
     shown = entries(metadata["entries"], "entries", emulator.state.size)
     widths = listed(metadata["widths"], "widths", _checked_width)
-    sizes = (len(shown), *widths, emulator.control.size)
+    reference = None
+    if "reference" in metadata:
+        reference = ReferenceMotion.blank(
+            metadata["reference"], emulator.state.size, emulator.control.size
+        )
+    view = View.fresh(shown, reference)
+    sizes = (len(view.mean), *widths, emulator.control.size)
     pairs = list(pairwise(sizes))
     network = Perceptron(
         tuple(jnp.zeros(pair) for pair in pairs), tuple(jnp.zeros(size) for _, size in pairs)
     )
-    view = View(jnp.zeros(len(shown)), jnp.zeros(len(shown)), shown)
     return StatePolicy(emulator, view, network)
 
 

@@ -1,0 +1,216 @@
+"""A human who follows motions recorded of an actor: how long learning takes, how many stay on the motion, how far feet slip.
+
+python benchmarks/following.py                             a walk and a jog, learnt from nothing; see UPDATES
+python benchmarks/following.py walk --updates 400 --seed 2 --dry
+python benchmarks/following.py walk --policy walk.policy.safetensors --sheet walk.png --dry
+
+Each run is what `neuroanimator policy` does with examples/human/human.toml, whose clip is another for the jog. Of 100 starts at
+random phases, without noise, those count that are on the motion after eleven rounds of it, never off by more than 0.25 m at the
+pelvis or 0.8 rad at the trunk. Slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step;
+that of the motion itself stands beside it. Seconds are of a core's time, the emulator's making and all: runs are by number of
+updates, so other work on the machine makes them longer, and changes nothing else.
+
+Writes results/following.csv and results/following_curves.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from contact_sheets import tile
+from human_clips import HUMAN, soles
+from jaxtyping import Float
+
+import neuroanimator as na
+from neuroanimator.control.policies.reference_motion import ReferenceMotion
+from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.gym.bodies import Bodies, episodes_of, motion_of
+from neuroanimator.gym.following import Following
+from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_of_policy
+from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.systems import load_system
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.terminal import print_table
+
+Rows = list[dict[str, Any]]
+
+RESULTS = Path(__file__).parent / "results"
+
+PROGRAM = Path(sys.executable).parent / "neuroanimator"
+
+UPDATES = {"walk": 480, "jog": 1000}
+"""Number of updates of the policy, of 4,096 transitions each."""
+
+STARTS = 100
+
+FLOOR = 0.005
+"""Height below which a sole is on the floor [m]."""
+
+STEPS_IN_LAP = 2
+
+TIMED_STEPS = 300
+"""Number of super steps that are timed, of `TIMED_BODIES` each."""
+
+TIMED_BODIES = 64
+
+IMAGES = 12
+"""Number of pictures on a contact sheet, of two rounds of the motion."""
+
+
+def learn(clip: str, seed: int, updates: int, place: Path) -> tuple[Path, float, Rows]:
+    """Return (the policy's file, seconds of a core's time it took, rows of its curve)."""
+    for name in ("human.xml", f"{clip}.csv"):
+        (place / name).write_bytes((HUMAN / name).read_bytes())
+    toml = (HUMAN / "human.toml").read_text().replace("walk.csv", f"{clip}.csv")
+    (place / "human.toml").write_text(toml)
+    file = place / f"{clip}.policy.safetensors"
+    began = seconds_of_children()
+    command = [PROGRAM, "policy", "human.toml", "--seed", seed, "--updates", updates, "--out", file]
+    subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
+    seconds = seconds_of_children() - began
+    lines = (place / f"{clip}.policy.run" / "metrics.jsonl").read_text().splitlines()
+    return file, seconds, [{"clip": clip, "seed": seed} | json.loads(line) for line in lines]
+
+
+def seconds_of_children() -> float:
+    """Return the time cores have spent on processes that were started here and are over [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[str, Any]:
+    """Return what a policy does on the physics."""
+    motion = task.motion
+    assert motion is not None
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    found = episodes_of(policy, stepper, task.rules, STARTS, 0)
+    states = motion_of(policy, stepper, task.rules, task.steps, 1)
+    table = follow_table(policy.emulator.definition)
+    assert table is not None
+    following = Following.of(motion, system, table)
+    shown = jnp.asarray(states, jnp.float32)
+    frames = np.asarray(motion.frames, float)[: 5 * motion.lap]
+    return {
+        "starts": STARTS,
+        "on the motion": int(STARTS - found.is_fallen.sum()),
+        "mean return": float(found.returns.mean()),
+        "most possible": task.steps,
+        "pelvis off m": float(following.distance(shown).mean()),
+        "trunk off rad": float(following.tilt(shown).mean()),
+        "slip cm": 100 * slip(system, states, motion),
+        "slip of the clip cm": 100 * slip(system, frames, motion),
+    }
+
+
+def slip(system: MujocoSystem, states: Float[np.ndarray, "K S"], motion: ReferenceMotion) -> float:
+    """Return how far the lowest point of a sole moves along the floor while it is on it, a step [m]."""
+    points = np.array([soles(system.model, state[: system.model.nq]) for state in states])
+    heights = points[..., 2]
+    lowest = heights[:-1].argmin(axis=-1)[..., None]
+    before = np.take_along_axis(heights[:-1], lowest, axis=-1)[..., 0]
+    after = np.take_along_axis(heights[1:], lowest, axis=-1)[..., 0]
+    moved = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1)
+    moved = np.take_along_axis(moved, lowest, axis=-1)[..., 0]
+    is_down = (before < FLOOR) & (after < FLOOR)
+    laps = (len(states) - 1) / motion.lap
+    return float((moved * is_down).sum() / (STEPS_IN_LAP * laps))
+
+
+def transitions_a_second(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> float:
+    """Return how many steps of the physics a policy's bodies go in a second of one core's time, while it walks."""
+    motion = task.motion
+    assert motion is not None
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    rng = np.random.default_rng(0)
+    bodies = Bodies(stepper, task.rules, policy.emulator, rng, TIMED_BODIES)
+    spent = 0.0
+    for _ in range(TIMED_STEPS):
+        controls = np.asarray(policy.control_of(jnp.asarray(bodies.states, jnp.float32)), float)
+        held = policy.emulator.bounds.clip(controls)
+        began = time.process_time()
+        system.simulate_fastest(bodies.states, held[:, None], policy.dt, system.scheme)
+        spent += time.process_time() - began
+        bodies.begin(rng, bodies.step(controls).is_last)
+    return TIMED_BODIES * TIMED_STEPS / spent
+
+
+def draw_sheet(policy: StatePolicy, task: PolicyTask, system: MujocoSystem, out: Path) -> None:
+    """Lay pictures of two rounds of the motion on the physics side by side."""
+    motion = task.motion
+    assert motion is not None
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    states = motion_of(policy, stepper, task.rules, 4 * motion.lap, 1)[2 * motion.lap :]
+    clip = na.make_clip(policy.emulator, states)
+    with TemporaryDirectory() as place:
+        film = Path(place) / "film.mp4"
+        na.write_video(clip, film, size=(640, 640), camera="side")
+        chosen = np.linspace(0, len(clip.times) - 1, IMAGES).round().astype(int)
+        tile(film, chosen.tolist(), IMAGES // 2, 2, 320, out)
+
+
+def kept(file: str, renewed: list[str]) -> Rows:
+    """Return the rows of a result whose clips are not measured anew."""
+    path = RESULTS / file
+    if not path.exists():
+        return []
+    with path.open(newline="") as lines:
+        next(lines)  # the machine
+        return [row for row in csv.DictReader(lines) if row["clip"] not in renewed]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("clips", nargs="*", default=list(UPDATES))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--updates", type=int)
+    parser.add_argument("--policy", type=Path, help="judge this one instead of learning one")
+    parser.add_argument("--keep", type=Path, help="file for the policy")
+    parser.add_argument("--sheet", type=Path, help="file for pictures")
+    parser.add_argument("--dry", action="store_true", help="write no file")
+    arguments = parser.parse_args()
+    print(describe_machine())
+    system = load_system(str(HUMAN / "human.toml"))
+    assert isinstance(system, MujocoSystem)
+    rows = kept("following.csv", arguments.clips)
+    curves = kept("following_curves.csv", arguments.clips)
+    for clip in arguments.clips:
+        with TemporaryDirectory() as place:
+            row: dict[str, Any] = {"clip": clip, "seed": arguments.seed}
+            file = arguments.policy
+            if file is None:
+                updates = arguments.updates or UPDATES[clip]
+                file, seconds, curve = learn(clip, arguments.seed, updates, Path(place))
+                row |= {"core seconds": seconds, "transitions": curve[-1]["steps"]}
+                curves += curve
+            policy = load_state_policy(file)
+            if arguments.keep:
+                policy.save(arguments.keep)
+        task = task_of_policy(policy, file, system)
+        row |= judged(policy, task, system)
+        row["physics, transitions a second"] = transitions_a_second(policy, task, system)
+        rows.append(row)
+        print_table([row])
+        if arguments.sheet:
+            draw_sheet(policy, task, system, arguments.sheet)
+        if not arguments.dry:
+            write_csv(RESULTS / "following.csv", rows)
+            write_csv(RESULTS / "following_curves.csv", curves)
+
+
+if __name__ == "__main__":
+    main()

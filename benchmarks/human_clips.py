@@ -1,0 +1,362 @@
+"""Make the motions that the human follows of markers: examples/human/walk.csv and jog.csv.
+
+git clone https://github.com/google-deepmind/mujoco_mpc
+python benchmarks/human_clips.py mujoco_mpc/mjpc/tasks/humanoid/tracking/keyframes
+
+The key frames of that tracking task (Apache-2.0) hold where sixteen points of an actor's body are, 30 times a second; of angles
+they hold the first pose's alone. The data were obtained from mocap.cs.cmu.edu; that database was created with funding from NSF
+EIA-0196217.
+
+markers → angles by least squares on MuJoCo's kinematics → the floor levelled → one cycle cut out and closed
+        → sampled anew, one control apart → velocities by central differences
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from neuroanimator.export.csv_file import write_table
+from neuroanimator.state.rotation import facing, heading_of, multiply
+from neuroanimator.systems import load_system
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+HUMAN = Path(__file__).parents[1] / "examples" / "human"
+
+STEPS = 4
+"""Number of physics steps between two states: for so long a control is held."""
+
+RATE = 30.0
+"""Number of key frames a second."""
+
+MARKERS = (
+    "pelvis", "head", "ltoe", "rtoe", "lheel", "rheel", "lknee", "rknee", "lhand", "rhand", "lelbow", "relbow", "lshoulder",
+    "rshoulder", "lhip", "rhip",
+)  # fmt: skip
+"""Names of the points, in the files' order; a heel is at the ankle, a toe at the ball of the foot."""
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Where on the body a marker is."""
+
+    body: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """[m]"""
+    weight: float = 1.0
+
+
+ATTACHMENTS = {
+    "pelvis": Attachment("pelvis", (0.0, 0.0, 0.09)),
+    "head": Attachment("torso", (0.0, 0.0, 0.54), 0.3),
+    "lhip": Attachment("thigh_left"),
+    "rhip": Attachment("thigh_right"),
+    "lknee": Attachment("shin_left"),
+    "rknee": Attachment("shin_right"),
+    "lheel": Attachment("foot_left", weight=2.0),
+    "rheel": Attachment("foot_right", weight=2.0),
+    "ltoe": Attachment("foot_left", (0.127, 0.03, -0.03)),
+    "rtoe": Attachment("foot_right", (0.127, -0.03, -0.03)),
+    "lshoulder": Attachment("upper_arm_left", weight=0.7),
+    "rshoulder": Attachment("upper_arm_right", weight=0.7),
+    "lelbow": Attachment("forearm_left", weight=0.7),
+    "relbow": Attachment("forearm_right", weight=0.7),
+    "lhand": Attachment("forearm_left", (0.0, 0.0, -0.25), 0.7),
+    "rhand": Attachment("forearm_right", (0.0, 0.0, -0.25), 0.7),
+}
+
+PRIOR = 0.02
+"""Weight that draws each angle to the reference pose [m/rad]: markers leave the twist of straight limbs open."""
+
+PRIORS = {"ankle_x": 0.05, "hip_z": 0.06, "shoulder_z": 0.04}
+"""Weights of angles that markers say less about."""
+
+SMOOTH = 0.03
+"""Weight that draws each angle to that of the frame before [m/rad]."""
+
+LEVEL = 0.1
+"""Weight that keeps feet from rolling [m]."""
+
+ITERATIONS = 60
+
+FOOT = 4
+"""Number of points of a sole: the two ends of its two capsules."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """What to cut out of a recording."""
+
+    file: str
+    first: int
+    """Frame."""
+    last: int
+    """Frame in which the pose of the first comes again."""
+    is_straight: bool
+    """Whether it is unbent to go straight along X; otherwise it goes on turning as it does in a cycle."""
+    always_touches: bool
+    """Whether a foot is on the floor at all times: then that is kept to."""
+
+
+CYCLES = {
+    "walk": Cycle("CMU-CMU-137-137_40_poses.xml", 117, 165, True, True),
+    "jog": Cycle("CMU-CMU-108-108_13_poses.xml", 6, 31, False, False),
+}
+
+Pose = Float[np.ndarray, " Q"]
+Poses = Float[np.ndarray, "K Q"]
+
+
+def read_markers(path: Path) -> Float[np.ndarray, "K 16 3"]:
+    """Return the positions of the markers [m] in each key frame."""
+    keys = ElementTree.parse(path).findall(".//key")
+    rows = [[float(number) for number in key.attrib["mpos"].split()] for key in keys]
+    return np.array(rows).reshape(len(rows), len(MARKERS), 3)
+
+
+def fit_poses(model: mujoco.MjModel, markers: Float[np.ndarray, "K 16 3"]) -> Poses:
+    """Return the poses whose points lie nearest to the markers: by Gauss-Newton, each from the one before."""
+    left = markers[0, MARKERS.index("lhip")]
+    right = markers[0, MARKERS.index("rhip")]
+    across = left - right
+    pose = model.qpos0.copy()
+    pose[:3] = (left + right) / 2
+    pose[3:7] = facing(np.asarray(np.arctan2(-across[0], across[1])))
+    poses = []
+    for frame in markers:
+        pose = _fit_pose(model, frame, pose, is_first=not poses)
+        poses.append(pose)
+    return np.array(poses)
+
+
+def _fit_pose(
+    model: mujoco.MjModel, frame: Float[np.ndarray, "16 3"], start: Pose, *, is_first: bool
+) -> Pose:
+    data = mujoco.MjData(model)
+    priors = _weights(model, PRIOR, PRIORS)
+    smooth = np.zeros(model.nv) if is_first else _weights(model, SMOOTH, {})
+    pose = start.copy()
+    for _ in range(ITERATIONS):
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        jacobian, residual = _equations(model, data, frame)
+        normal = jacobian.T @ jacobian + np.diag(priors**2 + smooth**2 + 1e-6)
+        right = jacobian.T @ residual
+        right += priors**2 * _difference(model, pose, model.qpos0)
+        right += smooth**2 * _difference(model, pose, start)
+        step = np.linalg.solve(normal, right)
+        step[6:] = np.clip(step[6:], -0.3, 0.3)
+        mujoco.mj_integratePos(model, pose, step, 1.0)
+        hinges = slice(7, 7 + model.njnt - 1)
+        limits = model.jnt_range[1:].copy()
+        limits[~model.jnt_limited[1:].astype(bool)] = [-np.inf, np.inf]
+        pose[hinges] = np.clip(pose[hinges], limits[:, 0], limits[:, 1])
+        if np.abs(step).max() < 1e-5:
+            break
+    return pose
+
+
+def _equations(
+    model: mujoco.MjModel, data: mujoco.MjData, frame: Float[np.ndarray, "16 3"]
+) -> tuple[Float[np.ndarray, "E V"], Float[np.ndarray, " E"]]:
+    """Return (Jacobian, residual) of markers and of feet that should not roll."""
+    rows = []
+    residuals = []
+    for number, name in enumerate(MARKERS):
+        attachment = ATTACHMENTS[name]
+        body = model.body(attachment.body).id
+        point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ attachment.offset
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jac(model, data, jacobian, None, point, body)
+        rows.append(attachment.weight * jacobian)
+        residuals.append(attachment.weight * (frame[number] - point))
+    for name in ("foot_left", "foot_right"):
+        body = model.body(name).id
+        turning = np.zeros((3, model.nv))
+        mujoco.mj_jac(model, data, None, turning, data.xpos[body], body)
+        across = data.xmat[body].reshape(3, 3)[:, 1]
+        rows.append(LEVEL * (turning[0] * across[1] - turning[1] * across[0])[None])
+        residuals.append(np.array([-LEVEL * across[2]]))
+    return np.concatenate(rows), np.concatenate(residuals)
+
+
+def _weights(
+    model: mujoco.MjModel, usual: float, others: dict[str, float]
+) -> Float[np.ndarray, " V"]:
+    """Return the weight of each velocity: none of the root's, `usual` of angles but `others`, by how their names begin."""
+    weights = np.full(model.nv, usual)
+    weights[:6] = 0
+    for joint in range(model.njnt):
+        for prefix, weight in others.items():
+            if model.joint(joint).name.startswith(prefix):
+                weights[model.jnt_dofadr[joint]] = weight
+    return weights
+
+
+def _difference(model: mujoco.MjModel, first: Pose, second: Pose) -> Float[np.ndarray, " V"]:
+    difference = np.zeros(model.nv)
+    mujoco.mj_differentiatePos(model, difference, 1.0, first, second)
+    return difference
+
+
+def soles(model: mujoco.MjModel, pose: Pose) -> Float[np.ndarray, "2 4 3"]:
+    """Return the lowest points at the ends of the soles' capsules [m]: right, left."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = pose
+    mujoco.mj_kinematics(model, data)
+    points = []
+    for side in ("right", "left"):
+        for sole in ("sole_in", "sole_out"):
+            geom = model.geom(f"{sole}_{side}").id
+            radius, half, _ = model.geom_size[geom]
+            along = half * data.geom_xmat[geom].reshape(3, 3)[:, 2]
+            middle = data.geom_xpos[geom] - [0, 0, radius]
+            points += [middle + along, middle - along]
+    return np.array(points).reshape(2, FOOT, 3)
+
+
+def _lowest(model: mujoco.MjModel, poses: Poses) -> Float[np.ndarray, " K"]:
+    return np.array([soles(model, pose)[..., 2].min() for pose in poses])
+
+
+def _smoothed(poses: Poses, width: float) -> Poses:
+    poses = _continuous(poses)
+    poses = gaussian_filter1d(poses, width, axis=0, mode="nearest")
+    poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1, keepdims=True)
+    return poses
+
+
+def _continuous(poses: Poses) -> Poses:
+    """Return the poses with each quaternion the one of its two signs that is nearer to the one before."""
+    poses = poses.copy()
+    for number in range(1, len(poses)):
+        if poses[number, 3:7] @ poses[number - 1, 3:7] < 0:
+            poses[number, 3:7] *= -1
+    return poses
+
+
+def levelled(model: mujoco.MjModel, poses: Poses, *, always_touches: bool) -> Poses:
+    """Return the poses with the floor at zero: in the recordings it slopes, by up to ten centimetres on the way."""
+    poses = poses.copy()
+    lowest = _lowest(model, poses)
+    if always_touches:
+        poses[:, 2] -= gaussian_filter1d(lowest, 3.0)
+        return poses
+    times = np.arange(len(poses))
+    stands = lowest < np.percentile(lowest, 35)
+    poses[:, 2] -= np.polyval(np.polyfit(times[stands], lowest[stands], 1), times)
+    return poses
+
+
+def _turned(poses: Poses, angle: float) -> Poses:
+    """Return poses turned about the world's Z axis."""
+    poses = poses.copy()
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
+    poses[:, :2] = poses[:, :2] @ np.array([[cosine, sine], [-sine, cosine]])
+    turn = np.broadcast_to(facing(np.asarray(angle)), (len(poses), 4))
+    poses[:, 3:7] = multiply(turn, poses[:, 3:7])
+    return poses
+
+
+def _turn_of(poses: Poses) -> float:
+    turn = heading_of(poses[-1, 3:7]) - heading_of(poses[0, 3:7])
+    return float((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+def closed(poses: Poses, *, is_straight: bool) -> Poses:
+    """Return a cycle from the origin along X whose last pose is its first, moved on: what is missing is spread over it."""
+    turn = _turn_of(poses)
+    count = len(poses)
+    if is_straight:
+        unbent = [poses[:1]]
+        for number in range(1, count):
+            step = poses[number : number + 1].copy()
+            step[0, :2] -= poses[number - 1, :2]
+            step = _turned(step, -turn * number / (count - 1))
+            step[0, :2] += unbent[-1][0, :2]
+            unbent.append(step)
+        poses = np.concatenate(unbent)
+        turn = 0.0
+    poses = poses.copy()
+    poses[:, :2] -= poses[0, :2]
+    heading = -heading_of(poses[0, 3:7])
+    if is_straight:
+        heading = -np.arctan2(poses[-1, 1], poses[-1, 0])
+    poses = _continuous(_turned(poses, float(heading)))
+    missing = _turned(poses[-1:], -turn)[0] - poses[0]
+    if missing[3] < -1:  # the other sign of the same quaternion
+        missing[3:7] = -_turned(poses[-1:], -turn)[0, 3:7] - poses[0, 3:7]
+    missing[:2] = 0
+    poses -= np.linspace(-0.5, 0.5, count)[:, None] * missing
+    poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1, keepdims=True)
+    return poses
+
+
+def sampled(
+    model: mujoco.MjModel, cycle: Poses, dt: float, *, always_touches: bool
+) -> Float[np.ndarray, "K S"]:
+    """Return the states of a closed cycle, `dt` apart; its time is rounded to whole steps."""
+    steps = round((len(cycle) - 1) / RATE / dt)
+    turn = _turn_of(cycle)
+    before = _turned(cycle - _at_place(cycle[-1]), -turn)
+    after = _turned(cycle, turn) + _at_place(cycle[-1])
+    long = _smoothed(np.concatenate([before[:-1], cycle[:-1], after]), 0.7)
+    times = np.arange(len(long)) - (len(cycle) - 1)
+    spline = CubicSpline(times * (steps * dt / (len(cycle) - 1)), long)
+    poses = spline(np.arange(-1, steps + 2) * dt)
+    poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1, keepdims=True)
+    poses[:, -1] = 2 * np.pi * np.arange(-1, steps + 2) / steps
+    if always_touches:
+        lowest = _lowest(model, poses)
+        lowest[1:-2] = gaussian_filter1d(lowest[1:-2], 1.5, mode="wrap")
+        lowest[[0, -2, -1]] = lowest[[-3, 1, 2]]
+        poses[:, 2] -= lowest
+    states = []
+    for number in range(1, len(poses) - 1):
+        velocity = _difference(model, poses[number - 1], poses[number + 1]) / (2 * dt)
+        states.append(np.concatenate([poses[number], velocity]))
+    return np.array(states)
+
+
+def _at_place(pose: Pose) -> Pose:
+    """Return where along the floor a pose is, all else zero."""
+    place = np.zeros_like(pose)
+    place[:2] = pose[:2]
+    return place
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("keyframes", type=Path, help="folder of the tracking task's key frames")
+    parser.add_argument("--out", type=Path, default=HUMAN)
+    arguments = parser.parse_args()
+    system = load_system(str(HUMAN / "human.toml"))
+    assert isinstance(system, MujocoSystem)
+    model = system.model
+    dt = STEPS * system.physics_dt
+    for name, cycle in CYCLES.items():
+        markers = read_markers(arguments.keyframes / cycle.file)
+        poses = _smoothed(fit_poses(model, markers), 1.0)
+        poses = levelled(model, poses, always_touches=cycle.always_touches)
+        cut = closed(poses[cycle.first : cycle.last + 1], is_straight=cycle.is_straight)
+        states = sampled(model, cut, dt, always_touches=cycle.always_touches)
+        times = np.arange(len(states)) * dt
+        write_table(arguments.out / f"{name}.csv", times, states.round(5), system.state)
+        speed = np.linalg.norm(states[-1, :2]) / times[-1]
+        print(f"{name}: {len(states) - 1} steps of {dt:g} s, {speed:.2f} m/s")
+
+
+if __name__ == "__main__":
+    main()

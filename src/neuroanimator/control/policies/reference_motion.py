@@ -1,0 +1,179 @@
+"""A motion that a policy follows: what a body is shown of it, and what its servos aim at.
+
+The state holds a clock, a hinge that turns evenly: its angle says how far the motion is, so policies stay functions of the
+state alone. Learning by such motions, from any of their phases, is that of DeepMimic (Peng and others, SIGGRAPH 2018).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from neuroanimator.files.numbers import entries, listed, number, whole
+from neuroanimator.state.rotation import (
+    conjugate,
+    multiply,
+    rotation_rows,
+    upward,
+)
+
+MAX_FRAMES = 20_000
+"""Largest number of states a motion has, laps and all."""
+
+MAX_LEAD = 10.0
+"""Longest time a servo may aim ahead [s]."""
+
+TINY = 1e-12
+"""Keeps the root of a body that points straight up from having no direction."""
+
+TURN = 2 * np.pi
+
+POSITION = slice(0, 3)
+"""Entries of a free root's position."""
+
+ORIENTATION = slice(3, 7)
+"""Entries of its quaternion wxyz."""
+
+HEIGHT = 2
+
+ROOT_NUMBERS = 17
+"""Numbers of what is shown but the hinges': of the root, of the motion's, and of the clock."""
+
+
+class ReferenceMotion(eqx.Module):
+    """States of a body with a free root, one super step apart, by the angle of a clock among them."""
+
+    frames: Float[Array, "K S"]
+    """All laps, one after another."""
+    lap: int = eqx.field(static=True)
+    """Number of super steps in which the clock turns once."""
+    phase: int = eqx.field(static=True)
+    """Entry of the clock's angle [rad]."""
+    velocity: int = eqx.field(static=True)
+    """First entry of the root's velocity, three along the world's axes and three about its own."""
+    hinges: tuple[int, ...] = eqx.field(static=True)
+    """Entries of the body's angles."""
+    rates: tuple[int, ...] = eqx.field(static=True)
+    """Entries of their velocities."""
+    driven: tuple[int, ...] = eqx.field(static=True)
+    """Entry of the angle that each control is a servo of."""
+    driven_rates: tuple[int, ...] = eqx.field(static=True)
+    """Entry of that angle's velocity."""
+    leads: tuple[float, ...] = eqx.field(static=True)
+    """By how long each servo aims ahead [s]: its damping over its stiffness, by which it lags behind what turns evenly."""
+    reach: float = eqx.field(static=True)
+    """Largest angle by which a control differs from the motion's [rad]."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers `observe` returns."""
+        return ROOT_NUMBERS + len(self.hinges)
+
+    @property
+    def shown(self) -> tuple[int, ...]:
+        """Entries of the state that are shown as they are: height, angles, and velocities in the body's own axes."""
+        turning = range(self.velocity + 3, self.velocity + 6)
+        return (HEIGHT, *self.hinges, *turning, *self.rates)
+
+    def index(self, states: Float[Array, "*B S"]) -> Int[Array, "*B"]:
+        """Return the number of the frame at which the clock stands."""
+        steps = jnp.round(states[..., self.phase] * (self.lap / TURN))
+        return jnp.clip(steps, 0, len(self.frames) - 1).astype(jnp.int32)
+
+    def frame(self, states: Float[Array, "*B S"], later: int = 0) -> Float[Array, "*B S"]:
+        """Return the state that the motion has when the clock stands as it does, or some super steps `later`.
+
+        Between two frames it is interpolated, as a product of weights and frames, which generated C has, too.
+        """
+        last = len(self.frames) - 1
+        steps = states[..., self.phase] * (self.lap / TURN) + later
+        away = jnp.clip(steps, 0, last)[..., None] - jnp.arange(len(self.frames), dtype=jnp.float32)
+        weights = jnp.maximum(1 - jnp.abs(away), 0)
+        return weights @ jnp.asarray(self.frames)
+
+    def target(self, states: Float[Array, "*B S"]) -> Float[Array, "*B C"]:
+        """Return what each servo is to aim at so that it comes to the motion's next pose: the angle there, and a lead."""
+        following = self.frame(states, 1)
+        leads = jnp.asarray(self.leads, jnp.float32)
+        ahead = leads * following[..., np.array(self.driven_rates)]
+        return following[..., np.array(self.driven)] + ahead
+
+    def observe(self, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
+        """Return what a policy is shown beside `shown`: the root and the motion's next state from where it stands and faces."""
+        following = self.frame(states, 1)
+        orientation = states[..., ORIENTATION]
+        velocity = slice(self.velocity, self.velocity + 3)
+        apart = following[..., POSITION] - states[..., POSITION]
+        relative = multiply(conjugate(orientation), following[..., ORIENTATION])
+        # A quaternion and its negative are one rotation.
+        rotation = 2 * jnp.sign(relative[..., :1]) * relative[..., 1:]
+        hinges = np.array(self.hinges)
+        angle = states[..., self.phase, None]
+        parts = [
+            upward(orientation),
+            _from_heading(orientation, states[..., velocity]),
+            _from_heading(orientation, apart),
+            rotation,
+            _from_heading(orientation, following[..., velocity]),
+            following[..., hinges] - states[..., hinges],
+            jnp.sin(angle),
+            jnp.cos(angle),
+        ]
+        return jnp.concatenate(parts, axis=-1)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all but the frames, and how many there are."""
+        return {
+            "frames": len(self.frames),
+            "lap": self.lap,
+            "phase": self.phase,
+            "velocity": self.velocity,
+            "hinges": list(self.hinges),
+            "rates": list(self.rates),
+            "driven": list(self.driven),
+            "driven_rates": list(self.driven_rates),
+            "leads": list(self.leads),
+            "reach": self.reach,
+        }
+
+    @classmethod
+    def blank(cls, values: Any, size: int, controls: int) -> ReferenceMotion:
+        """Return the motion `to_json` described, its frames zero; ValueError for one of another state or other controls."""
+        count = whole(values["frames"], "reference: frames", 2, MAX_FRAMES)
+        motion = cls(
+            frames=jnp.zeros((count, size)),
+            lap=whole(values["lap"], "reference: lap", 1, MAX_FRAMES),
+            phase=whole(values["phase"], "reference: phase", 0, size - 1),
+            velocity=whole(values["velocity"], "reference: velocity", 0, size - 6),
+            hinges=entries(values["hinges"], "reference: hinges", size),
+            rates=entries(values["rates"], "reference: rates", size),
+            driven=entries(values["driven"], "reference: driven", size),
+            driven_rates=entries(values["driven_rates"], "reference: driven_rates", size),
+            leads=listed(values["leads"], "reference: leads", _checked_lead),
+            reach=number(values["reach"], "reference: reach", 0, TURN),
+        )
+        for driven in (motion.driven, motion.driven_rates, motion.leads):
+            if len(driven) != controls:
+                raise ValueError(f"reference: wanted {controls} angles that controls drive")
+        return motion
+
+
+def _from_heading(
+    orientation: Float[Array, "*B 4"], vector: Float[Array, "*B 3"]
+) -> Float[Array, "*B 3"]:
+    """Return a vector of the world along the axes of a body that stands upright and faces as this one does."""
+    rows = rotation_rows(orientation)
+    length = jnp.sqrt(rows[0][0] ** 2 + rows[1][0] ** 2 + TINY)
+    cosine = rows[0][0] / length
+    sine = rows[1][0] / length
+    ahead = cosine * vector[..., 0] + sine * vector[..., 1]
+    left = cosine * vector[..., 1] - sine * vector[..., 0]
+    return jnp.stack([ahead, left, vector[..., 2]], axis=-1)
+
+
+def _checked_lead(lead: Any, label: str) -> float:
+    return number(lead, label, 0, MAX_LEAD)

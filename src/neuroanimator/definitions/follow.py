@@ -1,0 +1,41 @@
+"""The table of a TOML file that says which recorded motion a policy is to follow."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from neuroanimator.files.names import PartName, check_file_name
+from neuroanimator.files.tables import Table
+
+ClipName = Annotated[str, AfterValidator(check_file_name)]
+"""Name of a file beside its definition."""
+
+Distance = Annotated[float, Field(gt=0, le=1e3)]
+
+
+class FollowTable(Table):
+    """Following a recorded motion, with servos that aim at angles around those of the motion.
+
+    The body's first joint is free, and a hinge beside the body is the clock: it turns once in the motion.
+    """
+
+    clip: ClipName
+    """File of the motion: a table of states, one control apart."""
+    hold: Annotated[int, Field(ge=1, le=1000)]
+    """Number of physics steps a control is held."""
+    laps: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Number of times the motion goes on from where it ended; more than 1 where its last pose is its first."""
+    phase: PartName = "phase"
+    """Hinge that is the clock."""
+    trunk: PartName
+    """Body whose tilt says whether the motion is lost."""
+    reach: Annotated[float, Field(gt=0, le=4)] = 0.5
+    """Largest angle by which what servos aim at differs from the motion's next pose [rad]."""
+    lost_distance: Distance = 0.25
+    """Distance of the root from the motion's, beyond which the motion is lost and the episode ends [m]."""
+    lost_tilt: Annotated[float, Field(gt=0, le=3.2)] = 0.8
+    """Angle between the trunk and the motion's, likewise [rad]."""
+    reset_noise: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Episodes begin off the motion by up to this in the angle of every joint [rad]."""

@@ -1,0 +1,205 @@
+"""Following a recorded motion, as rules of episodes: they begin on it, at any of its phases, and end where it is lost.
+
+What a step pays are exponentials of how far the body is off the motion, as in DeepMimic (Peng and others, SIGGRAPH 2018):
+
+    r = Σ w exp(−k e),  e: squared errors of angles, of their velocities, of the parts' places about the root, of the root
+                           and of its velocity
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from neuroanimator.control.policies.reference_motion import (
+    ORIENTATION,
+    POSITION,
+    ReferenceMotion,
+)
+from neuroanimator.definitions.follow import FollowTable
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.errors import ArgumentError
+from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.kinematics import Kinematics
+from neuroanimator.state.rotation import conjugate, multiply
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+
+class Term(NamedTuple):
+    """A term of the reward: weight · exp(−sharpness · error)."""
+
+    weight: float
+    sharpness: float
+
+
+ANGLES = Term(0.35, 2.0)
+"""Of the sum of squared errors of angles [rad²]."""
+
+RATES = Term(0.1, 0.005)
+"""Of that of their velocities [rad²/s²]."""
+
+PARTS = Term(0.15, 60.0)
+"""Of the mean squared error of the parts' places about the root [m²]."""
+
+ROOT = Term(0.3, 20.0)
+"""Of the squared error of the root's position [m²], and of `TILT_SHARE` of that of its orientation [rad²]."""
+
+ROOT_VELOCITY = Term(0.1, 1.0)
+"""Of the squared error of its velocity [m²/s²], and of `TURNING_SHARE` of that of its angular velocity [rad²/s²]."""
+
+TILT_SHARE = 0.25
+
+TURNING_SHARE = 0.1
+
+
+class Following(eqx.Module):
+    """What a body earns on the way of a motion, and where it has lost it."""
+
+    motion: ReferenceMotion
+    kinematics: Kinematics = eqx.field(static=True)
+    trunk: int = eqx.field(static=True)
+    """Number of the link whose tilt counts."""
+    places: Float[Array, "K L 3"]
+    """Places of the motion's links about the root [m], along the world's axes."""
+    trunks: Float[Array, "K 3 3"]
+    """Rotations of the motion's trunk."""
+    lost_distance: float = eqx.field(static=True)
+    lost_tilt: float = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, motion: ReferenceMotion, system: MujocoSystem, table: FollowTable) -> Following:
+        """Return that of a system's body; ArgumentError for a trunk that is none of its parts."""
+        bones = system.skeleton.bones
+        names = [bone.name for bone in bones]
+        if table.trunk not in names:
+            valid = ", ".join(names)
+            raise ArgumentError(f"follow.trunk: no part called '{table.trunk}'. Parts: {valid}.")
+        kinematics = Kinematics(
+            tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
+        )
+        trunk = names.index(table.trunk)
+        frames = jnp.asarray(motion.frames)
+        placed = link_poses(kinematics, frames)
+        return cls(
+            motion,
+            kinematics,
+            trunk,
+            _about_root(placed, frames),
+            placed[..., trunk, :3, :3],
+            table.lost_distance,
+            table.lost_tilt,
+        )
+
+    def reward(self, following: Float[Array, "*B S"]) -> Float[Array, " *B"]:
+        """Return what steps that lead to these states earn, from 0 to 1."""
+        motion = self.motion
+        wanted = motion.frame(following)
+        off = following - wanted
+        angles = (off[..., np.array(motion.hinges)] ** 2).sum(axis=-1)
+        rates = (off[..., np.array(motion.rates)] ** 2).sum(axis=-1)
+        placed = link_poses(self.kinematics, following)
+        parts = _about_root(placed, following) - self.places[motion.index(following)]
+        relative = multiply(conjugate(wanted[..., ORIENTATION]), following[..., ORIENTATION])
+        turned = 4 * (relative[..., 1:] ** 2).sum(axis=-1)
+        distance = (off[..., POSITION] ** 2).sum(axis=-1)
+        first = motion.velocity
+        moving = (off[..., first : first + 3] ** 2).sum(axis=-1)
+        turning = (off[..., first + 3 : first + 6] ** 2).sum(axis=-1)
+        return (
+            _paid(ANGLES, angles)
+            + _paid(RATES, rates)
+            + _paid(PARTS, (parts**2).sum(axis=-1).mean(axis=-1))
+            + _paid(ROOT, distance + TILT_SHARE * turned)
+            + _paid(ROOT_VELOCITY, moving + TURNING_SHARE * turning)
+        )
+
+    def distance(self, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
+        """Return how far the root is from the motion's [m]."""
+        off = states[..., POSITION] - self.motion.frame(states)[..., POSITION]
+        return jnp.sqrt((off**2).sum(axis=-1))
+
+    def tilt(self, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
+        """Return the angle between the trunk and the motion's [rad]."""
+        trunks = link_poses(self.kinematics, states)[..., self.trunk, :3, :3]
+        wanted = self.trunks[self.motion.index(states)]
+        # The trace of R₁ᵀ R₂ is 1 + 2 cos of the angle between them.
+        cosine = ((trunks * wanted).sum(axis=(-2, -1)) - 1) / 2
+        return jnp.arccos(jnp.clip(cosine, -1, 1))
+
+    def is_lost(self, states: Float[Array, "*B S"]) -> Bool[Array, " *B"]:
+        """Return whether the body is off the motion by more than the task allows."""
+        is_far = self.distance(states) > self.lost_distance
+        return is_far | (self.tilt(states) > self.lost_tilt)
+
+
+def link_poses(kinematics: Kinematics, states: Float[Array, "*B S"]) -> Float[Array, "*B L 4 4"]:
+    """Return the matrices that bring points of each link into the world."""
+    transforms = kinematics.transforms(states)
+    placed = []
+    for link in kinematics.carried:
+        matrix = jnp.asarray(link.matrix, states.dtype)
+        if link.frame >= 0:
+            matrix = (transforms[link.frame][..., :, :, None] * matrix).sum(axis=-2)
+        placed.append(jnp.broadcast_to(matrix, (*states.shape[:-1], 4, 4)))
+    return jnp.stack(placed, axis=-3)
+
+
+def following_rules(
+    table: FollowTable, motion: ReferenceMotion, system: MujocoSystem
+) -> EpisodeRules:
+    """Return the rules of following `motion`. ArgumentError for a trunk that is none of the body's parts."""
+    following = Following.of(motion, system, table)
+    frames = np.asarray(motion.frames, float)
+    # A motion that is not repeated has a last pose, after which nothing is said.
+    starts = motion.lap
+    steps = len(frames) - 1
+    if table.laps > 1:
+        steps -= motion.lap - 1
+
+    def reward(
+        states: Float[AnyArray, "... S"],
+        controls: Float[AnyArray, "... C"],
+        after: Float[AnyArray, "... S"],
+        dt: float,
+    ) -> Float[AnyArray, " ..."]:
+        return _rewards(following, jnp.asarray(after, jnp.float32))
+
+    def is_over(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
+        return np.asarray(_lost(following, as_jax(states)))
+
+    def is_cut(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
+        return np.asarray(motion.index(as_jax(states))) >= len(frames) - 1
+
+    def draw_start(rng: np.random.Generator) -> Float[np.ndarray, " S"]:
+        start = frames[rng.integers(0, starts)].copy()
+        hinges = list(motion.hinges)
+        start[hinges] += rng.uniform(-table.reset_noise, table.reset_noise, len(hinges))
+        start[ORIENTATION] /= np.linalg.norm(start[ORIENTATION])
+        return start
+
+    return EpisodeRules(reward, is_over=is_over, is_cut=is_cut, draw_start=draw_start, steps=steps)
+
+
+@eqx.filter_jit
+def _rewards(following: Following, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
+    return following.reward(states)
+
+
+@eqx.filter_jit
+def _lost(following: Following, states: Float[Array, "B S"]) -> Bool[Array, " B"]:
+    return following.is_lost(states)
+
+
+def _paid(term: Term, error: Float[Array, " *B"]) -> Float[Array, " *B"]:
+    return term.weight * jnp.exp(-term.sharpness * error)
+
+
+def _about_root(
+    placed: Float[Array, "*B L 4 4"], states: Float[Array, "*B S"]
+) -> Float[Array, "*B L 3"]:
+    return placed[..., :3, 3] - states[..., None, POSITION]

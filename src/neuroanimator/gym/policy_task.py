@@ -1,0 +1,100 @@
+"""What a policy is to do, as its definition says: go forward ([task]), or follow a recorded motion ([follow])."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from neuroanimator.control.policies.reference_motion import ReferenceMotion
+from neuroanimator.control.policies.state_policy import StatePolicy
+from neuroanimator.definitions.carried import read_definition_text
+from neuroanimator.definitions.follow import FollowTable
+from neuroanimator.definitions.model import Definition
+from neuroanimator.errors import ArgumentError
+from neuroanimator.gym.following import following_rules
+from neuroanimator.gym.learner import PolicyLearning
+from neuroanimator.gym.locomotion import locomotion_rules, task_of
+from neuroanimator.gym.read_motion import read_motion
+from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.system import System
+
+GOING = PolicyLearning()
+"""Settings of learning to go forward."""
+
+FOLLOWING = PolicyLearning(
+    discount=0.97,
+    slope_weight=0.0,
+    policy_widths=(256, 128),
+    critic_widths=(256, 128),
+    divergence=0.015,
+    spread=0.12,
+)
+"""Settings of learning to follow a motion."""
+
+
+class PolicyTask(NamedTuple):
+    """A task, whichever table it is written in."""
+
+    rules: EpisodeRules
+    hold: int
+    """Number of physics steps a control is held."""
+    steps: int
+    """Maximum number of controls in an episode."""
+    learning: PolicyLearning
+    """Settings it is learnt with."""
+    environment: str = ""
+    """Id of Gymnasium's environment that policies are judged in; empty if it is the physics."""
+    motion: ReferenceMotion | None = None
+    """The motion to follow, if one is to be followed."""
+
+
+def check_task(definition: str, label: str) -> None:
+    """Raise ArgumentError, which names `label`, if the JSON text `definition` has no task."""
+    if follow_table(definition) is None:
+        task_of(definition, label)
+
+
+def task_to_learn(definition: str, toml: Path, system: System) -> PolicyTask:
+    """Return the task of the TOML file with the JSON text `definition`, whose motion, if it follows one, lies beside it.
+
+    ArgumentError where there is no task or it does not suit the system, BadFileError for a motion that does not.
+    """
+    table = follow_table(definition)
+    if table is None:
+        return _going(definition, str(toml), system)
+    motion = read_motion(toml.parent / table.clip, table, system)
+    return _following(table, motion, system)
+
+
+def task_of_policy(policy: StatePolicy, path: Path, system: System) -> PolicyTask:
+    """Return the task that the policy in the file at `path` was learnt for: a motion that it follows is in it."""
+    definition = policy.emulator.definition
+    table = follow_table(definition)
+    motion = policy.view.reference
+    if table is None or motion is None:
+        return _going(definition, str(path), system)
+    return _following(table, motion, system)
+
+
+def follow_table(definition: str) -> FollowTable | None:
+    """Return the table [follow] of a definition; None if there is none. ArgumentError where there is a [task], too."""
+    written = read_definition_text(definition).definition if definition else None
+    if not isinstance(written, Definition) or written.follow is None:
+        return None
+    if written.task is not None:
+        raise ArgumentError("[task] and [follow]: a policy does one or the other. Remove one.")
+    return written.follow
+
+
+def _going(definition: str, label: str, system: System) -> PolicyTask:
+    table = task_of(definition, label)
+    rules = locomotion_rules(table, system.structure, system.rest, system.parameters)
+    return PolicyTask(rules, table.hold, table.steps, GOING, table.environment)
+
+
+def _following(table: FollowTable, motion: ReferenceMotion, system: System) -> PolicyTask:
+    if not isinstance(system, MujocoSystem):
+        raise ArgumentError("follow: wanted a MuJoCo model.")
+    rules = following_rules(table, motion, system)
+    return PolicyTask(rules, table.hold, rules.steps or 1, FOLLOWING, motion=motion)

@@ -1,0 +1,218 @@
+"""Read the motion that a body is to follow: a table of its states, one control apart, checked against the body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.control.policies.reference_motion import (
+    MAX_FRAMES,
+    ORIENTATION,
+    POSITION,
+    TURN,
+    ReferenceMotion,
+)
+from neuroanimator.definitions.follow import FollowTable
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.export.csv_file import read_table
+from neuroanimator.files.atomic import read_bounded
+from neuroanimator.files.csv_text import csv_rows
+from neuroanimator.state.layout import Layout
+from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.system import System
+from neuroanimator.text import quoted, table_cell
+
+MAX_FILE = 64 * 2**20
+"""Largest file of a motion [bytes]."""
+
+RATE_TOLERANCE = 1e-3
+"""Share of a control's time by which rows may be apart by more or less."""
+
+UNIT_TOLERANCE = 1e-3
+"""Tolerance of the length of a quaternion."""
+
+CLOCK_TOLERANCE = 1e-3
+"""Share of a step of the clock by which it may be off."""
+
+SEAM = 0.05
+"""Largest difference of an angle between the first and the last pose of a motion that is repeated [rad]."""
+
+FREE = "free"
+
+
+def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMotion:
+    """Return the motion in the CSV file at `path`, its laps one after another.
+
+    ArgumentError for a body that no motion can drive, BadFileError for a motion of another body, at another rate, or of
+    numbers that are none: each names the fix.
+    """
+    body = _servoed(system)
+    layout = system.state
+    views = {view.name: view for view in body.views}
+    if body.views[0].kind != FREE:
+        raise ArgumentError("follow: wanted a body whose first joint is free.")
+    if table.phase not in views or views[table.phase].kind != "hinge":
+        hinges = ", ".join(name for name, view in views.items() if view.kind == "hinge")
+        raise ArgumentError(f"follow.phase: no hinge called '{table.phase}'. Hinges: {hinges}.")
+    _check_columns(path, layout)
+    times, states = read_table(path, layout)
+    dt = table.hold * system.physics_dt
+    _check_rate(path, times, dt, table.hold)
+    _check_quaternions(path, states)
+    clock = views[table.phase]
+    _check_clock(path, states[:, clock.position_entry], table.phase)
+    states[:, clock.velocity_entry] = TURN / (dt * (len(states) - 1))
+    jointed = [view for view in body.views[1:] if view.name != table.phase]
+    hinges = tuple(view.position_entry for view in jointed)
+    rates = tuple(view.velocity_entry for view in jointed)
+    velocity = body.views[0].velocity_entry
+    if table.laps > 1:
+        _check_seam(path, states, hinges, layout)
+    laps = _laid_out(states, table.laps, clock.position_entry, velocity)
+    if len(laps) > MAX_FRAMES:
+        raise ArgumentError(
+            f"follow.laps: {len(laps):,} states in all; wanted at most {MAX_FRAMES:,}. Repeat the motion less often."
+        )
+    return ReferenceMotion(
+        frames=jnp.asarray(laps, jnp.float32),
+        lap=len(states) - 1,
+        phase=clock.position_entry,
+        velocity=velocity,
+        hinges=hinges,
+        rates=rates,
+        driven=_driven(body.model),
+        driven_rates=_driven_rates(body.model),
+        leads=_leads(body.model),
+        reach=table.reach,
+    )
+
+
+def _servoed(system: System) -> MujocoSystem:
+    """Return the system if all its actuators are servos of angles."""
+    if not isinstance(system, MujocoSystem):
+        raise ArgumentError("follow: wanted a MuJoCo model, whose servos can aim at a motion.")
+    model = system.model
+    for actuator in range(model.nu):
+        is_of_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+        stiffness = model.actuator_gainprm[actuator, 0]
+        # A servo's force is kp (u − q) − kv q̇.
+        is_servo = stiffness > 0 and model.actuator_biasprm[actuator, 1] == -stiffness
+        if not (is_of_joint and is_servo):
+            name = model.actuator(actuator).name
+            raise ArgumentError(
+                f"follow: actuator '{name}' is no servo of a joint. Write it as <position joint=... kp=.../>, so that it "
+                "can aim at the motion's angles."
+            )
+    return system
+
+
+def _driven(model: mujoco.MjModel) -> tuple[int, ...]:
+    """Return the state entry of the angle that each actuator is a servo of."""
+    joints = model.actuator_trnid[:, 0]
+    return tuple(int(model.jnt_qposadr[joint]) for joint in joints)
+
+
+def _driven_rates(model: mujoco.MjModel) -> tuple[int, ...]:
+    """Return the state entry of that angle's velocity."""
+    joints = model.actuator_trnid[:, 0]
+    return tuple(model.nq + int(model.jnt_dofadr[joint]) for joint in joints)
+
+
+def _leads(model: mujoco.MjModel) -> tuple[float, ...]:
+    """Return by how long each servo lags behind what turns evenly [s]."""
+    leads = []
+    for actuator, joint in enumerate(model.actuator_trnid[:, 0]):
+        damping = model.dof_damping[model.jnt_dofadr[joint]] - model.actuator_biasprm[actuator, 2]
+        leads.append(float(damping / model.actuator_gainprm[actuator, 0]))
+    return tuple(leads)
+
+
+def _check_columns(path: Path, layout: Layout) -> None:
+    """Refuse a table of another body, or with its joints in another order."""
+    wanted = [table_cell(name) for name in ("time s", *layout.names)]
+    _, header = next(csv_rows(read_bounded(path, MAX_FILE)), (0, []))
+    for column, (name, came) in enumerate(zip(wanted, header, strict=False)):
+        if name != came:
+            raise BadFileError(
+                f"{path}, column {column + 1}: wanted '{name}', came {quoted(came)}. A motion has the states of this body, its "
+                "joints in this order: write it as 'animate --out motion.csv' does."
+            )
+    if len(header) != len(wanted):
+        raise BadFileError(
+            f"{path}: {len(header)} columns; wanted {len(wanted)}: the time and the states of this body."
+        )
+
+
+def _check_rate(path: Path, times: Float[np.ndarray, " K"], dt: float, hold: int) -> None:
+    if len(times) < 2:
+        raise BadFileError(f"{path}: wanted two states or more.")
+    gaps = np.diff(times)
+    wrong = np.flatnonzero(np.abs(gaps - dt) > RATE_TOLERANCE * dt)
+    if len(wrong):
+        row = int(wrong[0])
+        raise BadFileError(
+            f"{path}, line {row + 3}: {gaps[row]:.6g} s after the row before; wanted {dt:g} s, for which a control is held "
+            f"(follow.hold = {hold}). Resample the motion, or change follow.hold."
+        )
+
+
+def _check_quaternions(path: Path, states: Float[np.ndarray, "K S"]) -> None:
+    lengths = np.linalg.norm(states[:, ORIENTATION], axis=1)
+    wrong = np.flatnonzero(np.abs(lengths - 1) > UNIT_TOLERANCE)
+    if len(wrong):
+        row = int(wrong[0])
+        raise BadFileError(
+            f"{path}, line {row + 2}: the root's quaternion has length {lengths[row]:.4g}; wanted 1. Divide it by its length."
+        )
+
+
+def _check_clock(path: Path, angles: Float[np.ndarray, " K"], name: str) -> None:
+    wanted = np.linspace(0, TURN, len(angles))
+    off = np.abs(angles - wanted)
+    worst = int(off.argmax())
+    if off[worst] > CLOCK_TOLERANCE * wanted[1]:
+        raise BadFileError(
+            f"{path}, line {worst + 2}: '{name}' is {angles[worst]:.6g}; wanted {wanted[worst]:.6g}, as it turns once in the "
+            "motion, evenly from 0 to 2π."
+        )
+
+
+def _check_seam(
+    path: Path, states: Float[np.ndarray, "K S"], hinges: tuple[int, ...], layout: Layout
+) -> None:
+    entries = list(hinges)
+    apart = np.abs(states[-1, entries] - states[0, entries])
+    worst = int(apart.argmax())
+    if apart[worst] > SEAM:
+        name = layout.names[entries[worst]]
+        raise BadFileError(
+            f"{path}: its last pose is not its first: '{name}' differs by {apart[worst]:.2g}. Close the loop, or say "
+            "follow.laps = 1."
+        )
+
+
+def _laid_out(
+    states: Float[np.ndarray, "K S"], laps: int, clock: int, velocity: int
+) -> Float[np.ndarray, "L S"]:
+    """Return the states of all laps: each goes on where the one before ended, and faces as that did."""
+    moving = slice(velocity, velocity + 3)
+    lap = states
+    parts = [states]
+    for _ in range(1, laps):
+        first = lap[0]
+        last = lap[-1]
+        heading = heading_of(last[ORIENTATION]) - heading_of(first[ORIENTATION])
+        turned = np.broadcast_to(facing(np.asarray(heading)), (len(lap), 4))
+        lap = lap.copy()
+        lap[:, POSITION] = rotate(turned, lap[:, POSITION] - first[POSITION])
+        lap[:, POSITION] += [last[0], last[1], first[2]]
+        lap[:, ORIENTATION] = multiply(turned, lap[:, ORIENTATION])
+        lap[:, moving] = rotate(turned, lap[:, moving])
+        lap[:, clock] += TURN
+        parts.append(lap[1:])
+    return np.concatenate(parts)
