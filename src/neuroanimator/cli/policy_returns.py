@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from json import dumps
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -70,53 +71,80 @@ def evaluate_policy(
     if task.motion is not None:
         _evaluate_following(policy, path, system, task, episodes, seed, as_json=as_json)
         return
-    rules = task.rules
-    where = task.environment or "the physics"
-    with phase(f"{episodes} episodes in {where}"):
-        stepper = physics_stepper(system, system.scheme, policy.dt)
-        if task.environment:
-            returns = environment_returns(policy, task.environment, episodes, seed)
-        else:
-            returns = returns_of(policy, stepper, rules, episodes, seed)
-    of_family = None
-    if task.environment and system.parameters:
-        with phase(f"{episodes} episodes of random bodies"):
-            of_family = returns_of(policy, stepper, rules, episodes, seed)
-    with phase(f"{episodes} episodes in the emulator"):
-        leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
-        inside = returns_of(policy, leaps, rules, episodes, seed)
-    rows: list[tuple[str, object]] = [
-        ("policy", path),
-        ("episodes", f"{episodes:,} in {where}"),
-        ("mean return", f"{returns.mean():.0f}"),
-        ("least, most", f"{returns.min():.0f}, {returns.max():.0f}"),
-        ("in the emulator", f"{inside.mean():.0f}"),
-    ]
-    if of_family is not None:
-        shown = f"{of_family.mean():.0f}, {of_family.min():.0f} to {of_family.max():.0f}"
-        rows.append(("random bodies of the family", shown))
+    returns = _returns(policy, system, task, episodes, seed)
+    rows = _rows(path, task, returns)
     if report:
         from neuroanimator.evaluation.policy_report import write_policy_report  # with Matplotlib
 
         told = read_reports(run_folder(path) / METRICS, LearningReport)
         curve = [(point.steps, point.mean_return) for point in told]
-        write_policy_report(report, rows, curve, returns, inside)
+        write_policy_report(report, rows, curve, returns.outside, returns.inside)
     if as_json:
-        found = {
-            "environment": where,
-            "episodes": episodes,
-            "mean_return": float(returns.mean()),
-            "least_return": float(returns.min()),
-            "largest_return": float(returns.max()),
-            "mean_return_inside": float(inside.mean()),
-        }
-        if of_family is not None:
-            found["mean_return_of_family"] = float(of_family.mean())
-        print(dumps(found, indent=2))
+        print(dumps(_as_json(task, returns), indent=2))
         return
     if report:
         rows.append(("report", report))
     print_rows(rows)
+
+
+class _Returns(NamedTuple):
+    """Returns of episodes without noise."""
+
+    outside: Float[np.ndarray, " E"]
+    """Of the environment, or of the physics where there is none."""
+    inside: Float[np.ndarray, " E"]
+    """Inside the policy's emulator."""
+    of_family: Float[np.ndarray, " E"] | None
+    """Of random bodies on the physics, where the environment's body is one of a family."""
+
+
+def _returns(
+    policy: StatePolicy, system: System, task: PolicyTask, episodes: int, seed: int
+) -> _Returns:
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    of_family = None
+    with phase(f"{episodes} episodes in {task.environment or 'the physics'}"):
+        if task.environment:
+            outside = environment_returns(policy, task.environment, episodes, seed)
+        else:
+            outside = returns_of(policy, stepper, task.rules, episodes, seed)
+    if task.environment and system.parameters:
+        with phase(f"{episodes} episodes of random bodies"):
+            of_family = returns_of(policy, stepper, task.rules, episodes, seed)
+    with phase(f"{episodes} episodes in the emulator"):
+        leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
+        inside = returns_of(policy, leaps, task.rules, episodes, seed)
+    return _Returns(outside, inside, of_family)
+
+
+def _rows(path: Path, task: PolicyTask, returns: _Returns) -> list[tuple[str, object]]:
+    outside = returns.outside
+    rows: list[tuple[str, object]] = [
+        ("policy", path),
+        ("episodes", f"{len(outside):,} in {task.environment or 'the physics'}"),
+        ("mean return", f"{outside.mean():.0f}"),
+        ("least, most", f"{outside.min():.0f}, {outside.max():.0f}"),
+        ("in the emulator", f"{returns.inside.mean():.0f}"),
+    ]
+    bodies = returns.of_family
+    if bodies is not None:
+        shown = f"{bodies.mean():.0f}, {bodies.min():.0f} to {bodies.max():.0f}"
+        rows.append(("random bodies of the family", shown))
+    return rows
+
+
+def _as_json(task: PolicyTask, returns: _Returns) -> dict[str, object]:
+    found: dict[str, object] = {
+        "environment": task.environment or "the physics",
+        "episodes": len(returns.outside),
+        "mean_return": float(returns.outside.mean()),
+        "least_return": float(returns.outside.min()),
+        "largest_return": float(returns.outside.max()),
+        "mean_return_inside": float(returns.inside.mean()),
+    }
+    if returns.of_family is not None:
+        found["mean_return_of_family"] = float(returns.of_family.mean())
+    return found
 
 
 def _evaluate_following(

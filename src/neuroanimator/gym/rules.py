@@ -52,12 +52,12 @@ class EpisodeRules:
     reward: RowReward
     observe: Observer = whole_state
     is_over: Ending = never
-    is_cut: Ending = never
-    """Where episodes are truncated, besides after `steps`; of policies that are learnt."""
     draw_start: StartDraw | None = None
     """None: near rest, see `starts_near_rest`."""
     steps: int | None = None
     """Super steps after which an episode is truncated; None: as many as fill the usual time."""
+    is_cut: Ending = never
+    """Where episodes are truncated, besides after `steps`; of policies that are learnt."""
 
 
 Reward = Callable[[Array, Array, Array], Any]
