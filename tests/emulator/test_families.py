@@ -101,3 +101,12 @@ def test_bodies_outside_the_family_are_refused(family: Emulator) -> None:
         family.at(mass=3.0)
     with pytest.raises(NeuroAnimatorError, match="Did you mean mass"):
         family.at(mas=1.0)
+
+
+def test_a_body_outside_of_the_family_stays_one_and_is_not_trusted(family: Emulator) -> None:
+    start = family.rest
+    entry = family.parameter_entries[2]
+    start[entry] = 9.0
+    motion, scores = family.rollout_trusted(start, controls(family))
+    np.testing.assert_array_equal(motion[:, entry], 9.0)
+    assert (scores > 1).all()

@@ -110,7 +110,8 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("file", path.name),
         ("system", metadata["system"]),
         ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
-        ("state", summary_of(emulator.state)),
+        ("state", summary_of(_moving(emulator))),
+        *_parameter_rows(emulator),
         ("control", summary_of(emulator.control)),
         ("control bounds", bounds_of(*metadata["bounds"])),
         ("network", f"{network['kind']} {widths}{strides}"),
@@ -122,6 +123,23 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("where it is weak", "--errors measures that, in some seconds"),
     ]
     return metadata, rows
+
+
+def _moving(emulator: Emulator) -> Layout:
+    """Return the parts of the state that are no parameters."""
+    names = {parameter.name for parameter in emulator.parameters}
+    return Layout(tuple(part for part in emulator.state.slices if part.name not in names))
+
+
+def _parameter_rows(emulator: Emulator) -> Rows:
+    """Return a row for each parameter of a family: its range, and its value if none is given."""
+    return [
+        (
+            f"parameter {parameter.name}",
+            f"{parameter.low:.4g} to {parameter.high:.4g} {parameter.unit}, usually {parameter.nominal:.4g}",
+        )
+        for parameter in emulator.parameters
+    ]
 
 
 def _policy(file: str) -> tuple[dict[str, Any], Rows]:

@@ -151,7 +151,7 @@ class SuperStep(eqx.Module):
         what training showed.
         """
         following = self.step_latent_unbounded(latent, control)
-        return self.encoding.bounded(following, self.features, self.domain)
+        return self._bounded(following)
 
     def step_latent_unbounded(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
@@ -192,7 +192,18 @@ class SuperStep(eqx.Module):
         for _ in range(self.strides - 1):
             following, units, beyond = self.stride_and_units(following, control)
             score = jnp.maximum(score, self._score(units, beyond))
-        return self.encoding.bounded(following, self.features, self.domain), score
+        return self._bounded(following), score
+
+    def _bounded(self, following: Float[Array, " I"]) -> Float[Array, " I"]:
+        """Return a latent state within bounds, but for its parameters: a body outside of the family stays one, and scores so."""
+        bounded = self.encoding.bounded(following, self.features, self.domain)
+        if not self.parameter_entries:
+            return bounded
+        parts = []
+        for placed in place_segments(self.frame.segments):
+            source = following if isinstance(placed.segment, Constant) else bounded
+            parts.append(source[placed.entries])
+        return jnp.concatenate(parts)
 
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
         """Return the latent states (..., I) in which super steps are made: of a deformable body few numbers."""
