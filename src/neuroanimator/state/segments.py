@@ -337,16 +337,21 @@ class PointVelocities(_PointVectors):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lag(Segment):
-    """Numbers that tend to their controls exponentially: known exactly, so nothing of their change is predicted."""
-
-    kind: ClassVar[str] = "lag"
-    time_constant: float = 0.0
-    """Time in which the distance to the control falls to 1/e [s]; 0 follows at once."""
+class _Known(Segment):
+    """Numbers that are known exactly, so that nothing of their change is predicted."""
 
     @property
     def change_size(self) -> int:
         return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lag(_Known):
+    """Numbers that tend to their controls exponentially."""
+
+    kind: ClassVar[str] = "lag"
+    time_constant: float = 0.0
+    """Time in which the distance to the control falls to 1/e [s]; 0 follows at once."""
 
     def apply(
         self,
@@ -364,14 +369,10 @@ class Lag(Segment):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Driven(Segment):
-    """Positions whose velocities are the controls: known exactly, so nothing of their change is predicted."""
+class Driven(_Known):
+    """Positions whose velocities are the controls."""
 
     kind: ClassVar[str] = "driven"
-
-    @property
-    def change_size(self) -> int:
-        return 0
 
     def apply(
         self,
@@ -386,14 +387,10 @@ class Driven(Segment):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Constant(Segment):
+class Constant(_Known):
     """Numbers that no motion changes: the parameters of a body."""
 
     kind: ClassVar[str] = "constant"
-
-    @property
-    def change_size(self) -> int:
-        return 0
 
     def apply(
         self,
