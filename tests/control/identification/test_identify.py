@@ -210,6 +210,19 @@ def test_the_verb_prints_json_and_writes_a_report_and_an_emulator(
     assert "<svg" in report.read_text()
 
 
+def test_without_its_physics_nothing_is_proved_and_that_is_said(
+    arm: Path, system: System, emulator: Emulator, cli_process: Cli, tmp_path: Path
+) -> None:
+    path = record(tmp_path / "r.csv", system, emulator.dt)
+    alone = tmp_path / "alone.emulator.safetensors"
+    alone.write_bytes((arm / "arm.emulator.safetensors").read_bytes())
+    done = cli_process("identify", alone, "--from", path, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert not found["is_proven"]
+    assert found["notes"][0].startswith("not proved: ")
+
+
 @pytest.mark.parametrize(
     ("change", "wanted"),
     [

@@ -26,7 +26,7 @@ from neuroanimator.control.identification.predictions import Predictor, Slopes
 from neuroanimator.control.identification.unknowns import DELAY, Unknowns, unknowns_of
 from neuroanimator.emulator.emulator import Emulator, as_emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
@@ -106,7 +106,7 @@ def identify(
 
     The state at the start of every window of `window` seconds is found as well, so that noise in it does no harm and
     velocities need not be measured. With `delay` it is also found by how much sensors are late, with `offsets` by how
-    much each is off. Unless told otherwise, the result is corrected and proved on the `physics`.
+    much each is off. Unless told otherwise, the result is corrected and proved on the `physics`, if that is at hand.
 
     Raises ArgumentError for an emulator without parameters, BadFileError for recordings that do not fit it.
     """
@@ -130,7 +130,7 @@ def identify(
     nominal = fitter.first_guess()
     proven = None
     slopes = fitter.slopes(emulated)
-    system = system_of(emulator) if physics else None
+    system = replayable_system(emulator) if physics else None
     if system is not None and system.can_simulate:
         with phase("proving it on the physics"):
             nominal = _at_nominal(fitter, emulated, system)
@@ -143,7 +143,11 @@ def identify(
     return Identification(
         estimates=_estimates(final, findings, unknowns),
         confused=findings.confused,
-        notes=(*_notes(findings, unknowns), *_unasked(fitter, final, emulator)),
+        notes=(
+            *_unproven(system),
+            *_notes(findings, unknowns),
+            *_unasked(fitter, final, emulator),
+        ),
         measurements=measurements,
         nominal=nominal,
         emulated=emulated,
@@ -235,6 +239,13 @@ def _estimates(fit: Fit, findings: Findings, unknowns: Unknowns) -> tuple[Estima
         )
         for i in range(unknowns.size)
     )
+
+
+def _unproven(system: System | None) -> list[str]:
+    """Return why nothing was proved, where the physics is missing."""
+    if system is None or not system.missing:
+        return []
+    return [f"not proved: {system.missing} Parameters are as good as the emulator."]
 
 
 def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
