@@ -197,6 +197,8 @@ def _tampered(change) -> bytes:
         lambda m: m.update(rest=[0.0]),
         lambda m: m["frame"].update(segments=[["plain", 5, -1, 0.0]]),
         lambda m: m["frame"].update(segments=[["wormhole", 6, -1, 0.0]]),
+        lambda m: m["frame"].update(segments=[["constant", 6, -1, 0.0]]),
+        lambda m: m["frame"].update(segments=[["plain", 5, -1, 0.0], ["constant", 1, -1, 0.0]]),
         lambda m: m["frame"].update(probes=[[0, 0, 0, 1]]),
         lambda m: m["frame"].update(segments=[["points", 6, -1, 0.0]]),
         lambda m: m["features"].update(even=[2, 1]),

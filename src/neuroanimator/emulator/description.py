@@ -33,11 +33,13 @@ from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.layout import MAX_NUMBERS, Bounds, Layout
 from neuroanimator.state.placement import Placement
 from neuroanimator.state.segments import (
+    Constant,
     Driven,
     Lag,
     Points,
     PointVelocities,
     moves_freely,
+    place_segments,
     segments_from_json,
     segments_to_json,
 )
@@ -202,6 +204,7 @@ def blank(
         change_scale=zeros(changes),
         unit=zeros(changes),
     )
+    _check_parameters(frame, features, spec, is_encoded=not encoding.is_identity)
     network = _network(metadata["network"], features.sizes(others), changes)
     meter = None
     if "trust" in metadata:
@@ -414,6 +417,28 @@ def _contacts(described: Any, frame: Frame, spec: EmulatorSpec) -> Contacts:
         orientations=frame.orientations,
         state_size=spec.state.size,
     )
+
+
+def _check_parameters(
+    frame: Frame, features: Features, spec: EmulatorSpec, *, is_encoded: bool
+) -> None:
+    """Raise ValueError for parameters that are no parts of the state of one number each, or that the network is not shown."""
+    for placed in place_segments(frame.segments):
+        if not isinstance(placed.segment, Constant):
+            continue
+        if is_encoded:
+            raise ValueError("frame: parameters of a body whose states are encoded")
+        for entry in range(placed.entries.start, placed.entries.stop):
+            if entry not in features.plain:
+                raise ValueError("features: a parameter that is not shown as it is")
+            if _part_size(spec.state, entry) != 1:
+                raise ValueError("frame: a parameter that is no part of the state of one number")
+
+
+def _part_size(layout: Layout, entry: int) -> int:
+    """Return the size of the part that a number of the state belongs to."""
+    sizes = [part.size for part in layout.slices for _ in range(part.size)]
+    return sizes[entry]
 
 
 def _probe(row: Any, what: str) -> Probe:
