@@ -15,6 +15,8 @@ from neuroanimator.control.identification.measurements import Measurements
 from neuroanimator.control.identification.unknowns import Unknowns
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import rollout_latent
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Scheme, System
 
 DIFFERENCE = 1e-4
@@ -107,10 +109,10 @@ class Predictor:
         states = np.where(runs.has_diverged[:, None, None], np.nan, runs.states)
         motions = states.reshape(count, windows, *states.shape[1:])
         shown = [
-            _observed(self._places, self.emulator.dt, jnp.asarray(motion), jnp.asarray(unknowns))
+            _observed(self._places, self.emulator.dt, motion, unknowns)
             for motion, unknowns in zip(motions, values, strict=True)
         ]
-        return np.stack([np.asarray(motion, float) for motion in shown])
+        return np.stack(shown)
 
     def slopes_by_physics(
         self,
@@ -180,8 +182,8 @@ def _motion(
 
 
 def _observed(
-    places: _Places, dt: float, states: Float[Array, "... F S"], values: Float[Array, " G"]
-) -> Float[Array, "... F S"]:
+    places: _Places, dt: float, states: Float[AnyArray, "... F S"], values: Float[AnyArray, " G"]
+) -> Float[AnyArray, "... F S"]:
     """Return what sensors with that delay and those offsets show of a motion.
 
     Between super steps states are interpolated by a parabola through three of them; before the first they are
@@ -190,17 +192,19 @@ def _observed(
     if places.has_delay:
         states = _delayed(states, values[places.parameters] / dt)
     if places.offsets:
-        shift = jnp.zeros(states.shape[-1], states.dtype)
-        shift = shift.at[np.array(places.offsets)].set(values[-len(places.offsets) :])
-        states = states + shift
+        one_of_each = np.eye(states.shape[-1], dtype=states.dtype)[list(places.offsets)]
+        states = states + values[-len(places.offsets) :] @ one_of_each
     return states
 
 
-def _delayed(states: Float[Array, "... F S"], steps: Float[Array, ""]) -> Float[Array, "... F S"]:
+def _delayed(
+    states: Float[AnyArray, "... F S"], steps: Float[AnyArray, ""]
+) -> Float[AnyArray, "... F S"]:
     """Return the states `steps` super steps earlier."""
+    xp = states.__array_namespace__()
     frames = states.shape[-2]
-    times = jnp.arange(frames) - steps
-    middle = jnp.clip(jnp.round(jax.lax.stop_gradient(times)), 1, frames - 2).astype(int)
+    times = xp.arange(frames) - steps
+    middle = xp.clip(xp.round(times), 1, frames - 2).astype(int)
     away = (times - middle)[:, None]
     before = states[..., middle - 1, :]
     here = states[..., middle, :]
@@ -211,7 +215,13 @@ def _delayed(states: Float[Array, "... F S"], steps: Float[Array, ""]) -> Float[
 
 
 @eqx.filter_jit
-def _shown_by_emulator(emulator, places, starts, values, controls):
+def _shown_by_emulator(
+    emulator: Emulator,
+    places: _Places,
+    starts: Float[Array, "W S"],
+    values: Float[Array, " G"],
+    controls: Float[Array, "W T C"],
+) -> Float[Array, "W F S"]:
     def shown(start: Array, held: Array) -> Array:
         states = _motion(emulator, places, start, values, held)
         return _observed(places, emulator.dt, states, values)
@@ -220,7 +230,15 @@ def _shown_by_emulator(emulator, places, starts, values, controls):
 
 
 @eqx.filter_jit
-def _slopes(emulator, still, places, start_size, starts, values, controls):
+def _slopes(
+    emulator: Emulator,
+    still: Frame,
+    places: _Places,
+    start_size: int,
+    starts: Float[Array, "W S"],
+    values: Float[Array, " G"],
+    controls: Float[Array, "W T C"],
+) -> tuple[Float[Array, "W F S"], Float[Array, "W F S G"], Float[Array, "W F S V"]]:
     def shown(values: Array, change: Array, start: Array, held: Array) -> tuple[Array, Array]:
         states = _motion(emulator, places, still.apply(start, change), values, held)
         seen = _observed(places, emulator.dt, states, values)
