@@ -358,11 +358,13 @@ def _travelling(definition: Any) -> dict[str, Any]:
         values["model"] = Path(definition.model).name
         del values["tree"]
     if isinstance(definition, Definition):
-        for key in ("holding", "passive", "task", "follow", "parameters"):
+        for key in ("holding", "passive", "task", "follow"):
             if not values[key]:  # as before there was such a key
                 del values[key]
         if not definition.sampling.reset_share:
             del values["sampling"]["reset_share"], values["sampling"]["reset_noise"]
+    if not values.get("parameters", True):
+        del values["parameters"]
     return values
 
 
