@@ -101,6 +101,8 @@ def test_bodies_outside_the_family_are_refused(family: Emulator) -> None:
         family.at(mass=3.0)
     with pytest.raises(NeuroAnimatorError, match="Did you mean mass"):
         family.at(mas=1.0)
+    with pytest.raises(NeuroAnimatorError, match="No parameter called 'self'"):
+        family.at(self=1.0)
 
 
 def test_a_body_outside_of_the_family_stays_one_and_is_not_trusted(family: Emulator) -> None:

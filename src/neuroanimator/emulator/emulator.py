@@ -145,7 +145,7 @@ class Emulator(SuperStep):
         file = find_emulator(path) if isinstance(path, str) and is_name(path) else Path(path)
         return artifact.load(file, cls)
 
-    def at(self, **values: float) -> Emulator:
+    def at(self, /, **values: float) -> Emulator:
         """Return the emulator of the body with the parameters given: `rest`, where motions begin, holds them.
 
         `emulator.at(forearm_mass=1.3)`. Parameters are entries of the state, so that a gradient in a state is one in them.

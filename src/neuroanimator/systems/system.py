@@ -137,7 +137,7 @@ class System(abc.ABC):
         """State entries that are parameters."""
         return slice(self.state.size - len(self.parameters), self.state.size)
 
-    def at(self, **values: float) -> System:
+    def at(self, /, **values: float) -> System:
         """Return the body of this family with the parameters given, or the smaller family: it rests, and starts, with them.
 
         `system.at(forearm_mass=1.3)`. Parameters that are not named vary as before, and rest at their nominal values.
