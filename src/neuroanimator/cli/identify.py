@@ -118,7 +118,7 @@ def _as_json(result: Identification) -> dict[str, object]:
             "unit": estimate.unit,
             "is_known": estimate.is_known,
         }
-        target = parameters if estimate.name in result.parameters else sensors
+        target = parameters if estimate.is_parameter else sensors
         target[estimate.name] = numbers
     return {
         "parameters": parameters,

@@ -9,7 +9,7 @@ The second half is what controllers get as well: where the physics says otherwis
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -91,7 +91,7 @@ class Fitter:
         """Return where to begin from a `fit` with windows of half the length: its values, and every other start of its."""
         starts = fit.starts[::2]
         residuals = self._residuals(self.predictor.by_emulator, starts, fit.values)
-        return Fit(fit.values, starts, residuals, fit.noise, fit.iterations)
+        return replace(fit, starts=starts, residuals=residuals)
 
     def first_guess(self) -> Fit:
         """Return the nominal values and the starts as they were measured, with the noise that a fit begins with."""
@@ -111,7 +111,7 @@ class Fitter:
             noise = self._noise_of(fit.residuals)
             if np.allclose(noise, fit.noise, rtol=0.1):
                 break
-            fit = Fit(fit.values, fit.starts, fit.residuals, noise, fit.iterations)
+            fit = replace(fit, noise=noise)
         return fit
 
     def slopes(self, fit: Fit) -> Slopes:
@@ -122,7 +122,7 @@ class Fitter:
         """Return the fit with the noise as it is: damped Gauss-Newton steps, as long as they help."""
         residuals = self._residuals(predict, fit.starts, fit.values)
         cost = self._cost(residuals, fit.noise, fit.values)
-        fit = Fit(fit.values, fit.starts, residuals, fit.noise, fit.iterations)
+        fit = replace(fit, residuals=residuals)
         damping = FIRST_DAMPING
         slopes = slopes_at(fit)
         small_steps = 0
@@ -148,7 +148,7 @@ class Fitter:
                 if small_steps < PATIENCE:
                     slopes = slopes_at(fit)
             else:
-                fit = Fit(fit.values, fit.starts, fit.residuals, fit.noise, iterations)
+                fit = replace(fit, iterations=iterations)
                 damping *= MORE_DAMPING
             if small_steps == PATIENCE or damping > MAX_DAMPING:
                 break

@@ -23,7 +23,7 @@ from neuroanimator.control.identification.measurements import (
     read_measurements,
 )
 from neuroanimator.control.identification.predictions import Predictor, Slopes
-from neuroanimator.control.identification.unknowns import DELAY, Unknowns, unknowns_of
+from neuroanimator.control.identification.unknowns import Unknowns, unknowns_of
 from neuroanimator.emulator.emulator import Emulator, as_emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import replayable_system
@@ -54,6 +54,8 @@ class Estimate:
     high: float
     is_known: bool
     """Whether the recording says more of it than its range does."""
+    is_parameter: bool
+    """Whether it is of the body; a delay and offsets are of its sensors."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,7 @@ class Identification:
     def parameters(self) -> dict[str, float]:
         """The value of each parameter, as `Emulator.at` and `System.at` take them."""
         return {
-            estimate.name: estimate.value
-            for estimate in self.estimates
-            if estimate.name != DELAY and " " not in estimate.name
+            estimate.name: estimate.value for estimate in self.estimates if estimate.is_parameter
         }
 
 
@@ -236,6 +236,7 @@ def _estimates(fit: Fit, findings: Findings, unknowns: Unknowns) -> tuple[Estima
             low=unknowns.ends[i][0],
             high=unknowns.ends[i][1],
             is_known=findings.is_known[i],
+            is_parameter=i < len(unknowns.parameters),
         )
         for i in range(unknowns.size)
     )
@@ -278,33 +279,32 @@ def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
         return []
     measurements = fitter.measurements
     unknowns = unknowns_of(emulator, measurements, delay=True, offsets=True)
+    delay = len(unknowns.parameters)
+    known = list(range(delay))
+    if asked.has_delay:
+        known.append(delay)
+    if asked.offsets:
+        known += range(delay + 1, unknowns.size)
     values = unknowns.nominal.copy()
-    for place, name in enumerate(asked.names):
-        values[unknowns.names.index(name)] = fit.values[place]
-    wider = Fitter(measurements, Predictor(emulator, measurements, unknowns), unknowns)
-    slopes = wider.predictor.slopes(fit.starts, values)
+    values[known] = fit.values
+    wider = Predictor(emulator, measurements, unknowns)
+    slopes = wider.slopes(fit.starts, values)
     weights = robust_weights(fit.residuals, fit.noise)
     normal = normal_equations(fit.residuals, weights, slopes, values, unknowns, 0.0)
     change = np.linalg.solve(normal.matrix, normal.right)
     deviations = np.sqrt(np.maximum(np.diag(covariance(normal)), 0.0))
+    is_sure = np.abs(change) >= SURE * deviations
     notes = []
-    for place, name in enumerate(unknowns.names):
-        if name in asked.names or abs(change[place]) < SURE * deviations[place]:
-            continue
-        if name == DELAY:
-            if change[place] > LATE * emulator.dt:
-                notes.append(
-                    f"what was measured seems to be {change[place] * 1e3:.2g} ms late: --delay finds that as well."
-                )
-        elif abs(change[place]) > NOTEWORTHY * _noise_at(name, unknowns, fit):
+    if delay not in known and is_sure[delay] and change[delay] > LATE * emulator.dt:
+        notes.append(
+            f"what was measured seems to be {change[delay] * 1e3:.2g} ms late: --delay finds that as well."
+        )
+    for place, entry in enumerate(unknowns.offsets, delay + 1):
+        is_large = abs(change[place]) > NOTEWORTHY * fit.noise[entry]
+        if place not in known and is_sure[place] and is_large:
+            name = unknowns.names[place].removeprefix("offset of ")
             notes.append(
-                f"{name.removeprefix('offset of ')} seems to be off by {change[place]:.3g} {unknowns.units[place]} "
-                "throughout: --offsets finds that as well."
+                f"{name} seems to be off by {change[place]:.3g} {unknowns.units[place]} throughout: --offsets finds that as "
+                "well."
             )
     return notes
-
-
-def _noise_at(name: str, unknowns: Unknowns, fit: Fit) -> float:
-    """Return the noise of the number that the offset called `name` is of."""
-    offsets = [known for known in unknowns.names if known.startswith("offset of ")]
-    return float(fit.noise[unknowns.offsets[offsets.index(name)]])

@@ -15,10 +15,8 @@ from scipy.interpolate import CubicSpline
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.evaluation.weakness.fine_tune import column_names, unwrapped
-from neuroanimator.files.atomic import read_bounded
-from neuroanimator.systems.recorded.recording import READERS, Recording, cut_runs
-from neuroanimator.systems.trusted_files import MAX_FILE
+from neuroanimator.evaluation.weakness.fine_tune import MAX_TIME_ERROR, column_names, unwrapped
+from neuroanimator.systems.recorded.recording import Recording, open_recording
 from neuroanimator.text import did_you_mean, listed
 
 WINDOW_STEPS = 16
@@ -32,9 +30,6 @@ SHORTEST = 4
 
 MAX_WINDOWS = 4096
 """Maximum number of windows: each has a start of its own to be found."""
-
-MAX_TIME_ERROR = 1e-3
-"""Share of a super step by which a whole number of samples may miss it: clocks are better than that."""
 
 DEGREES = 180 / np.pi
 
@@ -106,7 +101,7 @@ def read_measurements(
     grids: list[_Grid] = []
     columns: tuple[int, ...] = ()
     for path in map(Path, paths):
-        recording = _read(path)
+        recording = open_recording(path)
         found, runs = _on_grid(recording, emulator)
         if columns and found != columns:
             raise BadFileError(
@@ -135,13 +130,6 @@ def _window_steps(dt: float, window: float | None) -> int:
             f"window: wanted at least {MIN_STEPS} super steps, {MIN_STEPS * dt:g} s, came {window:g} s."
         )
     return steps
-
-
-def _read(path: Path) -> Recording:
-    read = READERS.get(path.suffix)
-    if read is None:
-        raise BadFileError(f"{path}: recordings end in {', '.join(READERS)}.")
-    return cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
 
 
 def _on_grid(recording: Recording, emulator: Emulator) -> tuple[tuple[int, ...], list[_Grid]]:
@@ -214,15 +202,16 @@ def _refuse_degrees(
         is_fast = np.abs(rate) > max(np.median(np.abs(rate)), np.finfo(float).tiny)
         if not is_fast.any():
             continue
-        slope = float(
-            np.median(change[is_fast] / rate[is_fast])
-        )  # where an angle jumps by a turn, it is far off
-        for factor, wrong in ((DEGREES, position), (1 / DEGREES, velocity)):
+        # A median: where an angle jumps by a turn, the ratio is far off.
+        slope = float(np.median(change[is_fast] / rate[is_fast]))
+        for factor, wrong, right in (
+            (DEGREES, position, velocity),
+            (1 / DEGREES, velocity, position),
+        ):
             if abs(slope / factor - 1) < UNIT_ERROR:
                 raise BadFileError(
                     f"{recording.file}: {emulator.state.names[wrong]} looks like degrees: it and "
-                    f"{emulator.state.names[velocity if wrong == position else position]} differ by {DEGREES:.1f}. "
-                    "Convert it to radians."
+                    f"{emulator.state.names[right]} differ by {DEGREES:.1f}. Convert it to radians."
                 )
 
 

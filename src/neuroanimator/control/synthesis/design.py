@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,7 +49,6 @@ def design(
     parameters: Sequence[str],
     steps: int,
     options: DescentOptions | None = None,
-    is_enough: Callable[[np.ndarray], bool] = lambda states: False,
 ) -> Design:
     """Return the body whose motion of `steps` super steps from `start` (S,) is the best by `objective`, and that motion.
 
@@ -76,7 +75,6 @@ def design(
             steps=steps,
             options=motion,
             refinements=0,
-            is_enough=is_enough,
         )
 
     nominal = proved(state, options)

@@ -25,10 +25,8 @@ from neuroanimator.evaluation.weakness.improve import (
 )
 from neuroanimator.evaluation.weakness.learning import mix_windows, train_on
 from neuroanimator.evaluation.weakness.sampling import Runs, join_runs
-from neuroanimator.files.atomic import read_bounded
 from neuroanimator.state.layout import Layout
-from neuroanimator.systems.recorded.recording import READERS, Recording, cut_runs
-from neuroanimator.systems.trusted_files import MAX_FILE
+from neuroanimator.systems.recorded.recording import Recording, open_recording
 from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report
 
@@ -130,11 +128,7 @@ def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
     Raises BadFileError naming the line and the column that is wrong, columns that are missing, and an interval that
     does not fill a super step.
     """
-    path = Path(path)
-    read = READERS.get(path.suffix)
-    if read is None:
-        raise BadFileError(f"{path}: recordings end in {', '.join(READERS)}.")
-    recording = cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
+    recording = open_recording(Path(path))
     moving = emulator.state.size - len(emulator.parameter_entries)
     names = column_names(emulator.state)[:moving]
     state_order = _order(recording, "state", names, recording.state)

@@ -21,11 +21,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.numbers import MIN_STEP
 from neuroanimator.systems.recorded.columns import Samples, where_in_file
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz
-from neuroanimator.systems.trusted_files import trusted_file
+from neuroanimator.systems.trusted_files import MAX_FILE, trusted_file
 from neuroanimator.text import printable
 
 READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz": read_npz}
@@ -85,6 +86,14 @@ def read_recording(digest: str, name: str) -> Recording:
     if read is None:
         raise BadFileError(f"{name[:MAX_SHOWN]}: recordings end in {', '.join(READERS)}.")
     return cut_runs(read(content, name), name)
+
+
+def open_recording(path: Path) -> Recording:
+    """Return what the file at `path`, which a user names, holds; BadFileError names the line and the fix."""
+    read = READERS.get(path.suffix)
+    if read is None:
+        raise BadFileError(f"{path}: recordings end in {', '.join(READERS)}.")
+    return cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
 
 
 def cut_runs(samples: Samples, name: str) -> Recording:
