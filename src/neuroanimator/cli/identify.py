@@ -15,6 +15,7 @@ from neuroanimator.control.identification.report import (
     write_identification_report,
 )
 from neuroanimator.emulator.emulator import Emulator, load_emulator
+from neuroanimator.emulator.trust_summary import UNJUDGED
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows, print_table
 from neuroanimator.text import print_line
@@ -89,6 +90,7 @@ def _rows(
         proof = f"{result.seconds_of_physics:.1f} s, {result.proven.iterations} steps in all"
     rows: list[tuple[str, object]] = [
         ("body", model.system),
+        ("verdict", model.verdict or UNJUDGED),
         ("recordings", ", ".join(measurements.files)),
         (
             "windows",
