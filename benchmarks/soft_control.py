@@ -1,18 +1,24 @@
-"""Bring a node of a soft body to a point: through its emulator, and by CMA-ES on the physics in C.
+"""Bring a soft body somewhere: through its emulator, and by CMA-ES on the physics.
 
-python benchmarks/soft_control.py flag                                          the flag that ships
+python benchmarks/soft_control.py flag                                           the flag that ships
 python benchmarks/soft_control.py flag --targets 2 --seconds 10 --dry
-python benchmarks/soft_control.py throw jelly.toml jelly.emulator.safetensors   a solid of one's own that nothing holds
+python benchmarks/soft_control.py cloth cloth.toml cloth.emulator.safetensors    a cloth of one's own
+python benchmarks/soft_control.py throw --folder throws                          a jelly that a plate throws into a bin
 
-flag   the corner that hangs lowest is brought to a point by moving what holds the cloth
-throw  the middle of a body that nothing holds is thrown to a point, a bin's, by moving the paddle
+flag, cloth  the corner that hangs lowest is brought to a point by moving what holds the cloth
+throw        a jelly of 392 nodes that nothing holds is thrown into a bin by the path of the plate it lies on
 
-A target is where the node comes to at the end of a random motion of the true physics from rest, so that it can be
-reached; motions that leave the node where it is are drawn again. The emulator's way is `na.synthesise`: descent by its
-gradient, replays on the true physics, corrections by what those show. CMA-ES asks the physics at its user's step, with
-fewer small steps than the truth, sixteen bodies side by side, for the same cost of the same splines. Both are judged by
-the node of the true physics with all nodes [% of the body's size]: CMA-ES with what it had after the time that the
-emulator's way took, after as many small steps of physics, and at its end. All on one core, compiled before.
+A target of flag and cloth is where the node comes to at the end of a random motion of the true physics from rest, so that
+it can be reached; motions that leave the node where it is are drawn again. Of a throw it is the middle of the rim of a bin of
+1.5 sizes that stands 0.5 to 1 sizes away, in a random direction; its distance is from where the jelly is on its way to when it is
+released (soft_control_cases/throw.py). Its emulator is trained first, or found in the folder.
+
+The emulator's way is `na.synthesise`: descent by its gradient, replays on the true physics, corrections by what those
+show. CMA-ES asks the physics at its user's step, with fewer small steps than the truth, as many bodies side by side as it
+can, for the same cost of the same splines. Both are judged on the true physics with all nodes [% of the body's size],
+CMA-ES with what it had after the time that the emulator's way took, after as many small steps of physics, and at its end.
+A node is there within 2 % of its target; a jelly if all its nodes lie within the walls of the bin, which then stands in the
+physics, after another second. All on one core, compiled before.
 Writes results/soft_control_TASK.csv.
 """
 
@@ -23,7 +29,9 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +40,7 @@ from control_cases.baselines.cost_evaluator import CostEvaluator
 from control_cases.baselines.derivative_free import cma_es
 from control_cases.baselines.fast_physics import FastPhysics
 from jaxtyping import Bool, Float
+from soft_control_cases.throw import SEARCHED, STARTS, STEPS, Thrower
 
 import neuroanimator as na
 from neuroanimator.control.descent.parametrisation import Parametrisation, Spline
@@ -97,16 +106,11 @@ def lowest_corner(system: SoftSystem) -> int:
     return int((nodes[:, 0] - 2 * nodes[:, 2]).argmax())
 
 
-def middle(system: SoftSystem) -> int:
-    """Return the node that is nearest to the middle of the body."""
-    nodes = system.shapes.decode(system.rest)
-    return int(np.linalg.norm(nodes - nodes.mean(axis=0), axis=1).argmin())
+CORNER = Task(lowest_corner, seconds=1.0, least_way=0.1)
 
+TASKS = {"flag": CORNER, "cloth": CORNER}
 
-TASKS = {
-    "flag": Task(lowest_corner, seconds=1.0, least_way=0.1),
-    "throw": Task(middle, seconds=1.0, least_way=0.5),
-}
+THROW = "throw"
 
 
 class Problem(NamedTuple):
@@ -114,18 +118,14 @@ class Problem(NamedTuple):
 
     system: SoftSystem
     emulator: na.Emulator
-    node: int
-    target: np.ndarray
-    """[m]"""
     steps: int
     """Super steps."""
     objective: Objective
     parametrisation: Parametrisation
-
-    def distance(self, controls: Float[np.ndarray, "T C"]) -> float:
-        """Return how far the node is from its target at the end, on the true physics with all nodes [the body's size]."""
-        end = end_of_node(self.system, self.node, controls, self.emulator.dt)
-        return float(np.linalg.norm(end - self.target)) / self.system.scene.size
+    distance: Callable[[np.ndarray], float]
+    """Returns how far from the target controls (T, C) lead, on the true physics with all nodes [the body's size]."""
+    is_there: Callable[[np.ndarray], bool]
+    """Returns whether controls (T, C) do what is to be done, on the true physics."""
 
 
 def end_of_node(
@@ -157,7 +157,38 @@ def drawn(task: Task, system: SoftSystem, emulator: na.Emulator, number: int) ->
             break
     near = na.reach_node(system, node, target, within=REACHED * size)
     objective = na.Objective.of(near, na.effort(EFFORT))
-    return Problem(system, emulator, node, target, steps, objective, parametrisation)
+
+    def distance(controls: np.ndarray) -> float:
+        end = end_of_node(system, node, controls, emulator.dt)
+        return float(np.linalg.norm(end - target)) / size
+
+    def is_there(controls: np.ndarray) -> bool:
+        return distance(controls) <= REACHED
+
+    return Problem(system, emulator, steps, objective, parametrisation, distance, is_there)
+
+
+def throw(thrower: Thrower, emulator: na.Emulator, number: int) -> Problem:
+    """Return the problem of bin number `number`."""
+    target = thrower.bin(np.random.default_rng([SEED, number - WARM_UP]))
+
+    def distance(controls: np.ndarray) -> float:
+        end = thrower.landings(thrower.play(controls[None]).states[:, -1])[0]
+        return float(np.linalg.norm(end - target[:2])) / thrower.size
+
+    def is_there(controls: np.ndarray) -> bool:
+        nodes, plate = thrower.thrown(controls, target)
+        return thrower.is_in_bin(nodes[-1], target) and thrower.clearance(plate, target) > 0
+
+    return Problem(
+        thrower.system,
+        emulator,
+        STEPS,
+        thrower.objective(target),
+        thrower.parametrisation,
+        distance,
+        is_there,
+    )
 
 
 class SoftPhysics(FastPhysics):
@@ -180,8 +211,8 @@ class SoftPhysics(FastPhysics):
         return lanes[None], runs.has_diverged[:count]
 
 
-def by_emulator(problem: Problem) -> dict[str, Any]:
-    """Return what the emulator's way took, and where it led."""
+def by_emulator(problem: Problem, searched: int = 0) -> dict[str, Any]:
+    """Return what the emulator's way took, and where it led; `searched` random controls are tried on it first."""
     began = time.perf_counter()
     found = na.synthesise(
         problem.emulator,
@@ -189,7 +220,11 @@ def by_emulator(problem: Problem) -> dict[str, Any]:
         problem.objective,
         problem.system.rest,
         steps=problem.steps,
-        options=na.DescentOptions(parametrisation=problem.parametrisation),
+        options=na.DescentOptions(
+            parametrisation=problem.parametrisation,
+            searched=searched,
+            starts=STARTS if searched else 1,
+        ),
         refinements=0,
     )
     seconds = time.perf_counter() - began
@@ -198,6 +233,7 @@ def by_emulator(problem: Problem) -> dict[str, Any]:
         "small_steps": found.spent.physics_steps,
         "iterations": found.spent.iterations,
         "error_percent": 100 * problem.distance(found.controls),
+        "is_there": problem.is_there(found.controls),
     }
 
 
@@ -222,43 +258,56 @@ def by_cma(problem: Problem, seconds: float, equal: dict[str, Any], number: int)
     curve = budget.curve
     in_time = [better for better in curve if better.seconds <= equal["seconds"]]
     in_steps = [better for better in curve if better.physics_steps <= equal["small_steps"]]
-    errors: dict[str, Any] = {
-        "cma_error_in_equal_time_percent": error_of(problem, in_time),
-        "cma_error_in_equal_steps_percent": error_of(problem, in_steps),
-        "cma_error_at_end_percent": error_of(problem, curve),
-        "cma_seconds": curve[-1].seconds,
-    }
+    columns = judged(problem, "in_equal_time", in_time)
+    columns |= judged(problem, "in_equal_steps", in_steps)
+    columns |= judged(problem, "at_end", curve)
+    columns["cma_seconds"] = curve[-1].seconds
     there = [better for better in curve if better.cost <= THERE]
-    errors["cma_seconds_to_target"] = there[0].seconds if there else ""
-    errors["cma_small_steps_to_target"] = there[0].physics_steps if there else ""
-    return errors
+    columns["cma_seconds_to_target"] = there[0].seconds if there else ""
+    columns["cma_small_steps_to_target"] = there[0].physics_steps if there else ""
+    return columns
 
 
-def error_of(problem: Problem, curve: list[Improvement]) -> float | str:
-    """Return the error of the last of a curve on the true physics [%]; nothing of one that has not begun."""
-    if not curve:
-        return ""
-    controls = np.asarray(problem.parametrisation.controls(curve[-1].z), float)
-    return 100 * problem.distance(controls)
+def judged(problem: Problem, when: str, curve: list[Improvement]) -> dict[str, Any]:
+    """Return the error of the last of a curve on the true physics [%], and whether it is there; nothing of an empty one."""
+    error: float | str = ""
+    is_there: bool | str = ""
+    if curve:
+        controls = np.asarray(problem.parametrisation.controls(curve[-1].z), float)
+        error = 100 * problem.distance(controls)
+        is_there = problem.is_there(controls)
+    return {f"cma_error_{when}_percent": error, f"cma_is_there_{when}": is_there}
 
 
-def task_rows(
-    name: str, toml: Path | None, file: Path | None, targets: int, seconds: float
-) -> Rows:
-    """Return a row for each target."""
-    task = TASKS[name]
+def cloth_problems(name: str, toml: Path | None, file: Path | None) -> Callable[[int], Problem]:
+    """Return what makes the problem of each target of a cloth."""
     system = na.load_system(name if toml is None else str(toml))
     emulator = na.load_emulator(name if file is None else file)
     assert isinstance(system, SoftSystem)
-    by_emulator(drawn(task, system, emulator, WARM_UP))
+    return partial(drawn, TASKS[name], system, emulator)
+
+
+def throw_problems(folder: Path) -> Callable[[int], Problem]:
+    """Return what makes the problem of each bin; the emulator is found in the folder, or learns there to throw."""
+    folder.mkdir(parents=True, exist_ok=True)
+    thrower = Thrower(folder)
+    return partial(throw, thrower, thrower.emulator())
+
+
+def task_rows(
+    name: str, problem_of: Callable[[int], Problem], targets: int, seconds: float
+) -> Rows:
+    """Return a row for each target."""
+    searched = SEARCHED if name == THROW else 0
+    by_emulator(problem_of(WARM_UP), searched)
     rows: Rows = []
     with progress_bar(name, targets) as bar:
         for number in range(targets):
-            problem = drawn(task, system, emulator, number)
-            found = by_emulator(problem)
-            row: dict[str, Any] = {"task": name, "target": number, "nodes": len(system.shapes.mean)}
+            problem = problem_of(number)
+            found = by_emulator(problem, searched)
+            row: dict[str, Any] = {"task": name, "target": number}
+            row["nodes"] = len(problem.system.shapes.mean)
             row |= found
-            row["is_there"] = found["error_percent"] <= 100 * REACHED
             row |= by_cma(problem, seconds, found, number)
             rows.append(row)
             bar.advance_to(number + 1)
@@ -269,25 +318,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("task", choices=tuple(TASKS))
+    parser.add_argument("task", choices=(*TASKS, THROW))
     parser.add_argument("toml", type=Path, nargs="?")
     parser.add_argument("emulator", type=Path, nargs="?")
     parser.add_argument("--targets", type=int, default=TARGETS)
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of CMA-ES, for a target")
+    parser.add_argument("--folder", type=Path, help="of throw: for the jelly and its emulators")
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
-    with one_core():
-        rows = task_rows(
-            arguments.task,
-            arguments.toml,
-            arguments.emulator,
-            arguments.targets,
-            arguments.seconds,
-        )
+    name = arguments.task
+    with one_core(), TemporaryDirectory() as temporary:
+        if name == THROW:
+            problem_of = throw_problems(arguments.folder or Path(temporary))
+        else:
+            problem_of = cloth_problems(name, arguments.toml, arguments.emulator)
+        rows = task_rows(name, problem_of, arguments.targets, arguments.seconds)
     print(describe_machine())
     print_table(rows)
     if not arguments.dry:
-        write_csv(RESULTS / f"soft_control_{arguments.task}.csv", rows)
+        write_csv(RESULTS / f"soft_control_{name}.csv", rows)
 
 
 if __name__ == "__main__":
