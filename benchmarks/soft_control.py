@@ -18,7 +18,7 @@ show. CMA-ES asks the physics at its user's step, with fewer small steps than th
 can, for the same cost of the same splines. Both are judged on the true physics with all nodes [% of the body's size],
 CMA-ES with what it had after the time that the emulator's way took, after as many small steps of physics, and at its end.
 A node is there within 2 % of its target; a jelly if all its nodes lie within the walls of the bin, which then stands in the
-physics, after another second. All on one core, compiled before.
+physics, a second and a half after the release. All on one core, compiled before.
 Writes results/soft_control_TASK.csv.
 """
 
