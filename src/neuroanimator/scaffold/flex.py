@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,6 +68,9 @@ DEEP = 0.1
 MAX_DATA = 3600.0
 """Time that data may take on this machine before `new` advises to make the physics cheaper [s]."""
 
+MIN_SEEN = 0.5
+"""Share of their way that movers should have gone in a trial, for it to say how deep nodes get."""
+
 MAX_SHAPES = 64
 """Number of shapes proposed, if the nodes are so many."""
 
@@ -78,6 +82,12 @@ COMMENTS = {
     "physics.contact_time": "MuJoCo's solref of contacts with movers, and of ties to them [s]; 0 is the model's own",
 }
 """Comments on the values of the TOML file."""
+
+FREE_ROW = (
+    "held",
+    "by nothing: it lies on the ground, and an emulator follows it until it tumbles",
+)
+"""Row for the screen about a body that nothing holds: how it tumbles is chaotic."""
 
 AS_MODELLED = "As hard as the model says."
 
@@ -155,47 +165,58 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
             trial = _tried(values, path.name, model)
             halvings += 1
     definition = check_table(values, path.name, FlexDefinition)
-    warnings = []
+    is_free = FlexScene(definition, path.name, model).anchor == FREE
+    data_seconds = _data_steps(is_free) * trial.cost
+    hardness = HARDENED if "contact_time" in values["physics"] else AS_MODELLED
+    title = MOVERS.format(
+        version=mujoco.mj_versionString(),
+        count=trial.contacts,
+        depth=1000 * trial.depth,
+        hardness=hardness,
+    )
+    comments = COMMENTS | {"movers": title}
+    names = list(definition.movers)
+    parts = (*names, *(f"{name}_velocity" for name in names))
+    warnings = tuple(_warnings(trial, data_seconds))
+    told = [("soft body", _kind_and_size(model, body.positions))]
+    if is_free:
+        told.append(FREE_ROW)
+    told += [
+        ("movers", ", ".join(names)),
+        ("contacts", f"up to {trial.contacts} with one geom, {1000 * trial.depth:.1f} mm deep"),
+        ("physics", f"{1000 * trial.cost:.1f} ms a super step of the teacher's"),
+        ("data", f"{SOFT_COUNT:,} transitions take about {in_words(data_seconds)}"),
+    ]
+    return Proposal(definition, comments, parts, warnings, tuple(told))
+
+
+def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
+    """Yield what the user should look at, one line each; the data take `data_seconds` of a core [s]."""
     if trial.share > DEEP:
-        warnings.append(
+        yield (
             f"movers: nodes go {1000 * trial.depth:.0f} mm deep into a geom, however slow it is. Write thicker or "
             "rounder geoms, a softer body, or a smaller timestep."
         )
-    if trial.seen_share < 0.5:
-        warnings.append(
+    if trial.seen_share < MIN_SEEN:
+        yield (
             f"movers: a super step of the physics takes {1000 * trial.cost:.0f} ms, so the trial ended after "
             f"{trial.seen_share:.0%} of the movers' way. Contacts may be more, and deeper."
         )
-    data_seconds = _data_steps(model, path.name, definition) * trial.cost
     if data_seconds > MAX_DATA * core_count():
-        warnings.append(
+        yield (
             f'physics: data take about {in_words(data_seconds)}. Write solver="CG" into the model, a larger timestep '
             '(integrator="discrete" allows it) or fewer nodes; or make less: neuroanimator generate --count.'
         )
-    version = mujoco.mj_versionString()
-    depth = 1000 * trial.depth
-    hardness = HARDENED if "contact_time" in values["physics"] else AS_MODELLED
-    title = MOVERS.format(version=version, count=trial.contacts, depth=depth, hardness=hardness)
-    comments = COMMENTS | {"movers": title}
-    names = list(definition.movers)
+
+
+def _kind_and_size(model: mujoco.MjModel, nodes: Float[np.ndarray, "N 3"]) -> str:
+    """Return what the body is, its number of nodes and its size."""
     kind = ("rope", "cloth", "solid")[int(model.flex_dim[0]) - 1]
-    told = (
-        (
-            "soft body",
-            f"{kind} of {len(body.positions):,} nodes, {np.ptp(body.positions, axis=0).max():g} m",
-        ),
-        ("movers", ", ".join(names)),
-        ("contacts", f"up to {trial.contacts} with one geom, {depth:.1f} mm deep"),
-        ("physics", f"{1000 * trial.cost:.1f} ms a super step of the teacher's"),
-        ("data", f"{SOFT_COUNT:,} transitions take about {in_words(data_seconds)}"),
-    )
-    parts = (*names, *(f"{name}_velocity" for name in names))
-    return Proposal(definition, comments, parts, tuple(warnings), told)
+    return f"{kind} of {len(nodes):,} nodes, {np.ptp(nodes, axis=0).max():g} m"
 
 
-def _data_steps(model: mujoco.MjModel, path: str, definition: FlexDefinition) -> float:
+def _data_steps(is_free: bool) -> float:
     """Return the number of super steps in the usual data."""
-    is_free = FlexScene(definition, path, model).anchor == FREE
     run_steps = THROW_STEPS if is_free else SoftSystem.run_steps
     return SOFT_COUNT / SAMPLES_PER_RUN * run_steps
 

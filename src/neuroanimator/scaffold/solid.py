@@ -10,6 +10,7 @@ from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.cloth import rounded, usual_values
+from neuroanimator.scaffold.flex import FREE_ROW
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.systems.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.systems.soft.scene import Scene
@@ -75,6 +76,6 @@ def propose_solid(path: Path) -> Proposal:
     definition = check_table(values, path.name, SoftDefinition)
     Scene(definition, mesh)  # refuses what cannot be
     count = f"{len(mesh.positions):,} nodes, {len(mesh.elements):,} tetrahedra, {size:g} m"
-    told = (("mesh", count), ("held", "by nothing: it lies on the ground"))
+    told = (("mesh", count), FREE_ROW)
     parts = ("paddle", "paddle_heading", "position", "velocity")
     return Proposal(definition, COMMENTS, parts, told=told)
