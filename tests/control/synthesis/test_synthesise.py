@@ -265,7 +265,7 @@ def test_beginning_again_never_ends_worse_and_is_charged(shipped: Emulator):
         synthesise(shipped, system, stand_upright(), REST, restarts=k, **options) for k in (0, 2)
     )
     assert again.outcome.cost_physics < once.outcome.cost_physics
-    assert again.spent.physics_steps == 3 * once.spent.physics_steps
+    assert again.spent.physics_steps > once.spent.physics_steps
     assert again.spent.iterations > once.spent.iterations
     stopped = synthesise(
         shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options

@@ -167,7 +167,8 @@ def correct(
     parametrisation = options.parametrisation_of(emulator, search.steps)
     options = replace(options, parametrisation=parametrisation, iterations=CORRECTING_ITERATIONS)
     spent = SearchCost()
-    for _ in range(search.corrections):
+    corrections = search.corrections if search.system.can_simulate else 0
+    for _ in range(corrections):
         if search.is_enough(motion.states):
             break
         with phase("correcting"):
