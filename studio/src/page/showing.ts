@@ -13,6 +13,7 @@ import { Twin } from "../physics/twin";
 import type { Live } from "../server/live";
 import type { KeySteering } from "../steering/keys";
 import { MoverDrag } from "../steering/drag";
+import { FeedingHand } from "../steering/feeding";
 import { BodyPull } from "../steering/pull";
 import { SwimTarget } from "../steering/target";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
@@ -89,7 +90,7 @@ export class Showing {
       banners,
       body: goal.body,
     });
-    this.grabbables = [this.#synthesis, this.#target, this.#hand];
+    this.grabbables = [this.#synthesis, this.#target, this.#hand, new FeedingHand(session)];
     const about = element("div", "about", [element("h1", "", [facts.id]), element("p", "", [facts.about])]);
     const elements = [about, steer?.element, goal.details, controls.element, this.#measure.element, take.element];
     this.side = elements.filter((one) => one !== undefined);
@@ -117,6 +118,9 @@ export class Showing {
       this.#target.hide();
       this.goLive();
     }
+    if (keys.isSteering) {
+      this.session.life?.hold();
+    }
     this.session.player.advance(seconds);
     this.#draw(seconds);
   }
@@ -128,6 +132,12 @@ export class Showing {
     if (session.school && player.isPlaying) {
       session.school.target = session.swimmer?.target ?? null;
       session.school.advance(seconds * player.speed);
+    }
+    if (session.life && player.isPlaying) {
+      session.life.advance(seconds * player.speed);
+      if (player.isLive && !this.#target.isShown) {
+        session.swimmer!.target = session.life.prey;
+      }
     }
     if (session.crowd && player.isPlaying) {
       session.crowd.advance(seconds * player.speed, (number, state) => world.showInCrowd(number, state));

@@ -4,6 +4,8 @@ import { isPhysics } from "../bundle/bundle";
 import { labelsOf } from "../bundle/layout";
 import { button, element, panel, slider, type Slider } from "../page/dom";
 import type { Session } from "../page/session";
+import type { Life } from "../steering/life";
+import type { Intention } from "../steering/mind";
 import { neutralControl } from "../steering/pilots";
 
 /** A swimmer is told to turn and climb at most so far at a time [rad]. */
@@ -64,6 +66,10 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
     element("div", "row", [target]),
     schoolRow(session),
   );
+  const life = session.canLive ? lifeRow(session, goLive) : null;
+  if (life) {
+    body.append(life.element);
+  }
   return {
     element: details,
     update() {
@@ -72,6 +78,7 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
       climb.value = command.climb;
       const hasTarget = pilot.target !== null;
       target.setAttribute("aria-pressed", String(hasTarget));
+      life?.update();
     },
   };
 }
@@ -87,6 +94,40 @@ function schoolRow(session: Session): HTMLElement {
   }
   select.addEventListener("change", () => void session.keepSchool(Number(select.value)));
   return element("label", "row", [element("span", "", ["School"]), select]);
+}
+
+/** A switch for small fish that live around this one, which is their shark, and what has happened to them. */
+function lifeRow(session: Session, goLive: () => void): Panel {
+  const said = element("p", "", [""]);
+  const onClick = (): void => {
+    if (session.life) {
+      void session.keepSchool(0);
+      session.swimmer!.target = null;
+      session.world.home();
+    } else {
+      void session.keepLife();
+      goLive();
+    }
+  };
+  const live = button({ label: "Be the shark", title: "Fifty small fish that see, hunger and fear, and you are the shark", onClick });
+  return {
+    element: element("div", "", [element("div", "row", [live]), said]),
+    update() {
+      const { life } = session;
+      live.setAttribute("aria-pressed", String(life !== null));
+      const line = life
+        ? `${count(life, "wander")} stroll, ${count(life, "school")} school, ${count(life, "eat")} feed, ${count(life, "escape")} flee; ` +
+          `${life.eaten} morsels eaten, ${life.caught} fish caught. Click the water to drop food; arrow keys steer the shark.`
+        : "";
+      if (said.textContent !== line) {
+        said.textContent = line;
+      }
+    },
+  };
+}
+
+function count(life: Life, intention: Intention): number {
+  return life.minds.filter((mind) => mind.intention === intention).length;
 }
 
 /** Sliders of the controls themselves. */
