@@ -120,9 +120,9 @@ export class Session {
     const root = facts.root!;
     const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
     const room = { low: world.room.low / SMALL, high: world.room.high / SMALL };
-    const centre = world.ahead(1.5, 0).map((value) => value / SMALL) as [number, number, number];
+    const centre = world.ahead(3.5, 0).map((value) => value / SMALL) as [number, number, number];
     const school = new School(emulator, this.policy!, facts, world.size, room, centre, POPULATION);
-    this.life = new Life(school, facts.dt, world.size, () => rootPose(root, player.state()), world.room.low);
+    this.life = new Life(school, centre, facts.dt, world.size, () => rootPose(root, player.state()), world.room.low);
     world.showLife(this.life);
   }
 

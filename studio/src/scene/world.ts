@@ -239,6 +239,7 @@ export class World {
       }
     }
     this.#food = null;
+    this.#paintAsShark(0);
     this.#school = school && makeSchoolView(this.facts, school, this.#shadowGround(), this.#scenery.bodyPatches, scale);
     if (this.#school) {
       this.stage.root.add(this.#school.object);
@@ -248,9 +249,16 @@ export class World {
   /** Draw small fish and their food around the body, and look at them from further away. */
   showLife(life: Life): void {
     this.showSchool(life.school, SMALL);
+    this.#paintAsShark(1);
     this.#food = makeFoodView(life, this.size);
     this.stage.root.add(this.#food.object);
     this.home();
+  }
+
+  #paintAsShark(share: number): void {
+    if (this.#body.shark) {
+      this.#body.shark.value = share;
+    }
   }
 
   /** Draw a crowd around the body, or none, and look at all of it. */

@@ -25,7 +25,10 @@ const SCATTER = 1.2;
 
 /** A mouth is this far before a body's middle, and takes what is so near to it; in lengths. */
 const MOUTH = 0.4;
-const BITE = 0.45;
+const BITE = 0.6;
+
+/** A shark catches a fish that is so near to its mouth, in lengths of the fish. */
+const CATCH = 0.6;
 
 /** Small fish keep to a place so far across, in their lengths; it goes along with a shark that leaves it. */
 const HOME = 7;
@@ -49,16 +52,17 @@ export class Life implements Guide {
   #idle = PATIENCE;
   #surroundings: Surroundings = { sharks: [], food: [], others: [] };
 
-  /** `length` is a body's; `shark` says where the shark is, in the world; `low` is the bed [m], in the world. */
+  /** They begin at `home`, in their own lengths; `length` is a body's; `shark` says where the shark is, and `low` the bed [m], in the world. */
   constructor(
     readonly school: School,
+    home: Vector,
     private readonly dt: number,
     private readonly length: number,
     private readonly shark: () => RootPose,
     private readonly low: number,
   ) {
     this.minds = Array.from({ length: school.count }, () => new Mind(length));
-    this.#home = small(shark().position);
+    this.#home = [...home];
     school.guide = this;
   }
 
@@ -83,8 +87,7 @@ export class Life implements Guide {
     const mouth = mouthOf(pose, this.length);
     this.#eat(mind, mouth);
     const [shark] = this.#surroundings.sharks;
-    // The shark's mouth is as much larger as it is itself.
-    if (shark && distance(shark, pose.position) < (BITE * this.length) / SMALL / 2) {
+    if (shark && distance(shark, pose.position) < CATCH * this.length) {
       this.#lost.add(number);
     }
     const { force, pace } = mind.think(pose, this.#surroundings, this.dt);

@@ -39,6 +39,10 @@ const APPETITE = 0.25;
 /** Shares of the fastest speed at which fish stroll, swim with others, feed and flee. */
 const PACES: Record<Intention, number> = { wander: 0.5, school: 0.65, eat: 0.85, escape: 1 };
 
+/** From so near to food on, in lengths, a fish slows down, to this share of its pace at least: fast, it would circle around it. */
+const SLOWING = 3;
+const SLOWEST = 0.4;
+
 /** Least time an intention is kept [s]: a fish that changed its mind at every stroke would get nowhere. Fear needs none. */
 const PERSISTENCE = 1.2;
 
@@ -80,7 +84,7 @@ export class Mind {
     const frightening = shark ? Math.min(1, (FEARED * this.length) / distance(shark, pose.position)) : 0;
     this.fear = Math.max(frightening, this.fear * Math.exp(-seconds / CALMING));
     this.#decide(shark !== null, food !== null);
-    return { force: this.#force(pose, surroundings, shark, food), pace: PACES[this.intention] };
+    return { force: this.#force(pose, surroundings, shark, food), pace: this.#pace(pose, food) };
   }
 
   /** It has eaten a morsel. */
@@ -129,6 +133,14 @@ export class Mind {
     }
     // A hungry fish looks for food by itself; one that is full swims with the others.
     return this.hunger > 2 * APPETITE ? "wander" : "school";
+  }
+
+  #pace({ position }: RootPose, food: Vector | null): number {
+    const pace = PACES[this.intention];
+    if (this.intention !== "eat" || !food) {
+      return pace;
+    }
+    return pace * clamp(distance(food, position) / (SLOWING * this.length), SLOWEST, 1);
   }
 
   #force(pose: RootPose, { others }: Surroundings, shark: Vector | null, food: Vector | null): Vector {
