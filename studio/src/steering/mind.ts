@@ -43,6 +43,9 @@ const PACES: Record<Intention, number> = { wander: 0.5, school: 0.65, eat: 0.85,
 const SLOWING = 3;
 const SLOWEST = 0.4;
 
+/** How much more food matters than keeping apart does. */
+const GREED = 3;
+
 /** Least time an intention is kept [s]: a fish that changed its mind at every stroke would get nowhere. Fear needs none. */
 const PERSISTENCE = 1.2;
 
@@ -148,7 +151,7 @@ export class Mind {
       case "escape":
         return shark ? this.#flight(pose, shark) : pose.forward;
       case "eat":
-        return food ? unit(offset(food, pose.position)) : pose.forward;
+        return food ? unit(offset(food, pose.position)).map((value) => GREED * value) as Vector : pose.forward;
       case "school":
         return this.#company(pose, others);
       case "wander":
