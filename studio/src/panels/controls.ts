@@ -76,7 +76,7 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
       speed.value = command.speed;
       turn.value = command.turn;
       climb.value = command.climb;
-      const hasTarget = pilot.target !== null;
+      const hasTarget = pilot.target !== null && session.life === null;
       target.setAttribute("aria-pressed", String(hasTarget));
       life?.update();
     },
