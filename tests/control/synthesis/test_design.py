@@ -54,7 +54,7 @@ def test_the_gradient_in_parameters_equals_finite_differences(
     emulator, system = family
     parametrisation = EachStep.of(STEPS, emulator.bounds)
     problem = pose_problem(emulator, lift(system), parametrisation, emulator.rest)
-    varied = vary_parameters(emulator, ("mass", "gear"))
+    varied = vary_parameters(emulator, ("mass", "gear"), emulator.rest)
     rng = np.random.default_rng(0)
     z = rng.normal(size=parametrisation.size + 2) * 0.5
     with jax.enable_x64(True):

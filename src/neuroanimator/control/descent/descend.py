@@ -83,15 +83,20 @@ def descend(
     else:
         guesses = first_guesses(emulator, parametrisation, options)
     if options.varied:
-        varied = vary_parameters(emulator, options.varied)
+        varied = vary_parameters(emulator, options.varied, state)
         problem = replace(problem, varied=varied)
         first = guess_parameters(varied, state, len(guesses), options.seed)
         guesses = np.concatenate([guesses, first], axis=1)
     return _descend(problem, guesses, options)
 
 
-def vary_parameters(emulator: Emulator, names: Sequence[str]) -> VariedParameters:
-    """Return how the parameters called `names` are varied: over the ranges of training. ArgumentError lists those there are."""
+def vary_parameters(
+    emulator: Emulator, names: Sequence[str], start: Float[np.ndarray, " S"]
+) -> VariedParameters:
+    """Return how the parameters called `names` are varied in motions from `start`: over the ranges of training.
+
+    ArgumentError lists those there are.
+    """
     known = {p.name: number for number, p in enumerate(emulator.parameters)}
     for name in names:
         if name not in known:
@@ -99,10 +104,19 @@ def vary_parameters(emulator: Emulator, names: Sequence[str]) -> VariedParameter
                 f"varied: no parameter called {quoted(name)}. Parameters: {listed(known) or 'none'}."
             )
     chosen = [emulator.parameters[known[name]] for name in names]
+    entries = tuple(emulator.parameter_entries[known[name]] for name in names)
+    growth = np.zeros((len(start), len(entries)))
+    cloud = emulator.state_structure.cloud
+    if cloud is not None:
+        own = start[list(emulator.parameter_entries)]
+        for column, name in enumerate(names):
+            changed = own + (np.arange(len(own)) == known[name])
+            growth[:, column] = cloud.reshaped(start, changed) - start
     return VariedParameters(
-        entries=tuple(emulator.parameter_entries[known[name]] for name in names),
+        entries=entries,
         middle=as_parameter(np.array([(p.high + p.low) / 2 for p in chosen])),
         half=as_parameter(np.array([(p.high - p.low) / 2 for p in chosen])),
+        growth=as_parameter(growth),
     )
 
 

@@ -40,11 +40,16 @@ class VariedParameters(eqx.Module):
     """State entries of the parameters."""
     middle: Float[AnyArray, " P"]
     half: Float[AnyArray, " P"]
+    growth: Float[AnyArray, "S P"]
+    """Change of the start per unit of each parameter: a deformable body of another length begins in another shape."""
 
     def put(self, start: Float[AnyArray, " S"], w: Float[AnyArray, " P"]) -> Float[Array, " S"]:
         """Return the start of a body with the parameters of `w`."""
         values = self.middle + jnp.tanh(w) * self.half
-        return jnp.asarray(start, w.dtype).at[np.array(self.entries)].set(values)
+        entries = np.array(self.entries)
+        begin = jnp.asarray(start, w.dtype)
+        grown = begin + self.growth @ (values - begin[entries])
+        return grown.at[entries].set(values)
 
 
 class Problem(eqx.Module):
