@@ -28,6 +28,7 @@ from neuroanimator.control.objective.objective_cost import check_objective
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.arrays import as_float32, as_parameter
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import phase
@@ -83,7 +84,7 @@ def descend(
     else:
         guesses = first_guesses(emulator, parametrisation, options)
     if options.varied:
-        varied = vary_parameters(emulator, options.varied, state)
+        varied = vary_parameters(emulator, options.varied, parametrisation)
         problem = replace(problem, varied=varied)
         first = guess_parameters(varied, state, len(guesses), options.seed)
         guesses = np.concatenate([guesses, first], axis=1)
@@ -91,9 +92,9 @@ def descend(
 
 
 def vary_parameters(
-    emulator: Emulator, names: Sequence[str], start: Float[np.ndarray, " S"]
+    emulator: Emulator, names: Sequence[str], parametrisation: Parametrisation
 ) -> VariedParameters:
-    """Return how the parameters called `names` are varied in motions from `start`: over the ranges of training.
+    """Return how the parameters called `names` are varied beside controls: over the ranges of training.
 
     ArgumentError lists those there are.
     """
@@ -105,19 +106,29 @@ def vary_parameters(
             )
     chosen = [emulator.parameters[known[name]] for name in names]
     entries = tuple(emulator.parameter_entries[known[name]] for name in names)
-    growth = np.zeros((len(start), len(entries)))
-    cloud = emulator.state_structure.cloud
-    if cloud is not None:
-        own = start[list(emulator.parameter_entries)]
-        for column, name in enumerate(names):
-            changed = own + (np.arange(len(own)) == known[name])
-            growth[:, column] = cloud.reshaped(start, changed) - start
+    behind = latent_size(emulator) - emulator.state.size
     return VariedParameters(
+        parametrisation=parametrisation,
         entries=entries,
+        latent_entries=tuple(entry + behind for entry in entries),
         middle=as_parameter(np.array([(p.high + p.low) / 2 for p in chosen])),
         half=as_parameter(np.array([(p.high - p.low) / 2 for p in chosen])),
-        growth=as_parameter(growth),
     )
+
+
+def start_of_body(
+    emulator: Emulator,
+    start: Float[np.ndarray, " S"],
+    entries: Sequence[int],
+    values: Float[np.ndarray, " P"],
+) -> Float[np.ndarray, " S"]:
+    """Return the `start` (S,) of the body with these parameters, at these state entries, in its own shape."""
+    changed = np.array(start, float)
+    changed[list(entries)] = values
+    cloud = emulator.state_structure.cloud
+    if cloud is None or not cloud.parameters:
+        return changed
+    return cloud.reshaped(np.asarray(start, float), changed[len(changed) - cloud.parameters :])
 
 
 def guess_parameters(
@@ -208,8 +219,11 @@ def _descend(
     best = order[0]
     begins = np.repeat(np.asarray(problem.start, float)[None], len(best_zs), axis=0)
     if problem.varied is not None:
-        ws = as_float32(best_zs[:, problem.parametrisation.size :])
-        begins = np.array([problem.varied.put(problem.start, w) for w in ws], float)
+        varied = problem.varied
+        values = [varied.values(z) for z in as_float32(best_zs)]
+        begins = np.stack(
+            [start_of_body(problem.emulator, begins[0], varied.entries, one) for one in values]
+        )
     return Descent(
         method=options.method,
         controls=candidates[best],
@@ -285,7 +299,7 @@ def controls_in_jax(
 
 def evaluator_of(problem: Problem) -> Evaluator:
     """Return what evaluates `problem`, by the `backend`."""
-    if backend() != "jax" and problem.varied is None:
+    if backend() != "jax":
         in_c = c_evaluator(problem)
         if in_c is not None:
             return in_c
