@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
-from neuroanimator.control.descent.options import DescentOptions, check_steps
+from neuroanimator.control.descent.options import SCREENING, DescentOptions, check_steps
 from neuroanimator.control.descent.parametrisation import NEARLY_ALL, Parametrisation
 from neuroanimator.control.descent.problem import Problem, VariedParameters
 from neuroanimator.control.objective.feasibility import check_reachable
@@ -251,6 +252,10 @@ def _iterate(
         starts = advance(method, evaluator, starts, limit)
         least = [start.least for start in starts]
         history.append(least)
+        if options.finalists and limit == math.ceil(SCREENING * options.iterations):
+            finalists = np.argsort(np.where(np.isfinite(least), least, np.inf))[: options.finalists]
+            starts = [starts[number] for number in finalists]
+            history = [[row[number] for number in finalists] for row in history]
         if options.on_iteration is not None:
             options.on_iteration(limit, min(least))
         if all(start.is_done for start in starts):
