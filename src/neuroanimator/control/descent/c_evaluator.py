@@ -186,7 +186,7 @@ class CEvaluator(Evaluator):
         states = latents
         if self._objective.encoding is not None:
             states = self._emulator.decode(latents)
-            states[0] = self._start
+        states[0] = self._start
         return EmulatedMotion(states.astype(float), controls.astype(float))
 
 

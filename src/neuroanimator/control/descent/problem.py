@@ -85,7 +85,7 @@ class Problem(eqx.Module):
         latent = self.emulator.encode(self.start)
         if self.varied is not None:
             entries = np.array(self.varied.latent_entries)
-            latent = jnp.asarray(latent).at[entries].set(self.varied.values(z))
+            latent = jnp.asarray(latent, z.dtype).at[entries].set(self.varied.values(z))
         path = call_compiled(rollout_with_defects, self.emulator, latent, controls, self.defects)
         states = jnp.concatenate([self.start[None], self.emulator.decode(path[1:])])
         return Trajectory(states, controls, self.control_scale, self.emulator.dt)
