@@ -10,7 +10,7 @@ import { Policy } from "../emulator/policy";
 import { Player } from "../motion/player";
 import { World } from "../scene/world";
 import type { Stage } from "../scene/stage";
-import { PolicyPilot, SliderPilot } from "../steering/pilots";
+import { GaitPilot, PolicyPilot, SliderPilot } from "../steering/pilots";
 import { Crowd } from "../steering/crowd";
 import { Life, POPULATION, SMALL } from "../steering/life";
 import { MoverPilot, WanderPath } from "../steering/movers";
@@ -57,7 +57,8 @@ export class Session {
       // A cloth would jump where its motion begins again.
       this.player.goesOn = true;
     }
-    this.player.pilot = this.swimmer ?? this.movers?.pilot ?? this.sliders;
+    const gait = facts.gait ? new GaitPilot(facts, facts.gait) : null;
+    this.player.pilot = this.swimmer ?? this.movers?.pilot ?? gait ?? this.sliders;
     this.secondsPerStep = timeSteps(emulator, facts);
     this.world = new World(stage, facts, this.player.motion.state(0), isDark);
   }

@@ -4,6 +4,7 @@ import { isPhysics } from "../bundle/bundle";
 import { EDGE } from "../motion/motion";
 import { controlPanel, steerPanel, type Panel } from "../panels/controls";
 import { moverPanel } from "../panels/movers";
+import { parameterPanel } from "../panels/parameters";
 import { MeasurePanel } from "../panels/measure";
 import { takePanel } from "../panels/take";
 import type { CameraMode } from "../scene/cameras";
@@ -76,10 +77,11 @@ export class Showing {
     this.#hand = session.movers ? new MoverDrag(session, session.movers.pilot, goLive) : new BodyPull(session, goLive);
     this.#measure = new MeasurePanel(session, this.#twin, () => this.toggleGhost());
     const steer = moverPanel(session, goLive) ?? steerPanel(session, goLive, () => this.toggleTarget());
-    const goal = panel("Reach a goal", steer === null);
+    const parameters = parameterPanel(session, goLive);
+    const goal = panel("Reach a goal", steer === null && parameters === null);
     const controls = controlPanel(session, () => this.goLive());
     const take = takePanel(session, live, banners, (onProgress, signal) => this.#film(onProgress, signal));
-    this.#panels = [...(steer ? [steer] : []), controls, this.#measure, take];
+    this.#panels = [steer, parameters, controls, this.#measure, take].filter((one) => one !== null);
     this.#synthesis = makeSynthesis({
       bundle: session.bundle,
       emulator: session.emulator,
@@ -92,7 +94,7 @@ export class Showing {
     });
     this.grabbables = [this.#synthesis, this.#target, this.#hand, new FeedingHand(session)];
     const about = element("div", "about", [element("h1", "", [facts.id]), element("p", "", [facts.about])]);
-    const elements = [about, steer?.element, goal.details, controls.element, this.#measure.element, take.element];
+    const elements = [about, steer?.element, parameters?.element, goal.details, controls.element, this.#measure.element, take.element];
     this.side = elements.filter((one) => one !== undefined);
   }
 

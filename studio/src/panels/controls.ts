@@ -133,7 +133,7 @@ function count(life: Life, intention: Intention): number {
 /** Sliders of the controls themselves. */
 export function controlPanel(session: Session, goLive: () => void): Panel {
   const { facts, sliders: pilot, player } = session;
-  const { details, body } = panel("Controls", session.swimmer === null && session.movers === null);
+  const { details, body } = panel("Controls", player.pilot === pilot);
   const labels = labelsOf(facts.control);
   const units = facts.control.flatMap(([, size, unit]) => new Array<string>(size).fill(unit === "1" ? "" : unit));
   const rows: Slider[] = labels.map((label, i) =>

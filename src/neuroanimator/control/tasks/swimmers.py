@@ -200,7 +200,10 @@ def turned_upright(system: DeformableSystem, state: np.ndarray) -> np.ndarray:
     turn = np.stack([pose.forward, left, np.cross(pose.forward, left)])
     positions, velocities, activations = system.unpack(state)
     return system.pack(
-        (positions - pose.position) @ turn.T + pose.position, velocities @ turn.T, activations
+        (positions - pose.position) @ turn.T + pose.position,
+        velocities @ turn.T,
+        activations,
+        state[..., system.parameter_entries],
     )
 
 
