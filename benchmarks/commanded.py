@@ -4,8 +4,8 @@ python benchmarks/following.py walk --seed 1 --keep walk.policy.safetensors
 python benchmarks/commanded.py walk.policy.safetensors
 python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.safetensors --seeds 0 --dry
 
-Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a policy
-that follows the walk. Without noise, on the physics,
+Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a
+policy that follows the walk. Without noise, on the physics,
 - 100 bodies get random commands for 60 s, others every 2 to 5 s; those count that never fall: pelvis below 0.6 m, or trunk more
   than 1 rad off the vertical;
 - from 1 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;

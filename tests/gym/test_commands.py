@@ -11,6 +11,7 @@ import pytest
 from soft_bodies import hasty_emulator
 
 from neuroanimator import Emulator, NeuroAnimatorError, Pilot, load_system
+from neuroanimator.cli.policy_returns import commanded_motion
 from neuroanimator.control.policies.commands import Commands
 from neuroanimator.control.policies.pilot_motions import WALKING_LEAD
 from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, ReferenceMotion
@@ -129,7 +130,7 @@ def test_a_body_told_nothing_else_goes_as_fast_as_the_motion_was_recorded(
     np.testing.assert_allclose(velocity.mean(), commands.own_speed, rtol=0.01)
     np.testing.assert_allclose(commands.own_speed, 1.09331 / 1.59, rtol=0.02)
     twice = commands.give(states, 2 * velocity, np.zeros(53))
-    np.testing.assert_allclose(commands.pace(twice).max() * commands.own_speed, 0.9, rtol=1e-3)
+    np.testing.assert_allclose(commands.pace(twice).max() * commands.own_speed, 1.0, rtol=1e-3)
 
 
 def test_on_the_motion_all_is_earned_at_every_command_and_wherever_the_body_is(
@@ -245,7 +246,7 @@ def test_a_pilot_tells_the_body_how_fast_and_which_way(
         frame = pilot.step(speed=0.5, turn=0.4, dt=0.015)
     assert frame.state[commands.heading] == pytest.approx(0.4 * 0.09, abs=1e-5)
     assert frame.pose.position[0] > 0.02
-    assert pilot.top_speed == 0.9
+    assert pilot.top_speed == 1.0
     assert len(pilot.controls) == 23
     turned = frame.state.copy()
     turned[commands.heading] = 2.0
@@ -263,6 +264,21 @@ def test_a_pilot_says_what_it_needs(policy: StatePolicy, system: MujocoSystem):
         Pilot(policy, load_system("pendulum"))
     with pytest.raises(NeuroAnimatorError, match="walks on the ground"):
         Pilot(policy, system).step(speed=0.5, climb=0.2)
+
+
+def test_commands_are_told_one_after_another(
+    policy: StatePolicy, commands: Commands, tmp_path: Path
+):
+    file = tmp_path / "human.policy.safetensors"
+    policy.save(file)
+    _, states = commanded_motion(file, TOML, ["0.09,0.6,0.2", "0.06,0.9,-0.4"])
+    assert len(states) == 6
+    assert states[-1, commands.heading] == pytest.approx(0.2 * 0.09 - 0.4 * 0.06, abs=1e-5)
+    pace = commands.pace(states) * commands.own_speed
+    np.testing.assert_allclose(pace[1:], [0.6, 0.6, 0.6, 0.9, 0.9], rtol=1e-5)
+    for text in ("3", "3,0.7,left", "-1,0.7,0"):
+        with pytest.raises(NeuroAnimatorError, match="command: wanted"):
+            commanded_motion(file, TOML, [text])
 
 
 def _frame(motion: ReferenceMotion, states: np.ndarray) -> np.ndarray:

@@ -76,9 +76,9 @@ def learn_policy(
     `emulator` leaps one step of the episodes; a copy of it learns from them. `reference` is the motion that the policy follows,
     if it follows one, and `start` the policy to begin with: of the same controls, shown the first of the numbers that this one
     is shown. Given `seconds`, learning ends after that time, not after a number of updates, and the policy depends on the
-    machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number of updates it
-    ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has another emulator,
-    start or other settings.
+    machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number of
+    updates it ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has
+    another emulator, start or other settings.
     """
     if folder is None:
         run = _Run(system, emulator, rules, learning, reference, start, None)
