@@ -6,6 +6,7 @@ python benchmarks/large_bodies.py sheet [cape flag jelly]         docs/images/so
 python benchmarks/large_bodies.py flex [cape flag jelly]          the same meshes as flexes of MuJoCo, whole and reduced
 python benchmarks/large_bodies.py fidelity [cape flag jelly]      emulators that ship: gradients, wrinkles, a million super steps
 python benchmarks/large_bodies.py fidelity jelly --quick          one path, short runs; writes nothing
+python benchmarks/large_bodies.py own_flex [cloth jelly]          flexes of one's own, from `new` on; --folder keeps what is made
 
 Equal error: runs of 1 s along smooth random paths of what moves that training never saw, some time after rest. The truth is
 the teacher's physics with all nodes. Beside the emulator stand the physics started from the state as the emulator knows it
@@ -33,6 +34,11 @@ as MuJoCo has them. `full` is the whole mesh, elastic; `full, edges as equalitie
 it, of which the time alone is shown; `trilinear` and `quadratic` are MuJoCo's reduced bodies, 8 and 27 nodes of a box
 around. Errors are of all nodes [% of the size, root mean square], from `full` in 64 steps a super step. All are timed in
 turn with the emulator's super step.
+
+Own flexes: two models of MuJoCo's as somebody writes them (large_bodies_cases/models), a cloth of 225 nodes tied to a bar
+and a jelly of 216 on the ground that a paddle strikes, taken from `new` to an emulator without an edit, by half (cloth)
+and a quarter (jelly) of the usual data and updates. Errors are those of equal error, the physics are MuJoCo's in the teacher's,
+the model's own and longer steps.
 """
 
 from __future__ import annotations
@@ -40,6 +46,7 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +55,8 @@ from large_bodies_cases.families import FAMILIES
 from large_bodies_cases.flex import flex_rows
 from large_bodies_cases.gradients import gradient_columns
 from large_bodies_cases.limits import endurance_columns, penetration_columns
+from large_bodies_cases.own_flex import EXTENTS, own_flex_rows
+from large_bodies_cases.own_flex import QUICK as QUICK_FLEX
 from large_bodies_cases.sheet import draw_sheet
 from large_bodies_cases.spectra import Spectrum, band_rows, draw_spectra, spectra_of
 
@@ -60,6 +69,8 @@ from neuroanimator.systems.soft.soft_body import Air, Capsule, SoftBody
 from neuroanimator.terminal import print_table, progress_bar
 
 Rows = list[dict[str, Any]]
+
+PARTS = ("physics", "equal_error", "sheet", "flex", "own_flex", "fidelity")
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -256,17 +267,36 @@ def fidelity_tables(
     return rows, bands
 
 
+def own_flex(names: list[str], folder: Path | None, *, is_quick: bool) -> None:
+    """Print and write each model's rows."""
+    rows: Rows = []
+    with TemporaryDirectory() as temporary, one_core():
+        for name in names:
+            extent = QUICK_FLEX if is_quick else EXTENTS[name]
+            rows += own_flex_rows(name, folder or Path(temporary), extent)
+    print_table(rows)
+    if not is_quick and names == list(EXTENTS):
+        write_csv(RESULTS / "large_bodies_own_flex.csv", rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("part", choices=("physics", "equal_error", "sheet", "flex", "fidelity"))
-    parser.add_argument("names", nargs="*", default=list(FAMILIES))
+    parser.add_argument("part", choices=PARTS)
+    parser.add_argument("names", nargs="*")
     parser.add_argument(
-        "--quick", action="store_true", help="of flex and fidelity: little, writes no file"
+        "--quick",
+        action="store_true",
+        help="of flex, own_flex and fidelity: little, writes no file",
     )
+    parser.add_argument("--folder", type=Path, help="of own_flex: for data and emulators")
     arguments = parser.parse_args()
     print(describe_machine())
+    if arguments.part == "own_flex":
+        own_flex(arguments.names or list(EXTENTS), arguments.folder, is_quick=arguments.quick)
+        return
+    arguments.names = arguments.names or list(FAMILIES)
     if arguments.part == "sheet":
         draw_sheet(arguments.names, PICTURE)
         return

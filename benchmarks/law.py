@@ -1,6 +1,7 @@
 """How numbers, hidden units and times of a cloth's emulator grow with its nodes, beside those of the physics.
 
-python benchmarks/law.py            100 to 10,000 nodes; about half an hour on one core by estimate, half of it for 10,000
+python benchmarks/law.py            100 to 10,000 nodes; five minutes on one core, and most of an hour for 10,000
+python benchmarks/law.py 100        the cloth of 100 nodes along an edge; the others' rows stay as they are
 python benchmarks/law.py --quick    small meshes and trainings, a minute; writes nothing
 
 One cloth of 1 m × 1 m, in ever finer squares, hangs by its upper edge from a bar that is moved; air holds it back. A
@@ -22,6 +23,7 @@ All of one cloth, on one core. Writes results/law.csv and docs/images/law.png.
 from __future__ import annotations
 
 import argparse
+import csv
 import io
 import time
 from pathlib import Path
@@ -62,6 +64,7 @@ Rows = list[dict[str, Any]]
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
+TABLE = RESULTS / "law.csv"
 PICTURE = ROOT / "docs" / "images" / "law.png"
 
 LEFT_OUT = 0.3
@@ -256,16 +259,21 @@ def row_of(side: int, extent: Extent, folder: Path) -> dict[str, Any]:
     }
 
 
+def numbers_of(rows: Rows, column: str) -> list[float]:
+    """Return a column; rows that were read from the table hold text."""
+    return [float(row[column]) for row in rows]
+
+
 def draw(rows: Rows, path: Path) -> None:
     """Draw numbers, hidden units and times over nodes, each axis logarithmic."""
-    nodes = [row["nodes"] for row in rows]
+    nodes = numbers_of(rows, "nodes")
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     sizes, times = figure.subplots(1, 2)
-    sizes.loglog(nodes, [row["numbers"] for row in rows], "o-", color="#2b5a94", label="numbers")
+    sizes.loglog(nodes, numbers_of(rows, "numbers"), "o-", color="#2b5a94", label="numbers")
     found = [row for row in rows if row["hidden_units"]]
     sizes.loglog(
-        [row["nodes"] for row in found],
-        [row["hidden_units"] for row in found],
+        numbers_of(found, "nodes"),
+        numbers_of(found, "hidden_units"),
         "s-",
         color="#e8892b",
         label="hidden units",
@@ -276,7 +284,7 @@ def draw(rows: Rows, path: Path) -> None:
         ("explicit_us", "physics, explicit", "#4fa3a0"),
         ("emulator_us", "emulator", "#e8892b"),
     ):
-        times.loglog(nodes, [row[column] for row in rows], "o-", color=colour, label=label)
+        times.loglog(nodes, numbers_of(rows, column), "o-", color=colour, label=label)
     times.set_ylabel("time of 1/30 s [µs]")
     for axes in (sizes, times):
         axes.set_xlabel("nodes of the cloth")
@@ -287,23 +295,36 @@ def draw(rows: Rows, path: Path) -> None:
     write_whole(path, picture.getvalue())
 
 
+def keep(row: dict[str, Any]) -> None:
+    """Write a row into the table, in place of an older one of as many nodes, and draw all of it."""
+    rows: dict[int, dict[str, Any]] = {}
+    if TABLE.exists():
+        lines = TABLE.read_text(encoding="utf-8").splitlines()[1:]
+        rows = {int(old["nodes"]): old for old in csv.DictReader(lines)}
+    rows[row["nodes"]] = row
+    ordered = [rows[nodes] for nodes in sorted(rows)]
+    write_csv(TABLE, ordered)
+    draw(ordered, PICTURE)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="small meshes; writes no file")
-    quick = parser.parse_args().quick
-    extent = QUICK if quick else THOROUGH
+    parser.add_argument("sides", nargs="*", type=int, help="nodes along an edge; all if none")
+    arguments = parser.parse_args()
+    extent = QUICK if arguments.quick else THOROUGH
     rows: Rows = []
     with one_core():
-        for side in extent.sides:
+        for side in arguments.sides or extent.sides:
             with TemporaryDirectory() as folder:
                 rows.append(row_of(side, extent, Path(folder)))
+            print_table(rows[-1:])
+            if not arguments.quick:
+                keep(rows[-1])
     print(describe_machine())
     print_table(rows)
-    if not quick:
-        write_csv(RESULTS / "law.csv", rows)
-        draw(rows, PICTURE)
 
 
 if __name__ == "__main__":

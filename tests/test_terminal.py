@@ -20,7 +20,10 @@ with terminal.phase("settling"):
     with terminal.progress_bar("rounds", 2) as bar, terminal.phase("compiling"):
         time.sleep(0.8)
         bar.advance_to(2)
-with terminal.phase("fleeting"):
+with terminal.inner_bar("runs", 3) as bar:
+    bar.advance_to(1)
+    time.sleep(0.5)
+with terminal.phase("fleeting"), terminal.inner_bar("passing", 3):
     pass
 print("done")
 """
@@ -53,7 +56,10 @@ def test_a_terminal_shows_phases_and_bars_side_by_side():
     assert "settling" in shown
     assert "compiling" in shown
     assert "rounds" in shown
+    assert "runs" in shown
+    assert "1/3" in shown
     assert "fleeting" not in shown
+    assert "passing" not in shown
 
 
 def piped(code: str) -> str:

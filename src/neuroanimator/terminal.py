@@ -35,21 +35,36 @@ LINE_EVERY = 10.0
 class Bar:
     """A bar; does nothing where progress is not shown."""
 
-    def __init__(self, progress: Display | None, title: str, total: int):
+    def __init__(
+        self, progress: Display | None, title: str, total: int | None, *, is_visible: bool = True
+    ):
+        """`total` is None where the length is not known."""
         self._progress = progress
         self._task: TaskID | None = None
         if progress is not None:
-            self._task = progress.add_task(printable(title), total=total, note="")
+            self._task = progress.add_task(
+                printable(title), total=total, note="", visible=is_visible
+            )
 
     def advance_to(self, done: int, note: str = "") -> None:
         """Show `done` of the total, with a short note behind the bar."""
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=done, note=printable(note))
 
+    def show(self) -> None:
+        """Make it visible."""
+        if self._progress is not None and self._task is not None:
+            self._progress.update(self._task, visible=True)
+
     def end(self) -> None:
         """Leave the bar as it is: nothing more will come."""
         if self._progress is not None and self._task is not None:
             self._progress.stop_task(self._task)
+
+    def remove(self) -> None:
+        """Take it off the screen."""
+        if self._progress is not None and self._task is not None:
+            self._progress.remove_task(self._task)
 
 
 @contextmanager
@@ -67,6 +82,19 @@ def progress_bar(title: str, total: int) -> Iterator[Bar]:
 
 
 @contextmanager
+def inner_bar(title: str, total: int) -> Iterator[Bar]:
+    """Show a bar of `total` units beside those there are, where a command line runs (`show_phases`).
+
+    It is there while the block runs, and not at all where that is quick.
+    """
+    if not _screen.shows_phases:
+        yield Bar(None, title, total)
+        return
+    with _screen.shown() as progress, _shown_soon(progress, title, total) as bar:
+        yield bar
+
+
+@contextmanager
 def phase(name: str) -> Iterator[None]:
     """Say what is going on while the block runs, where a command line runs (`show_phases`).
 
@@ -76,7 +104,7 @@ def phase(name: str) -> Iterator[None]:
         if not _screen.shows_phases:
             yield
             return
-        with _screen.shown() as progress, _spinning(progress, name):
+        with _screen.shown() as progress, _shown_soon(progress, name, None):
             yield
 
 
@@ -101,21 +129,18 @@ def phase_seconds() -> dict[str, float]:
 
 
 @contextmanager
-def _spinning(progress: Display | None, name: str) -> Iterator[None]:
-    """Show `name` with a bar of unknown length, soon."""
-    if progress is None:
-        yield
-        return
-    task = progress.add_task(name, total=None, note="", visible=False)
-    timer = Timer(SHOWN_AFTER, lambda: progress.update(task, visible=True))
+def _shown_soon(progress: Display | None, title: str, total: int | None) -> Iterator[Bar]:
+    """Show a bar of `total` units, or of unknown length, once the block has run for `SHOWN_AFTER`."""
+    bar = Bar(progress, title, total, is_visible=False)
+    timer = Timer(SHOWN_AFTER, bar.show)
     timer.daemon = True
     timer.start()
     try:
-        yield
+        yield bar
     finally:
         timer.cancel()
         timer.join()
-        progress.remove_task(task)
+        bar.remove()
 
 
 class _Clock:

@@ -29,6 +29,9 @@ MAX_SECONDS = 3600.0
 USUAL_SECONDS = 5.0
 """Length of a random motion if nothing else is said [s]; of a slow system longer."""
 
+LIVELIEST_OF = 16
+"""Number of paths of which a motion to look at takes the liveliest: along some nothing moves to speak of."""
+
 STEP_ROUNDING = 1e-9
 """Share of a super step that a motion may be longer than whole super steps: quotients round."""
 
@@ -95,8 +98,8 @@ def random_drive(
     """Return random, never idle controls, and `start` (S,).
 
     Without a start it begins at rest; free hinges start anywhere. With the seed 0 and no start it is a motion to look
-    at: what has a gait moves by it, a swimmer well under the surface, and a soft body on the ground is thrown and left
-    alone.
+    at: what has a gait moves by it, a swimmer well under the surface, a soft body on the ground is thrown and left alone,
+    and another goes along the liveliest of some paths within its training.
 
     Raises ArgumentError for a duration out of range and for a negative seed.
     """
@@ -129,16 +132,22 @@ def random_drive(
         state = throw(emulator, state)
         controls = np.repeat(bounds.middle[None], steps, axis=0)
     else:
-        controls = _moved_about(emulator, rng, state, steps)
-        if controls is None:
+        paths = _paths_about(emulator, rng, state, steps, LIVELIEST_OF if is_showcase else 1)
+        if paths is None:
             controls = sample_controls(rng, steps, emulator.dt, bounds, gait)
+        else:
+            controls = _liveliest(emulator, state, paths)
     return Drive(np.asarray(state, float), controls)
 
 
-def _moved_about(
-    emulator: Emulator, rng: np.random.Generator, start: Float[np.ndarray, " S"], steps: int
-) -> Float[np.ndarray, "T C"] | None:
-    """Return the controls that take what moves a soft body along smooth paths within its reach; None of other bodies.
+def _paths_about(
+    emulator: Emulator,
+    rng: np.random.Generator,
+    start: Float[np.ndarray, " S"],
+    steps: int,
+    count: int,
+) -> Float[np.ndarray, "B T C"] | None:
+    """Return controls that take what moves a soft body along `count` smooth paths within its reach; None of other bodies.
 
     Random velocities would leave what the emulator has seen within a second.
     """
@@ -152,8 +161,24 @@ def _moved_about(
     if movers is None:
         return None
     places, rates = np.split(np.asarray(start, float)[: 2 * movers.size], 2)
+    places = np.repeat(places[None], count, axis=0)
+    rates = np.repeat(rates[None], count, axis=0)
     pace = pace_of(contacts.anchor)
-    return movers.random_paths(rng, places[None], rates[None], steps, emulator.dt, pace)[0]
+    return movers.random_paths(rng, places, rates, steps, emulator.dt, pace)
+
+
+def _liveliest(
+    emulator: Emulator, start: Float[np.ndarray, " S"], paths: Float[np.ndarray, "B T C"]
+) -> Float[np.ndarray, "T C"]:
+    """Return the controls that vary most of those that stay within training; the first if none does."""
+    if len(paths) == 1:
+        return paths[0]
+    liveliness = (paths / emulator.bounds.magnitude).std(axis=(1, 2))
+    for number in np.argsort(-liveliness):
+        _, scores = emulator.rollout_trusted(start, paths[number])
+        if scores.max() < 1:
+            return paths[number]
+    return paths[0]
 
 
 def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndarray, " S"]:

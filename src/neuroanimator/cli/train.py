@@ -129,15 +129,20 @@ def _train_with_bar(
 ) -> tuple[Emulator, Report | None]:
     """Return the emulator and the last report; none of a training that was done already."""
     last: Report | None = None
+    note = ""
     with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
 
+        def on_chunk(updates: int) -> None:
+            bar.advance_to(updates, note)
+
         def on_report(report: Report) -> None:
-            nonlocal last
+            nonlocal last, note
             last = report
             updates_per_second = report.update / report.seconds
-            bar.advance_to(report.update, f"error {report.error:.4f}, {updates_per_second:,.0f}/s")
+            note = f"error {report.error:.4f}, {updates_per_second:,.0f}/s"
+            bar.advance_to(report.update, note)
 
-        emulator = train(data, config, out, on_report=on_report)
+        emulator = train(data, config, out, on_report=on_report, on_chunk=on_chunk)
     return emulator, last
 
 

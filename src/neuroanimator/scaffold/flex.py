@@ -11,11 +11,15 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.data.config import SAMPLES_PER_RUN, SOFT_COUNT
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.errors import ArgumentError
+from neuroanimator.executor.cores import core_count
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import FINE_PARTS, rounded, usual_name
 from neuroanimator.scaffold.proposal import Proposal
+from neuroanimator.scaffold.teacher import in_words
+from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.systems.soft.flex_model import (
     flex_body,
     mover_names,
@@ -24,6 +28,7 @@ from neuroanimator.systems.soft.flex_model import (
 )
 from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.soft_scene import Motion
+from neuroanimator.systems.soft.soft_system import THROW_STEPS, SoftSystem
 from neuroanimator.terminal import phase
 
 SUPER_STEP = 1 / 30
@@ -58,6 +63,9 @@ SAFE_STEPS = 2
 
 DEEP = 0.1
 """Depth of contacts over the thickness of a geom from which on they should be harder, or movers slower."""
+
+MAX_DATA = 3600.0
+"""Time that data may take on this machine before `new` advises to make the physics cheaper [s]."""
 
 MAX_SHAPES = 64
 """Number of shapes proposed, if the nodes are so many."""
@@ -94,6 +102,8 @@ class Trial(NamedTuple):
     """The greatest such depth over the geom's thickness."""
     cost: float
     """Processor time of a super step [s]."""
+    seen_share: float
+    """Share of the path that was played before `PATIENCE` ended the trial."""
 
 
 def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False) -> Proposal:
@@ -132,8 +142,8 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
             trial = _tried(values, path.name, model)
         if trial.has_diverged:
             raise ArgumentError(
-                f"{path.name}: the soft body flies apart even in steps of {values['physics']['truth_step']:g} s. Give it a "
-                'smaller timestep, integrator="discrete" or softer material.'
+                f"{path.name}: the soft body flies apart even in steps of {values['physics']['truth_step']:g} s. Give it "
+                'less damping, a smaller timestep, softer material, or integrator="discrete" and solver="CG".'
             )
         if trial.share > DEEP or tied_bodies(model) - {0}:
             values["physics"]["contact_time"] = SAFE_STEPS * step
@@ -151,6 +161,17 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
             f"movers: nodes go {1000 * trial.depth:.0f} mm deep into a geom, however slow it is. Write thicker or "
             "rounder geoms, a softer body, or a smaller timestep."
         )
+    if trial.seen_share < 0.5:
+        warnings.append(
+            f"movers: a super step of the physics takes {1000 * trial.cost:.0f} ms, so the trial ended after "
+            f"{trial.seen_share:.0%} of the movers' way. Contacts may be more, and deeper."
+        )
+    data_seconds = _data_steps(model, path.name, definition) * trial.cost
+    if data_seconds > MAX_DATA * core_count():
+        warnings.append(
+            f'physics: data take about {in_words(data_seconds)}. Write solver="CG" into the model, a larger timestep '
+            '(integrator="discrete" allows it) or fewer nodes; or make less: neuroanimator generate --count.'
+        )
     version = mujoco.mj_versionString()
     depth = 1000 * trial.depth
     hardness = HARDENED if "contact_time" in values["physics"] else AS_MODELLED
@@ -166,9 +187,17 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
         ("movers", ", ".join(names)),
         ("contacts", f"up to {trial.contacts} with one geom, {depth:.1f} mm deep"),
         ("physics", f"{1000 * trial.cost:.1f} ms a super step of the teacher's"),
+        ("data", f"{SOFT_COUNT:,} transitions take about {in_words(data_seconds)}"),
     )
     parts = (*names, *(f"{name}_velocity" for name in names))
     return Proposal(definition, comments, parts, tuple(warnings), told)
+
+
+def _data_steps(model: mujoco.MjModel, path: str, definition: FlexDefinition) -> float:
+    """Return the number of super steps in the usual data."""
+    is_free = FlexScene(definition, path, model).anchor == FREE
+    run_steps = THROW_STEPS if is_free else SoftSystem.run_steps
+    return SOFT_COUNT / SAMPLES_PER_RUN * run_steps
 
 
 def _mover(model: mujoco.MjModel, body: int, nodes: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
@@ -199,7 +228,7 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
         positions, velocities = scene.play(motion, path[frame : frame + 2], dt, steps)
         motion = Motion(positions[0], velocities[0])
         if not (np.abs(motion.positions - scene.positions) < FAR * scene.size).all():
-            return Trial(True, 0, 0.0, 0.0, 0.0)
+            return Trial(True, 0, 0.0, 0.0, 0.0, 0.0)
         seen.append(scene.touching(motion.positions, path[frame + 1]))
         if time.process_time() - begun > PATIENCE:
             break
@@ -207,9 +236,9 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
     contacts = max(int(one.contacts.max(initial=0)) for one in seen)
     depths = np.max([one.depths for one in seen], axis=0) - at_rest.depths
     shares = depths / thicknesses(scene.model)
-    return Trial(
-        False, contacts, float(depths.max(initial=0.0)), float(shares.max(initial=0.0)), cost
-    )
+    seen_share = (len(seen) - 1) / (len(path) - 1)
+    depth = float(depths.max(initial=0.0))
+    return Trial(False, contacts, depth, float(shares.max(initial=0.0)), cost, seen_share)
 
 
 def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F D"]:

@@ -31,6 +31,9 @@ USUAL_RUNS = USUAL_COUNT / USUAL_SAMPLES_PER_RUN
 MINUTES_FROM = 90.0
 """Time from which on times are given in minutes [s]."""
 
+HOURS_FROM = 7200.0
+"""Time from which on times are given in hours [s]."""
+
 PARTS = (2, 5)
 """Numbers of parts into which the model's step is cut for schemes that may teach."""
 
@@ -144,4 +147,6 @@ def in_words(seconds: float) -> str:
     here = seconds / core_count()
     if here < MINUTES_FROM:
         return f"{max(10, round(here, -1)):.0f} s"
-    return f"{here / 60:.0f} min"
+    if here < HOURS_FROM:
+        return f"{here / 60:.0f} min"
+    return f"{here / 3600:.0f} hours"

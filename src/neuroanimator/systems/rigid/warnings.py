@@ -28,7 +28,8 @@ ADVICE = {
     "contact buffer": CROWDED,
     "out of memory": CROWDED,
     "element body weight": (
-        'its soft body flies apart: give it integrator="discrete", a smaller timestep, less damping or softer material'
+        "its soft body flies apart: give it less damping, a smaller timestep, softer material, or "
+        'integrator="discrete" and solver="CG"'
     ),
     "Inertia matrix": "a body or a joint has next to no inertia: give it some armature or mass",
 }

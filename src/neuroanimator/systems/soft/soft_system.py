@@ -27,6 +27,7 @@ from neuroanimator.systems.soft.shape_file import ShapeFile
 from neuroanimator.systems.soft.soft_scene import WORLD, Motion
 from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
+from neuroanimator.terminal import inner_bar
 
 BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
@@ -219,8 +220,9 @@ class SoftSystem(System):
         def run(rows: np.ndarray) -> None:
             states[rows, 1:] = self._run(states[rows, 0], controls[rows], scheme, substeps)
 
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(run, groups))
+        with inner_bar("runs", len(states)) as bar, ThreadPoolExecutor(threads) as pool:
+            for done, _ in enumerate(pool.map(run, groups), start=1):
+                bar.advance_to(min(done * lanes, len(states)))
 
     def _run(
         self,
