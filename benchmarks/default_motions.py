@@ -146,6 +146,7 @@ def wander(emulator: na.Emulator, system: na.System) -> Drive:
 MOTIONS = {
     "dolphin": leap,
     "fish": swim,
+    "fishes": swim,
     "lander": land,
     "pendulum": swing_up,
     "pendulum-passive": swing,

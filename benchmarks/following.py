@@ -33,7 +33,6 @@ from human_clips import HUMAN, soles
 from jaxtyping import Float
 
 import neuroanimator as na
-from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
@@ -110,13 +109,13 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
         "most possible": task.steps,
         "pelvis off m": float(following.distance(shown).mean()),
         "trunk off rad": float(following.tilt(shown).mean()),
-        "slip cm": 100 * slip(system, states, motion),
-        "slip of the clip cm": 100 * slip(system, frames, motion),
+        "slip cm": 100 * slip(system, states, (len(states) - 1) / motion.lap),
+        "slip of the clip cm": 100 * slip(system, frames, (len(frames) - 1) / motion.lap),
     }
 
 
-def slip(system: MujocoSystem, states: Float[np.ndarray, "K S"], motion: ReferenceMotion) -> float:
-    """Return how far the lowest point of a sole moves along the floor while it is on it, a step [m]."""
+def slip(system: MujocoSystem, states: Float[np.ndarray, "K S"], laps: float) -> float:
+    """Return how far the lowest point of a sole moves along the floor while it is on it, a step [m], in `laps` of the motion."""
     points = np.array([soles(system.model, state[: system.model.nq]) for state in states])
     heights = points[..., 2]
     lowest = heights[:-1].argmin(axis=-1)[..., None]
@@ -125,7 +124,6 @@ def slip(system: MujocoSystem, states: Float[np.ndarray, "K S"], motion: Referen
     moved = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1)
     moved = np.take_along_axis(moved, lowest, axis=-1)[..., 0]
     is_down = (before < FLOOR) & (after < FLOOR)
-    laps = (len(states) - 1) / motion.lap
     return float((moved * is_down).sum() / (STEPS_IN_LAP * laps))
 
 

@@ -55,8 +55,31 @@ def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
     facts["title"] = _title(emulator)
     facts["latent"] = latent_size(emulator)
     facts["goals"] = describe_goals(emulator, system)
+    facts["parameters"] = describe_parameters(emulator)
     facts["verdict"] = describe_verdict(emulator.verdict)
     return facts
+
+
+def describe_parameters(emulator: Emulator) -> list[dict[str, Any]]:
+    """Return the name, unit, ends of the range and state entry of each parameter of a family.
+
+    `growth` (N, 3) is by how much mass points at rest lie elsewhere, along the body's own axes, per unit of it; empty where
+    states are not of mass points.
+    """
+    cloud = emulator.state_structure.cloud
+    rows = []
+    for number, parameter in enumerate(emulator.parameters):
+        growth = [] if cloud is None else short_numbers(np.array(cloud.slopes[number]))
+        row = {
+            "name": parameter.name,
+            "unit": parameter.unit,
+            "low": parameter.low,
+            "high": parameter.high,
+            "entry": emulator.parameter_entries[number],
+            "growth": growth,
+        }
+        rows.append(row)
+    return rows
 
 
 def describe_verdict(verdict: Verdict | None) -> dict[str, str] | None:

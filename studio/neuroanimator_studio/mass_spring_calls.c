@@ -14,9 +14,10 @@ static inline __attribute__((always_inline)) void follow(
     int integrator, long steps, double dt, const float *state, const float *controls, int count, float *next
 ) {
     real wide_state[STATE], wide_control[ROOM(CONTROLS)];
+    Numbers numbers ALIGNED;
     BodyState m ALIGNED;
     for (int i = 0; i < STATE; i++) wide_state[i] = state[i];
-    read_state(wide_state, &m);
+    read_state(wide_state, &m, &numbers);
     for (int t = 0; t < count; t++) {
         for (int i = 0; i < CONTROLS; i++) wide_control[i] = controls[t * CONTROLS + i];
         hold(&m, wide_control);

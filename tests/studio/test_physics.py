@@ -70,7 +70,7 @@ def test_the_module_does_what_the_true_physics_does():
     np.testing.assert_allclose(states, runs.states[0], atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["fish-50", "dolphin-50"])
+@pytest.mark.parametrize("name", ["fish-50", "fishes-50", "dolphin-50"])
 def test_the_physics_beside_an_emulator_is_the_true_physics(name: str):
     emulator = load_emulator(name)
     system = system_of(emulator)

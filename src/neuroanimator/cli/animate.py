@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
+from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.motion import (
@@ -16,6 +18,7 @@ from neuroanimator.animation.motion import (
 )
 from neuroanimator.animation.path_drive import path_drive
 from neuroanimator.control.policies.school import school_clips
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_table
@@ -68,6 +71,12 @@ PUSH_OUT_HELP = (
 PATH_SPEED_HELP = "With --path: how fast it is played; 0.5 is half as fast."
 """The help of `--path-speed`."""
 
+COMMAND_HELP = (
+    "Of a policy that walks on command: SECONDS,SPEED,TURN [s, m/s, rad/s to the left], such as 3,0.7,0.4; may be given several "
+    "times, one after another."
+)
+"""The help of `--command`."""
+
 START_HELP = (
     "Part of the state to start with, such as root.position=3,-2,8; may be given several times."
 )
@@ -97,6 +106,7 @@ def run(
     path: Annotated[list[str] | None, typer.Option(help=PATH_HELP)] = None,
     path_speed: Annotated[float | None, typer.Option(help=PATH_SPEED_HELP)] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
+    command: Annotated[list[str] | None, typer.Option(help=COMMAND_HELP)] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
     school: Annotated[
         int | None,
@@ -129,13 +139,13 @@ def run(
                 "trust": trust or None,
             }
         )
-        from neuroanimator.cli.policy_returns import policy_motion  # with it comes MuJoCo
-
-        model, states = policy_motion(Path(emulator), system, seconds, seed or 0)
+        model, states = _moved_by_policy(Path(emulator), system, command, seconds, seed)
         clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="physics")
         with phase("drawing"):
             export_clip(clip, model, out, film)
         return print_rows(_rows(clip, out))
+    if command:
+        raise ArgumentError("command: it is of policies that walk on command. Leave it out.")
     _refuse_without_hybrid(hybrid, threshold, system)
     _refuse_beside_a_path(path, path_speed, controls, start, seed)
     with phase("loading"):
@@ -221,6 +231,24 @@ def _refuse_with_a_policy(others: dict[str, object]) -> None:
     for name, value in others.items():
         if value is not None:
             raise ArgumentError(f"{name}: a policy moves the physics, from a start of its own.")
+
+
+def _moved_by_policy(
+    policy: Path,
+    system: Path | None,
+    command: list[str] | None,
+    seconds: float | None,
+    seed: int | None,
+) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
+    """Return (the policy's emulator, states of the physics it moves): on command, or in an episode as it was learnt in."""
+    from neuroanimator.cli.policy_returns import commanded_motion, policy_motion  # with MuJoCo
+
+    if not command:
+        return policy_motion(policy, system, seconds, seed or 0)
+    for name, value in {"seconds": seconds, "seed": seed}.items():
+        if value is not None:
+            raise ArgumentError(f"{name}: commands say what the motion is. Leave one of them out.")
+    return commanded_motion(policy, system, command)
 
 
 def _paths(texts: list[str]) -> dict[str, str]:

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.control.policies.state_policy import load_state_policy
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.emulator import Emulator, load_emulator
@@ -19,7 +20,7 @@ from neuroanimator.gym.learn_policy import (
     learn_policy,
 )
 from neuroanimator.gym.learner import PolicyLearning
-from neuroanimator.gym.policy_task import check_task, task_to_learn
+from neuroanimator.gym.policy_task import PolicyTask, check_task, task_to_learn
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.system import System
@@ -29,13 +30,7 @@ from neuroanimator.training.train import METRICS, read_reports, run_folder, trai
 
 EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 3 --out hopper.policy.safetensors"
 
-TRANSITIONS = 36_000
-"""Number of random transitions that the emulator begins with: it learns from what policies do afterwards."""
-
-WIDTHS = (192, 128)
-"""Units in each layer of the emulator."""
-
-EMULATOR_UPDATES = 1000
+SAMPLES_A_RUN = 36
 
 SECONDS_A_MINUTE = 60
 
@@ -63,6 +58,12 @@ def run(
         Path | None,
         typer.Option(
             help="Emulator of one step of the task to begin with; if not given, one is made."
+        ),
+    ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            help="Policy to begin with, such as one that follows the motion which is now to be commanded."
         ),
     ] = None,
     updates: Annotated[
@@ -93,10 +94,11 @@ def run(
         task = task_to_learn(definition, Path(system), body)
     began = time.monotonic()
     if emulator is None:
-        leaps = first_emulator(name, definition, task.hold, out, seed)
+        leaps = first_emulator(name, definition, task, out, seed)
     else:
         leaps = load_emulator(emulator)
     _check_emulator(leaps, body, task.hold)
+    first = load_state_policy(start) if start is not None else None
     learning = replace(task.learning, updates=updates, seed=seed)
     limit = None
     if minutes is not None:
@@ -116,6 +118,7 @@ def run(
             task.rules,
             learning,
             reference=task.motion,
+            start=first,
             seconds=limit,
             folder=folder,
             on_share=lambda share: bar.advance_to(round(PERCENT * share), note),
@@ -133,7 +136,7 @@ def run(
     print_rows([*rows, ("judge it", f"neuroanimator evaluate {out} --episodes 100")])
 
 
-def first_emulator(name: str, definition: str, hold: int, out: Path, seed: int) -> Emulator:
+def first_emulator(name: str, definition: str, task: PolicyTask, out: Path, seed: int) -> Emulator:
     """Return an emulator of one step of the task, as random controls have it; it lies in the run's folder of the policy `out`."""
     path = run_folder(out) / f"{name}.emulator.safetensors"
     if path.exists():
@@ -143,18 +146,22 @@ def first_emulator(name: str, definition: str, hold: int, out: Path, seed: int) 
     config = DatasetConfig(
         system=name,
         definition=definition,
-        substeps=hold,
-        count=TRANSITIONS,
-        samples_per_run=36,
+        substeps=task.hold,
+        count=task.emulator.transitions,
+        samples_per_run=SAMPLES_A_RUN,
         seed=seed,
     )
     with phase("simulating random motions"):
         data = simulate_transitions(config)
     training = TrainingConfig.usual(
-        data.system.structure, widths=WIDTHS, updates=EMULATOR_UPDATES, unroll_share=0.0, seed=seed
+        data.system.structure,
+        widths=task.emulator.widths,
+        updates=task.emulator.updates,
+        unroll_share=0.0,
+        seed=seed,
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    with progress_bar("training its emulator", EMULATOR_UPDATES) as bar:
+    with progress_bar("training its emulator", task.emulator.updates) as bar:
         return train(data, training, path, on_chunk=bar.advance_to)
 
 

@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.files.numbers import number_in
 from neuroanimator.gym.bodies import environment_returns, episodes_of, motion_of, returns_of
 from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
@@ -20,9 +22,13 @@ from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
+from neuroanimator.text import quoted
 from neuroanimator.training.train import METRICS, read_reports, run_folder
 
 MAX_EPISODES = 100_000
+
+MAX_SECONDS = 3600.0
+"""Longest time of a command [s]."""
 
 
 def _loaded(path: Path, toml: Path | None) -> tuple[StatePolicy, System, PolicyTask]:
@@ -51,6 +57,36 @@ def policy_motion(
     with phase("simulating"):
         stepper = physics_stepper(system, system.scheme, policy.dt)
         return policy.emulator, motion_of(policy, stepper, task.rules, steps, seed)
+
+
+def commanded_motion(
+    path: Path, toml: Path | None, commands: list[str]
+) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
+    """Return (the policy's emulator, the states of a body told `commands`, SECONDS,SPEED,TURN each, on the true physics)."""
+    policy, system, _ = _loaded(path, toml)
+    pilot = Pilot(policy, system)
+    states = [pilot.reset().state]
+    with phase("simulating"):
+        for text in commands:
+            seconds, speed, turn = _read_command(text)
+            for _ in range(max(round(seconds / policy.dt), 1)):
+                frame = pilot.step(speed=speed, turn=turn, dt=policy.dt)
+                states.append(frame.state)
+    return policy.emulator, np.array(states)
+
+
+def _read_command(text: str) -> tuple[float, float, float]:
+    try:
+        seconds, speed, turn = (number_in(cell) for cell in text.split(","))
+    except ValueError:
+        raise ArgumentError(
+            f"command: wanted SECONDS,SPEED,TURN such as 3,0.7,0.4, came {quoted(text)}."
+        ) from None
+    if not 0 < seconds <= MAX_SECONDS:
+        raise ArgumentError(
+            f"command: wanted more than 0 s and at most {MAX_SECONDS:g} s, came {seconds:g}."
+        )
+    return seconds, speed, turn
 
 
 def evaluate_policy(

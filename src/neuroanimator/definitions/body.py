@@ -22,6 +22,7 @@ from pydantic import Field
 
 from neuroanimator.appearance.skin import SkinTable
 from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parameter import Parameters
 from neuroanimator.files.names import PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Share, Step, Table
 
@@ -147,6 +148,8 @@ class BodyDefinition(Table):
     skin: SkinTable | None = None
     """The surface that is drawn; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
+    parameters: Parameters = Field(default={})
+    """What varies from body to body, and what it sets: `systems.deformable.body_parameters` lists the targets."""
     goals: dict[SystemName, GoalTable] = Field(default={})
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from neuroanimator.files.names import PartName, check_file_name
 from neuroanimator.files.tables import Table
@@ -13,6 +13,43 @@ ClipName = Annotated[str, AfterValidator(check_file_name)]
 """Name of a file beside its definition."""
 
 Distance = Annotated[float, Field(gt=0, le=1e3)]
+
+Speed = Annotated[float, Field(gt=0, le=100)]
+
+TurningRate = Annotated[float, Field(ge=-20, le=20)]
+
+
+class CommandsTable(Table):
+    """Walking on command: the body goes as the motion does, at a commanded speed and the way a commanded heading says.
+
+    The clock turns as fast as is commanded, and so does a second hinge beside the body, whose angle is the heading.
+    """
+
+    heading: PartName = "heading"
+    """Hinge whose angle is the commanded heading [rad], and whose rate is the commanded turning rate."""
+    speed: tuple[Speed, Speed]
+    """Least and largest commanded speed [m/s]."""
+    turning: tuple[TurningRate, TurningRate]
+    """Least and largest commanded turning rate, to the left [rad/s]."""
+    interval: Annotated[float, Field(gt=0, le=1e4)] = 3.0
+    """Mean time between two commands while a policy learns [s]."""
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> CommandsTable:
+        for name in ("speed", "turning"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name}: wanted the least first, came {low:g}, {high:g}")
+        return self
+
+
+class PushesTable(Table):
+    """Pushes of the trunk in random horizontal directions, while a policy learns."""
+
+    impulse: Annotated[float, Field(gt=0, le=1e6)]
+    """Largest impulse [N s]."""
+    interval: Annotated[float, Field(gt=0, le=1e4)] = 5.0
+    """Mean time between two of them [s]."""
 
 
 class FollowTable(Table):
@@ -39,3 +76,9 @@ class FollowTable(Table):
     """Angle between the trunk and the motion's, likewise [rad]."""
     reset_noise: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Episodes begin off the motion by up to this in the angle of every joint [rad]."""
+    feet: Annotated[tuple[PartName, ...], Field(max_length=100)] = ()
+    """Bodies that are to be lifted, set down and tilted as the motion's; none: they count as other parts do."""
+    pushes: PushesTable | None = None
+    """If None, nothing pushes the body."""
+    commands: CommandsTable | None = None
+    """Speed and turning are commanded; if None, the body follows the motion's own path."""

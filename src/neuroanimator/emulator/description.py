@@ -204,7 +204,7 @@ def blank(
         change_scale=zeros(changes),
         unit=zeros(changes),
     )
-    _check_parameters(frame, features, spec, is_encoded=not encoding.is_identity)
+    _check_parameters(frame, features, spec, encoding)
     network = _network(metadata["network"], features.sizes(others), changes)
     meter = None
     if "trust" in metadata:
@@ -420,19 +420,23 @@ def _contacts(described: Any, frame: Frame, spec: EmulatorSpec) -> Contacts:
 
 
 def _check_parameters(
-    frame: Frame, features: Features, spec: EmulatorSpec, *, is_encoded: bool
+    frame: Frame, features: Features, spec: EmulatorSpec, encoding: Encoding
 ) -> None:
-    """Raise ValueError for parameters that are no parts of the state of one number each, or that the network is not shown."""
+    """Raise ValueError for parameters that are not the last parts of the state, one number each, or that no network is shown."""
+    size = encoding.layout.size
+    constant = []
     for placed in place_segments(frame.segments):
-        if not isinstance(placed.segment, Constant):
-            continue
-        if is_encoded:
-            raise ValueError("frame: parameters of a body whose states are encoded")
-        for entry in range(placed.entries.start, placed.entries.stop):
-            if entry not in features.plain:
-                raise ValueError("features: a parameter that is not shown as it is")
-            if _part_size(spec.state, entry) != 1:
-                raise ValueError("frame: a parameter that is no part of the state of one number")
+        if isinstance(placed.segment, Constant):
+            constant += range(placed.entries.start, placed.entries.stop)
+    if constant != list(range(size - len(constant), size)):
+        raise ValueError("frame: parameters that are not the last of the state")
+    if isinstance(encoding, ShapeModes) and encoding.cloud.parameters != len(constant):
+        raise ValueError("frame: other parameters than the shapes are of")
+    for entry in constant:
+        if entry not in features.plain:
+            raise ValueError("features: a parameter that is not shown as it is")
+        if _part_size(spec.state, entry - size + spec.state.size) != 1:
+            raise ValueError("frame: a parameter that is no part of the state of one number")
 
 
 def _part_size(layout: Layout, entry: int) -> int:

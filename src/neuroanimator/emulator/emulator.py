@@ -22,6 +22,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files.zoo import find_emulator, is_name
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.parameters import fixed_parameters
+from neuroanimator.state.start import start_state
 
 
 class Emulator(SuperStep):
@@ -146,17 +147,15 @@ class Emulator(SuperStep):
         return artifact.load(file, cls)
 
     def at(self, /, **values: float) -> Emulator:
-        """Return the emulator of the body with the parameters given: `rest`, where motions begin, holds them.
+        """Return the emulator of the body with the parameters given, which `rest` holds: motions begin there.
 
         `emulator.at(forearm_mass=1.3)`. Parameters are entries of the state, so that a gradient in a state is one in them.
 
         Raises ArgumentError for a name that is no parameter, and for a value beyond those it was trained on.
         """
-        rest = list(self.spec.rest)
-        fixed = fixed_parameters(self.parameters, values)
-        for entry, parameter in zip(self.parameter_entries, fixed, strict=True):
-            rest[entry] = parameter.nominal
-        return replace(self, spec=replace(self.spec, rest=tuple(rest)))
+        fixed_parameters(self.parameters, values)
+        rest = start_state(self.state, self.spec.rest, values, cloud=self.state_structure.cloud)
+        return replace(self, spec=replace(self.spec, rest=tuple(rest.tolist())))
 
     def in_strides(self, count: int) -> Emulator:
         """Return the emulator whose super step is `count` of this one's in a row, under one control: its strides.

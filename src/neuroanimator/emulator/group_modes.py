@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.emulator.mode_fitting import modes_along
+from neuroanimator.emulator.mode_fitting import modes_along, without_growth
 from neuroanimator.emulator.pca import Basis, principal, reflection
 from neuroanimator.emulator.shape_modes import ShapeModes, view_in_frame
 from neuroanimator.errors import ArgumentError
@@ -40,7 +40,8 @@ def fit_grouped_modes(
     """Return modes in which every segment has its centre's three, and `local` more for positions and for velocities."""
     assert structure.cloud is not None
     body = view_in_frame(structure.cloud, np.asarray(states, float))
-    positions, position_owners = _grouped(structure, body.shape, local)
+    shapes = without_growth(structure.cloud, body.shape, states)
+    positions, position_owners = _grouped(structure, shapes, local)
     velocities, velocity_owners = _grouped(structure, body.flow, local)
     modes = modes_along(structure, positions, velocities, states)
     return GroupedModes(modes, position_owners, velocity_owners)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.pca import Basis, principal, reflection
 from neuroanimator.emulator.shape_modes import LIMITS, ShapeModes, view_in_frame
+from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Lag
 from neuroanimator.state.structure import Structure
 
@@ -29,13 +30,23 @@ def fit_modes(
     """Return the modes in which the bodies in `states` (B, S) vary most."""
     assert structure.cloud is not None
     body = view_in_frame(structure.cloud, np.asarray(states, float))
+    shapes = without_growth(structure.cloud, body.shape, states)
     reflect = None
     if structure.mirror is not None:
         reflect = reflection(structure.mirror)
     most = body.shape.shape[1]
-    positions = principal(body.shape, min(position_modes, most), reflect)
+    positions = principal(shapes, min(position_modes, most), reflect)
     velocities = principal(body.flow, min(velocity_modes, most), reflect)
     return modes_along(structure, positions, velocities, states)
+
+
+def without_growth(
+    cloud: Cloud, shapes: Float[np.ndarray, "B D"], states: Float[np.ndarray, "B S"]
+) -> Float[np.ndarray, "B D"]:
+    """Return the `shapes` of `states` less what their parameters make of the shape at rest."""
+    if not cloud.parameters:
+        return shapes
+    return shapes - cloud.growth(np.asarray(states[:, -cloud.parameters :], float))
 
 
 def modes_along(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,10 @@ from neuroanimator.state.structure import Mirror
 
 LEFT_OUT = 0.04
 """Share of the variation (rms) that modes leave out if their number is not given: about a good emulator's error."""
+
+
+MAX_MIRRORS = 64
+"""Maximum number of mirrors whose mixing is kept: it is asked for at every rollout, and takes a millisecond."""
 
 
 class Basis(NamedTuple):
@@ -73,6 +78,7 @@ def reflection(mirror: Mirror) -> Float[np.ndarray, "D D"]:
     return np.kron(swap, np.diag([1.0, -1.0, 1.0]))
 
 
+@lru_cache(maxsize=MAX_MIRRORS)
 def mixing(mirror: Mirror) -> tuple[Float[np.ndarray, "C C"], int]:
     """Return (orthogonal (C, C), how many of its columns are odd): differences of partners, then sums."""
     count = len(mirror.controls)
@@ -85,4 +91,6 @@ def mixing(mirror: Mirror) -> tuple[Float[np.ndarray, "C C"], int]:
         elif control < partner:
             odd.append((units[control] - units[partner]) / np.sqrt(2))
             even.append((units[control] + units[partner]) / np.sqrt(2))
-    return np.stack([*odd, *even], axis=1), len(odd)
+    columns = np.stack([*odd, *even], axis=1)
+    columns.flags.writeable = False
+    return columns, len(odd)

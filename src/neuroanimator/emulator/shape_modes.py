@@ -33,6 +33,7 @@ from neuroanimator.state.reference_shape import (
 from neuroanimator.state.rotation import cross
 from neuroanimator.state.segments import (
     MAX_RESPONSE,
+    Constant,
     Lag,
     Plain,
     Position,
@@ -63,10 +64,11 @@ REVERSED_ABOUT = (True, False, True)
 
 
 class ShapeModes(Encoding):
-    """Positions and velocities of N mass points ↔ (frame, odd modes, even modes, odd and even activations).
+    """Positions and velocities of N mass points ↔ (frame, odd modes, even modes, odd and even activations, parameters).
 
     Odd numbers change sign in the body's mirror, even ones do not; without a mirror all are odd. Modes of
-    positions and of velocities are kept apart, because what bends is not what swings.
+    positions and of velocities are kept apart, because what bends is not what swings. The mean shape of a family grows with
+    its parameters, so that modes are deformations of any of its bodies.
     """
 
     positions: Float[AnyArray, "D Q"]
@@ -103,7 +105,7 @@ class ShapeModes(Encoding):
 
     @property
     def layout(self) -> Layout:
-        return _latent_layout(self.count, self.muscles)
+        return _latent_layout(self.count, self.muscles, self.cloud.parameters)
 
     @property
     def mode_layout(self) -> Layout:
@@ -122,7 +124,7 @@ class ShapeModes(Encoding):
     @property
     def feature_layout(self) -> Layout:
         """Named parts of those raw features that are latent entries as they are; others follow."""
-        return _feature_layout(self.count, self.muscles)
+        return _feature_layout(self.count, self.muscles, self.cloud.parameters)
 
     @property
     def is_mirrored(self) -> bool:
@@ -145,7 +147,8 @@ class ShapeModes(Encoding):
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
         xp = state.__array_namespace__()
         body = view_in_frame(self.cloud, state)
-        q = (body.shape - _like(self.mean_position, state)) @ _like(self.positions, state)
+        parameters = state[..., state.shape[-1] - self.cloud.parameters :]
+        q = (body.shape - self._mean_shape(parameters)) @ _like(self.positions, state)
         p = (body.flow - _like(self.mean_velocity, state)) @ _like(self.velocities, state)
         modes = [
             q[..., : self.odd_positions],
@@ -153,9 +156,10 @@ class ShapeModes(Encoding):
             q[..., self.odd_positions :],
             p[..., self.odd_velocities :],
         ]
-        activations = self.encode_control(state[..., 2 * body.shape.shape[-1] :])
+        first = 2 * body.shape.shape[-1]
+        activations = self.encode_control(state[..., first : first + self.muscles])
         frame = [body.centre, body.orientation, body.velocity, body.angular_velocity]
-        return xp.concat([*frame, *modes, activations], axis=-1)
+        return xp.concat([*frame, *modes, activations, parameters], axis=-1)
 
     def decode(self, latent: Float[AnyArray, "*B I"]) -> Float[AnyArray, "*B S"]:
         """Return the states (..., S) closest to what `latent` (..., I) says."""
@@ -166,13 +170,23 @@ class ShapeModes(Encoding):
         velocity = layout.part(latent, "frame.velocity")
         angular_velocity = layout.part(latent, "frame.angular_velocity")
         q, p = self._amounts(layout.part(latent, "modes"))
-        shape = points_of(_like(self.mean_position, latent) + q @ _like(self.positions, latent).mT)
+        parameters = layout.part(latent, "parameters")
+        mean = self._mean_shape(parameters)
+        shape = points_of(mean + q @ _like(self.positions, latent).mT)
         flow = points_of(_like(self.mean_velocity, latent) + p @ _like(self.velocities, latent).mT)
         flow = flow + cross(angular_velocity[..., None, :], shape)
         positions = centre[..., None, :] + to_world_axes(orientation, shape)
         velocities = velocity[..., None, :] + to_world_axes(orientation, flow)
         activations = self.decode_control(layout.part(latent, "activations"))
-        return xp.concat([flat_of(positions), flat_of(velocities), activations], axis=-1)
+        moving = [flat_of(positions), flat_of(velocities)]
+        return xp.concat([*moving, activations, parameters], axis=-1)
+
+    def _mean_shape(self, parameters: Float[AnyArray, "*B Q"]) -> Float[AnyArray, "*#B D"]:
+        """Return the mean shape of the bodies with these parameters."""
+        mean = _like(self.mean_position, parameters)
+        if not self.cloud.parameters:
+            return mean
+        return mean + self.cloud.growth(parameters)
 
     def _amounts(
         self, modes: Float[AnyArray, "*B K"]
@@ -223,6 +237,7 @@ class ShapeModes(Encoding):
             angular_velocity * shrink_angular_speed,
             modes * shrink_modes,
             layout.part(latent, "activations"),
+            layout.part(latent, "parameters"),
         ]
         return jnp.concatenate(parts)
 
@@ -261,6 +276,8 @@ class ShapeModes(Encoding):
         ]
         if self.muscles:
             segments.append(Lag(size=self.muscles, time_constant=self.time_constant))
+        if self.cloud.parameters:
+            segments.append(Constant(size=self.cloud.parameters))
         return Structure(
             angles=(),
             rates=(),
@@ -292,8 +309,10 @@ class ShapeModes(Encoding):
         activations = controls if self.muscles else ()
         gravity = REVERSED_ALONG if body.has_gravity else ()
         probes = (False,) * (PROBE_FEATURES * len(body.probes))
+        parameters = (False,) * self.cloud.parameters
+        own = (*REVERSED_ABOUT, *self._odd_modes(), *activations, *parameters)
         local = (*gravity, *REVERSED_ALONG, *probes)
-        return (*REVERSED_ABOUT, *self._odd_modes(), *activations, *local, *controls)
+        return (*own, *local, *controls)
 
     def _odd_modes(self) -> tuple[bool, ...]:
         odd = self.odd_positions + self.odd_velocities
@@ -337,7 +356,7 @@ class ShapeModes(Encoding):
         q, p, odd_q, odd_p = listed(described["counts"], "modes", _count, 4)
         size = 3 * cloud.count
         muscles = whole(described["muscles"], "modes: muscles", 0, controls)
-        fits = states == 2 * size + muscles and muscles in (0, controls)
+        fits = states == 2 * size + muscles + cloud.parameters and muscles in (0, controls)
         if not fits or not 0 <= odd_q <= q <= size or not 0 <= odd_p <= p <= size:
             raise ValueError("modes: other sizes than the state")
         mirror = None
@@ -364,7 +383,7 @@ def _count(value: Any, what: str) -> int:
 
 
 @cache
-def _latent_layout(modes: int, muscles: int) -> Layout:
+def _latent_layout(modes: int, muscles: int, parameters: int) -> Layout:
     return Layout(
         (
             Slice("frame.position", 3, "m"),
@@ -373,6 +392,7 @@ def _latent_layout(modes: int, muscles: int) -> Layout:
             Slice("frame.angular_velocity", 3, "rad/s"),
             Slice("modes", modes, "1"),
             Slice("activations", muscles, "1"),
+            Slice("parameters", parameters, "1"),
         )
     )
 
@@ -405,12 +425,13 @@ def _change_layout(modes: int) -> Layout:
 
 
 @cache
-def _feature_layout(modes: int, muscles: int) -> Layout:
+def _feature_layout(modes: int, muscles: int, parameters: int) -> Layout:
     return Layout(
         (
             Slice("frame.angular_velocity", 3, "rad/s"),
             Slice("modes", modes, "1"),
             Slice("activations", muscles, "1"),
+            Slice("parameters", parameters, "1"),
         )
     )
 

@@ -114,19 +114,18 @@ class SuperStep(eqx.Module):
     @property
     def parameter_entries(self) -> tuple[int, ...]:
         """State entries that are parameters, which no motion changes; none of an emulator of a single body."""
-        entries: list[int] = []
-        for placed in place_segments(self.frame.segments):
-            if isinstance(placed.segment, Constant):
-                entries += range(placed.entries.start, placed.entries.stop)
-        return tuple(entries)
+        constant = [one for one in self.frame.segments if isinstance(one, Constant)]
+        count = sum(segment.size for segment in constant)
+        return tuple(range(self.state.size - count, self.state.size))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """What varies over the family of bodies it was trained on: names, units, the ranges of training, nominal values."""
         found = []
+        behind = self.encoding.layout.size - self.state.size
         for entry in self.parameter_entries:
             name, unit = self.state.names[entry].split("[0] ")
-            shown = self.features.plain.index(entry)
+            shown = self.features.plain.index(entry + behind)
             parameter = Parameter(
                 name=name,
                 unit=unit,

@@ -46,8 +46,9 @@ class Bodies:
             raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
         self.rows = StateRows(emulator, stepper, rules, None, NOISE)
         self.is_cut = rules.is_cut
+        self.disturb = rules.disturb
         self.ages = np.zeros(count, np.int32)
-        self.begin(rng, np.ones(count, bool))
+        self._restart(rng, np.ones(count, bool))
 
     @property
     def states(self) -> Float[np.ndarray, "N S"]:
@@ -55,9 +56,13 @@ class Bodies:
         return self.rows.states
 
     def begin(self, rng: np.random.Generator, rows: Bool[np.ndarray, " N"]) -> None:
-        """Begin an episode in each of `rows`."""
-        if not rows.any():
-            return
+        """Begin an episode in each of `rows`; let the task disturb all bodies, if it does."""
+        if self.disturb is not None:
+            self.rows.begin(self.disturb(rng, self.states), np.ones(len(rows), bool))
+        if rows.any():
+            self._restart(rng, rows)
+
+    def _restart(self, rng: np.random.Generator, rows: Bool[np.ndarray, " N"]) -> None:
         self.rows.restart([rng] * int(rows.sum()), rows)
         self.ages[rows] = 0
 

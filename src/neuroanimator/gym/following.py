@@ -23,7 +23,8 @@ from neuroanimator.control.policies.reference_motion import (
 from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
-from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.disturbances import disturbance_of
+from neuroanimator.gym.rules import EpisodeRules, never
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.rotation import conjugate, multiply
@@ -52,6 +53,15 @@ ROOT = Term(0.3, 20.0)
 ROOT_VELOCITY = Term(0.1, 1.0)
 """Of the squared error of its velocity [m²/s²], and of `TURNING_SHARE` of that of its angular velocity [rad²/s²]."""
 
+FEET = Term(0.15, 300.0)
+"""Of the sum of squared errors of the feet's heights [m²], where the task names feet: the other terms count for the rest."""
+
+FOOT = 0.15
+"""Distance of a foot's ends from its joint, by which its tilt counts as a height [m]."""
+
+PATH_TIME = 0.4
+"""Time over which an error of velocity counts as one of position, where commands leave the motion no path [s]."""
+
 TILT_SHARE = 0.25
 
 TURNING_SHARE = 0.1
@@ -64,10 +74,8 @@ class Following(eqx.Module):
     kinematics: Kinematics = eqx.field(static=True)
     trunk: int = eqx.field(static=True)
     """Number of the link whose tilt counts."""
-    places: Float[Array, "K L 3"]
-    """Places of the motion's links about the root [m], along the world's axes."""
-    trunks: Float[Array, "K 3 3"]
-    """Rotations of the motion's trunk."""
+    feet: tuple[int, ...] = eqx.field(static=True)
+    """Numbers of the links that are lifted and set down."""
     lost_distance: float = eqx.field(static=True)
     lost_tilt: float = eqx.field(static=True)
 
@@ -76,21 +84,19 @@ class Following(eqx.Module):
         """Return that of a system's body; ArgumentError for a trunk that is none of its parts."""
         bones = system.skeleton.bones
         names = [bone.name for bone in bones]
-        if table.trunk not in names:
-            valid = ", ".join(names)
-            raise ArgumentError(f"follow.trunk: no part called '{table.trunk}'. Parts: {valid}.")
+        for label, parts in {"trunk": (table.trunk,), "feet": table.feet}.items():
+            for part in parts:
+                if part not in names:
+                    valid = ", ".join(names)
+                    raise ArgumentError(f"follow.{label}: no part called '{part}'. Parts: {valid}.")
         kinematics = Kinematics(
             tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
         )
-        trunk = names.index(table.trunk)
-        frames = jnp.asarray(motion.frames)
-        placed = link_poses(kinematics, frames)
         return cls(
             motion,
             kinematics,
-            trunk,
-            _about_root(placed, frames),
-            placed[..., trunk, :3, :3],
+            names.index(table.trunk),
+            tuple(names.index(foot) for foot in table.feet),
             table.lost_distance,
             table.lost_tilt,
         )
@@ -103,20 +109,31 @@ class Following(eqx.Module):
         angles = (off[..., np.array(motion.hinges)] ** 2).sum(axis=-1)
         rates = (off[..., np.array(motion.rates)] ** 2).sum(axis=-1)
         placed = link_poses(self.kinematics, following)
-        parts = _about_root(placed, following) - self.places[motion.index(following)]
+        aimed = link_poses(self.kinematics, wanted)
+        parts = _about_root(placed, following) - _about_root(aimed, wanted)
         relative = multiply(conjugate(wanted[..., ORIENTATION]), following[..., ORIENTATION])
         turned = 4 * (relative[..., 1:] ** 2).sum(axis=-1)
         distance = (off[..., POSITION] ** 2).sum(axis=-1)
         first = motion.velocity
         moving = (off[..., first : first + 3] ** 2).sum(axis=-1)
+        if motion.commands is not None:
+            distance += PATH_TIME**2 * (off[..., first : first + 2] ** 2).sum(axis=-1)
         turning = (off[..., first + 3 : first + 6] ** 2).sum(axis=-1)
-        return (
+        earned = (
             _paid(ANGLES, angles)
             + _paid(RATES, rates)
             + _paid(PARTS, (parts**2).sum(axis=-1).mean(axis=-1))
             + _paid(ROOT, distance + TILT_SHARE * turned)
             + _paid(ROOT_VELOCITY, moving + TURNING_SHARE * turning)
         )
+        if not self.feet:
+            return earned
+        feet = np.array(self.feet)
+        # What the heights of points of a foot follow from.
+        lifted = placed[..., feet, 2, :] - aimed[..., feet, 2, :]
+        levers = jnp.asarray([FOOT, FOOT, 0, 1], following.dtype)
+        error = ((levers * lifted) ** 2).sum(axis=(-2, -1))
+        return (1 - FEET.weight) * earned + _paid(FEET, error)
 
     def distance(self, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
         """Return how far the root is from the motion's [m]."""
@@ -126,7 +143,8 @@ class Following(eqx.Module):
     def tilt(self, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
         """Return the angle between the trunk and the motion's [rad]."""
         trunks = link_poses(self.kinematics, states)[..., self.trunk, :3, :3]
-        wanted = self.trunks[self.motion.index(states)]
+        frames = self.motion.frame(states)
+        wanted = link_poses(self.kinematics, frames)[..., self.trunk, :3, :3]
         # The trace of R₁ᵀ R₂ is 1 + 2 cos of the angle between them.
         cosine = ((trunks * wanted).sum(axis=(-2, -1)) - 1) / 2
         return jnp.arccos(jnp.clip(cosine, -1, 1))
@@ -157,8 +175,8 @@ def following_rules(
     frames = np.asarray(motion.frames, float)
     # A motion that is not repeated has a last pose, after which nothing is said.
     starts = motion.lap
-    steps = len(frames) - 1
-    if table.laps > 1:
+    steps = table.laps * motion.lap
+    if table.laps > 1 and motion.commands is None:
         steps -= motion.lap - 1
 
     def reward(
@@ -173,16 +191,33 @@ def following_rules(
         return np.asarray(_lost(following, as_jax(states)))
 
     def is_cut(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
+        if motion.commands is not None:
+            return never(states)
         return np.asarray(motion.index(as_jax(states))) >= len(frames) - 1
 
     def draw_start(rng: np.random.Generator) -> Float[np.ndarray, " S"]:
         start = frames[rng.integers(0, starts)].copy()
+        if motion.commands is not None:
+            told = motion.commands.draw(rng, start[None])
+            start = np.asarray(_frames(motion, as_jax(told)), float)[0]
         hinges = list(motion.hinges)
         start[hinges] += rng.uniform(-table.reset_noise, table.reset_noise, len(hinges))
         start[ORIENTATION] /= np.linalg.norm(start[ORIENTATION])
         return start
 
-    return EpisodeRules(reward, is_over=is_over, is_cut=is_cut, draw_start=draw_start, steps=steps)
+    return EpisodeRules(
+        reward,
+        is_over=is_over,
+        is_cut=is_cut,
+        draw_start=draw_start,
+        steps=steps,
+        disturb=disturbance_of(table, motion, system),
+    )
+
+
+@eqx.filter_jit
+def _frames(motion: ReferenceMotion, states: Float[Array, "B S"]) -> Float[Array, "B S"]:
+    return motion.frame(states)
 
 
 @eqx.filter_jit

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
-from neuroanimator.control.policies.state_policy import StatePolicy
+from neuroanimator.control.policies.state_policy import StatePolicy, policy_leaves
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.emulator.tensors import emulator_tensors, to_numpy
 from neuroanimator.files.atomic import append_line, canonical_json, digest, locked
 from neuroanimator.files.numbers import number, whole
 from neuroanimator.gym.bodies import returns_of
@@ -65,6 +65,7 @@ def learn_policy(
     learning: PolicyLearning = PolicyLearning(),
     *,
     reference: ReferenceMotion | None = None,
+    start: StatePolicy | None = None,
     seconds: float | None = None,
     folder: str | Path | None = None,
     on_share: Callable[[float], None] = lambda share: None,
@@ -73,17 +74,18 @@ def learn_policy(
     """Return the best of the policies on the way, by whole episodes on the true physics.
 
     `emulator` leaps one step of the episodes; a copy of it learns from them. `reference` is the motion that the policy follows,
-    if it follows one. Given `seconds`, learning ends after that time, not after a number of updates, and the policy depends on
-    the machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number
-    of updates it ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has
-    another emulator or other settings.
+    if it follows one, and `start` the policy to begin with: of the same controls, shown the first of the numbers that this one
+    is shown. Given `seconds`, learning ends after that time, not after a number of updates, and the policy depends on the
+    machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number of
+    updates it ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has
+    another emulator, start or other settings.
     """
     if folder is None:
-        run = _Run(system, emulator, rules, learning, reference, None)
+        run = _Run(system, emulator, rules, learning, reference, start, None)
         return run.finish(seconds, on_share, on_report)
     place = Path(folder)
     with locked(place):
-        run = _Run(system, emulator, rules, learning, reference, place)
+        run = _Run(system, emulator, rules, learning, reference, start, place)
         return run.finish(seconds, on_share, on_report)
 
 
@@ -97,9 +99,10 @@ class _Run:
         rules: EpisodeRules,
         learning: PolicyLearning,
         reference: ReferenceMotion | None,
+        start: StatePolicy | None,
         folder: Path | None,
     ):
-        self.learner = Learner(system, emulator, rules, learning, reference)
+        self.learner = Learner(system, emulator, rules, learning, reference, start)
         self.stepper = physics_stepper(system, system.scheme, emulator.dt)
         self.folder = folder
         settings = asdict(learning)
@@ -108,6 +111,8 @@ class _Run:
         settings["definition"] = emulator.definition
         if reference is not None:
             settings["reference"] = digest({"frames": np.asarray(reference.frames)})
+        if start is not None:
+            settings["start"] = digest(to_numpy(policy_leaves(start)))
         self.identity = f"{digest(emulator_tensors(emulator))[:16]}-{canonical_json(settings)}"
         if folder is None:
             return

@@ -39,6 +39,7 @@ from neuroanimator.gym.policy_gradient import (
     weight_of_slopes,
 )
 from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.started_policy import check_start, started
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.state.segments import Position
 from neuroanimator.state.structure import Structure
@@ -74,6 +75,9 @@ TINY = 1e-8
 
 MEMORY = 200_000
 """Number of transitions that are remembered."""
+
+STARTS = 500
+"""Number of starts by whose mean and deviation a view knows what its first policy was not shown."""
 
 MAX_SEEN = 2e6
 """Number of states after which the view's mean and deviation change no slower."""
@@ -159,10 +163,11 @@ class Learner:
         rules: EpisodeRules,
         learning: PolicyLearning,
         reference: ReferenceMotion | None = None,
+        start: StatePolicy | None = None,
     ):
-        """Begin; `reference` is the motion that the policy follows, if it follows one.
+        """Begin; `reference` is the motion that the policy follows, if it follows one, `start` the policy to begin with.
 
-        Raises ArgumentError for settings that cannot be, and for rules that draw no starts.
+        Raises ArgumentError for settings that cannot be, for rules that draw no starts, and for a start of another body.
         """
         if learning.bodies < GROUPS or learning.bodies % GROUPS:
             raise ArgumentError(f"bodies: wanted a multiple of {GROUPS}, came {learning.bodies}.")
@@ -180,6 +185,11 @@ class Learner:
         controls = system.control.size
         sizes = (count, *learning.policy_widths, controls)
         network = Perceptron.fresh(sizes, policy_key, FIRST_GAIN)
+        numbers = Numbers()
+        if start is not None:
+            check_start(start, emulator, view)
+            view, network = started(start, view, self._starts())
+            numbers = Numbers(seen=int(MAX_SEEN))
         values = Perceptron.fresh((count, *learning.critic_widths, 1), critic_key, 1.0)
         actor = Actor(network, jnp.full(controls, np.log(learning.spread), jnp.float32))
         self.optimizers = (
@@ -208,10 +218,18 @@ class Learner:
             ),
             best=(network, view, emulator.network),
         )
-        self.numbers = Numbers()
+        self.numbers = numbers
         if learning.slope_weight is not None:
-            self.numbers = Numbers(slope_weight=learning.slope_weight)
+            self.numbers = numbers._replace(slope_weight=learning.slope_weight)
         self.emulator_error = 0.0
+
+    def _starts(self) -> Float[Array, "B S"]:
+        """Return states that episodes begin in."""
+        draw_start = self.rules.draw_start
+        if draw_start is None:
+            raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
+        rng = self._rng(-1)
+        return as_jax(np.stack([draw_start(rng) for _ in range(STARTS)]))
 
     def go_on(self, progress: Progress, numbers: Numbers) -> None:
         """Go on from there."""

@@ -33,6 +33,22 @@ FOLLOWING = PolicyLearning(
 """Settings of learning to follow a motion."""
 
 
+class FirstEmulator(NamedTuple):
+    """Settings of the emulator that learning begins with."""
+
+    transitions: int
+    """Number of random ones: it learns from what policies do afterwards."""
+    widths: tuple[int, ...]
+    """Units in each layer."""
+    updates: int
+
+
+FOR_SLOPES = FirstEmulator(36_000, (192, 128), 1000)
+
+FOR_NO_SLOPES = FirstEmulator(3_600, (32,), 250)
+"""Of learning by likelihoods alone: a policy's file has an emulator, for what states and controls are, which nothing asks."""
+
+
 class PolicyTask(NamedTuple):
     """A task, whichever table it is written in."""
 
@@ -43,6 +59,7 @@ class PolicyTask(NamedTuple):
     """Maximum number of controls in an episode."""
     learning: PolicyLearning
     """Settings it is learnt with."""
+    emulator: FirstEmulator = FOR_SLOPES
     environment: str = ""
     """Id of Gymnasium's environment that policies are judged in; empty if it is the physics."""
     motion: ReferenceMotion | None = None
@@ -90,11 +107,11 @@ def follow_table(definition: str) -> FollowTable | None:
 def _going(definition: str, label: str, system: System) -> PolicyTask:
     table = task_of(definition, label)
     rules = locomotion_rules(table, system.structure, system.rest, system.parameters)
-    return PolicyTask(rules, table.hold, table.steps, GOING, table.environment)
+    return PolicyTask(rules, table.hold, table.steps, GOING, environment=table.environment)
 
 
 def _following(table: FollowTable, motion: ReferenceMotion, system: System) -> PolicyTask:
     if not isinstance(system, MujocoSystem):
         raise ArgumentError("follow: wanted a MuJoCo model.")
     rules = following_rules(table, motion, system)
-    return PolicyTask(rules, table.hold, rules.steps or 1, FOLLOWING, motion=motion)
+    return PolicyTask(rules, table.hold, rules.steps or 1, FOLLOWING, FOR_NO_SLOPES, motion=motion)

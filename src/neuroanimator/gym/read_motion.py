@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.control.policies.commands import Command, Commands
 from neuroanimator.control.policies.reference_motion import (
     MAX_FRAMES,
     ORIENTATION,
@@ -22,7 +23,8 @@ from neuroanimator.export.csv_file import read_table
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.csv_text import csv_rows
 from neuroanimator.state.layout import Layout
-from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
+from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, upward
+from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 from neuroanimator.text import quoted, table_cell
@@ -44,6 +46,9 @@ SEAM = 0.05
 
 FREE = "free"
 
+MIN_SPEED = 0.01
+"""Least mean speed of a motion whose speed is commanded [m/s]."""
+
 
 def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMotion:
     """Return the motion in the CSV file at `path`, its laps one after another.
@@ -53,27 +58,45 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
     """
     body = _servoed(system)
     layout = system.state
-    views = {view.name: view for view in body.views}
     if body.views[0].kind != FREE:
         raise ArgumentError("follow: wanted a body whose first joint is free.")
-    if table.phase not in views or views[table.phase].kind != "hinge":
-        hinges = ", ".join(name for name, view in views.items() if view.kind == "hinge")
-        raise ArgumentError(f"follow.phase: no hinge called '{table.phase}'. Hinges: {hinges}.")
+    clock = _hinge(body, table.phase, "phase")
+    heading = None
+    if table.commands is not None:
+        heading = _hinge(body, table.commands.heading, "commands.heading")
+        if heading == clock:
+            raise ArgumentError("follow.commands.heading: it is the clock. Name another hinge.")
+        layout = _without(layout, heading)
     _check_columns(path, layout)
     times, states = read_table(path, layout)
+    if heading is not None:
+        states = np.insert(states, heading.position_entry, 0.0, axis=1)
+        states = np.insert(states, heading.velocity_entry, 0.0, axis=1)
     dt = table.hold * system.physics_dt
     _check_rate(path, times, dt, table.hold)
     _check_quaternions(path, states)
-    clock = views[table.phase]
     _check_clock(path, states[:, clock.position_entry], table.phase)
     states[:, clock.velocity_entry] = TURN / (dt * (len(states) - 1))
-    jointed = [view for view in body.views[1:] if view.name != table.phase]
+    jointed = [view for view in body.views[1:] if view not in (clock, heading)]
     hinges = tuple(view.position_entry for view in jointed)
     rates = tuple(view.velocity_entry for view in jointed)
     velocity = body.views[0].velocity_entry
-    if table.laps > 1:
-        _check_seam(path, states, hinges, layout)
-    laps = _laid_out(states, table.laps, clock.position_entry, velocity)
+    if table.laps > 1 or heading is not None:
+        _check_seam(path, states, hinges, system.state)
+    commands = None
+    if table.commands is not None and heading is not None:
+        laps = _from_heading(states, velocity, dt)
+        commands = Commands(
+            heading=heading.position_entry,
+            turning=heading.velocity_entry,
+            clock_rate=clock.velocity_entry,
+            own_rate=float(states[0, clock.velocity_entry]),
+            own_speed=_speed(path, laps, velocity),
+            least=Command(table.commands.speed[0], table.commands.turning[0]),
+            most=Command(table.commands.speed[1], table.commands.turning[1]),
+        )
+    else:
+        laps = _laid_out(states, table.laps, clock.position_entry, velocity)
     if len(laps) > MAX_FRAMES:
         raise ArgumentError(
             f"follow.laps: {len(laps):,} states in all; wanted at most {MAX_FRAMES:,}. Repeat the motion less often."
@@ -89,7 +112,29 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
         driven_rates=_driven_rates(body.model),
         leads=_leads(body.model),
         reach=table.reach,
+        commands=commands,
     )
+
+
+def _hinge(body: MujocoSystem, name: str, label: str) -> JointView:
+    """Return the hinge called `name`; ArgumentError, which names the key `label`, if it is none."""
+    hinges = [view for view in body.views if view.kind == "hinge"]
+    for view in hinges:
+        if view.name == name:
+            return view
+    valid = ", ".join(view.name for view in hinges)
+    raise ArgumentError(f"follow.{label}: no hinge called '{name}'. Hinges: {valid}.")
+
+
+def _without(layout: Layout, joint: JointView) -> Layout:
+    """Return the layout of states without a joint's angle and its velocity."""
+    entry = 0
+    kept = []
+    for part in layout.slices:
+        if entry not in (joint.position_entry, joint.velocity_entry):
+            kept.append(part)
+        entry += part.size
+    return Layout(tuple(kept))
 
 
 def _servoed(system: System) -> MujocoSystem:
@@ -194,6 +239,42 @@ def _check_seam(
             f"{path}: its last pose is not its first: '{name}' differs by {apart[worst]:.2g}. Close the loop, or say "
             "follow.laps = 1."
         )
+
+
+def _speed(path: Path, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
+    """Return the mean speed of a lap along its heading [m/s]; BadFileError for one that goes nowhere."""
+    speed = float(lap[:, velocity].mean())
+    if speed < MIN_SPEED:
+        raise BadFileError(
+            f"{path}: the root goes {speed:.2g} m/s; wanted a motion that goes somewhere, whose speed can be commanded."
+        )
+    return speed
+
+
+def _from_heading(
+    states: Float[np.ndarray, "K S"], velocity: int, dt: float
+) -> Float[np.ndarray, "L S"]:
+    """Return the states of a lap, its last left out, as seen from a root that stands at the origin and goes along X.
+
+    The heading turns evenly through the lap, by as much as the motion does; at its middle it is the way the lap leads.
+    """
+    count = len(states) - 1
+    first = states[0, ORIENTATION]
+    last = states[-1, ORIENTATION]
+    turned = heading_of(last) - heading_of(first)
+    turned = (turned + np.pi) % TURN - np.pi
+    leads = states[-1, POSITION] - states[0, POSITION]
+    headings = np.arctan2(leads[1], leads[0]) + turned * (np.arange(count) / count - 0.5)
+    back = facing(-headings)
+    lap = states[:-1].copy()
+    lap[:, :2] = 0
+    orientations = multiply(back, lap[:, ORIENTATION])
+    lap[:, ORIENTATION] = orientations * np.sign(orientations[:, :1])
+    moving = slice(velocity, velocity + 3)
+    lap[:, moving] = rotate(back, lap[:, moving])
+    spinning = slice(velocity + 3, velocity + 6)
+    lap[:, spinning] -= turned / (count * dt) * upward(orientations)
+    return lap
 
 
 def _laid_out(

@@ -32,6 +32,10 @@ StartDraw = Callable[[np.random.Generator], Float[np.ndarray, " S"]]
 """Random numbers → the state an episode begins with."""
 
 
+Disturbance = Callable[[np.random.Generator, Float[np.ndarray, "B S"]], Float[np.ndarray, "B S"]]
+"""(random numbers, states between two steps) → the states as the task changes them."""
+
+
 def whole_state(states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, "B S"]:
     """Return the states: all of them is observed."""
     return states
@@ -58,6 +62,8 @@ class EpisodeRules:
     """Super steps after which an episode is truncated; None: as many as fill the usual time."""
     is_cut: Ending = never
     """Where episodes are truncated, besides after `steps`; of policies that are learnt."""
+    disturb: Disturbance | None = None
+    """What happens to bodies between two steps, such as other commands; of policies that are learnt."""
 
 
 Reward = Callable[[Array, Array, Array], Any]

@@ -5,7 +5,7 @@ Written for NumPy and JAX alike; mass points are (..., N, 3).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -16,6 +16,8 @@ from jaxtyping import Float
 from neuroanimator.files.numbers import listed, numbers
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.rotation import cross, rotate, rotate_back
+
+Point = tuple[float, float, float]
 
 MAX_DISTANCE = 1e6
 """Largest coordinate of a mass point in a file [m]."""
@@ -28,39 +30,88 @@ SHARES_OFF = 1e-6
 class Cloud:
     """Mass points at rest, and what each weighs."""
 
-    positions: tuple[tuple[float, float, float], ...]
+    positions: tuple[Point, ...]
     """(N, 3) at rest [m], from their centroid."""
     masses: tuple[float, ...]
     """(N,) shares of the whole mass."""
+    nominal: tuple[float, ...] = ()
+    """(Q,) parameters of the body of this shape, the last entries of a state; none of a single body."""
+    slopes: tuple[tuple[Point, ...], ...] = ()
+    """(Q, N, 3) change of `positions` per unit of each parameter."""
 
     @classmethod
     def of(cls, positions: np.ndarray, masses: np.ndarray) -> Cloud:
         """Return the cloud of `positions` (N, 3) [m] and `masses` (N,) [kg]."""
         shares = masses / masses.sum()
         centred = positions - shares @ positions
-        return cls(
-            tuple((float(x), float(y), float(z)) for x, y, z in centred),
-            tuple(float(m) for m in shares),
+        return cls(_points(centred), tuple(float(m) for m in shares))
+
+    def of_family(
+        self, nominal: Float[np.ndarray, " Q"], slopes: Float[np.ndarray, "Q N 3"]
+    ) -> Cloud:
+        """Return the cloud of a family, whose shape at rest changes by `slopes` [m] per unit of each parameter."""
+        centred = slopes - self.centroid(slopes)[:, None]
+        return replace(
+            self,
+            nominal=tuple(float(value) for value in nominal),
+            slopes=tuple(_points(slope) for slope in centred),
         )
 
     def to_json(self) -> list[Any]:
-        """Return plain lists: positions, and shares of the mass."""
-        return [list(self.positions), list(self.masses)]
+        """Return plain lists: positions, and shares of the mass; of a family also nominal parameters and slopes."""
+        row: list[Any] = [list(self.positions), list(self.masses)]
+        if self.nominal:
+            row += [list(self.nominal), [list(slope) for slope in self.slopes]]
+        return row
 
     @classmethod
     def from_json(cls, row: Any, what: str) -> Cloud:
         """Return the cloud `to_json` wrote; ValueError unless shares are above 0 and add up to 1."""
-        positions, masses = row
+        positions, masses, *family = row
         shares = numbers(masses, f"{what}: masses", most=1)
         if not shares or min(shares) <= 0 or abs(sum(shares) - 1) > SHARES_OFF:
             raise ValueError(f"{what}: wanted masses as shares of the whole, each above 0")
         points = listed(positions, f"{what}: places", _point_from_json, len(shares))
-        return cls(points, shares)
+        if not family:
+            return cls(points, shares)
+        nominal, slopes = family
+        values = numbers(nominal, f"{what}: parameters")
+
+        def slope_from_json(rows: Any, name: str) -> tuple[Point, ...]:
+            return listed(rows, name, _point_from_json, len(shares))
+
+        by_parameter = listed(slopes, f"{what}: slopes", slope_from_json, len(values))
+        return cls(points, shares, values, by_parameter)
 
     @property
     def count(self) -> int:
         """Number of mass points."""
         return len(self.masses)
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters."""
+        return len(self.nominal)
+
+    def growth(self, parameters: Float[AnyArray, "... Q"]) -> Float[AnyArray, "... D"]:
+        """Return by how much mass points at rest lie elsewhere in a body with these parameters [m]; D = 3 N."""
+        xp = parameters.__array_namespace__()
+        slopes = xp.asarray(self.slopes, dtype=parameters.dtype).reshape(
+            self.parameters, 3 * self.count
+        )
+        return (parameters - xp.asarray(self.nominal, dtype=parameters.dtype)) @ slopes
+
+    def reshaped(
+        self, state: Float[np.ndarray, " S"], parameters: Float[np.ndarray, " Q"]
+    ) -> Float[np.ndarray, " S"]:
+        """Return the `state` of the body with other parameters: it grows along its own axes, about its centroid."""
+        changed = np.array(state, float)
+        points = points_of(changed[: 3 * self.count])
+        before = state[len(state) - self.parameters :]
+        growth = points_of(self.growth(np.asarray(parameters, float)) - self.growth(before))
+        points += to_world_axes(self.orientation(points), growth)
+        changed[len(state) - self.parameters :] = parameters
+        return changed
 
     def centroid(self, points: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... 3"]:
         """Return the mass-weighted mean (..., 3) of `points` (..., N, 3): positions or velocities."""
@@ -161,7 +212,11 @@ def _solve(
     return xp.sum(normals * right[..., None, :], axis=-1) / volume[..., None]
 
 
-def _point_from_json(row: Any, what: str) -> tuple[float, float, float]:
+def _points(rows: Float[np.ndarray, "N 3"]) -> tuple[Point, ...]:
+    return tuple((float(x), float(y), float(z)) for x, y, z in rows)
+
+
+def _point_from_json(row: Any, what: str) -> Point:
     x, y, z = numbers(row, what, 3, MAX_DISTANCE)
     return x, y, z
 

@@ -54,10 +54,12 @@ def start_state(
     parts = {name: _as_numbers(name, numbers) for name, numbers in parts.items()}
     start = np.array(rest, float)
     known = _known_parts(layout, cloud)
-    for name in parts:
-        _check_name(name, known)
     for name, numbers in parts.items():
+        _check_name(name, known)
         _check_numbers(known[name], numbers)
+    if cloud is not None and cloud.parameters:
+        start = _with_parameters(cloud, layout, start, parts)
+    for name, numbers in parts.items():
         if name not in BODY:
             _set_part(layout, start, name, np.array(numbers, float))
     if cloud is not None:
@@ -142,6 +144,18 @@ def _set_part(layout: Layout, start: np.ndarray, name: str, numbers: np.ndarray)
         start[layout.index(name.removesuffix("heading") + "orientation")] = facing(numbers[0])
     else:
         start[layout.index(name)] = numbers
+
+
+def _with_parameters(
+    cloud: Cloud, layout: Layout, start: np.ndarray, parts: Mapping[str, Sequence[float]]
+) -> np.ndarray:
+    """Return `start` in the shape of a mass-spring body with the parameters among `parts`."""
+    first = layout.size - cloud.parameters
+    values = start[first:].copy()
+    for part in layout.slices[-cloud.parameters :]:
+        if part.name in parts:
+            values[layout.index(part.name).start - first] = parts[part.name][0]
+    return cloud.reshaped(start, values)
 
 
 def _move_body(cloud: Cloud, start: np.ndarray, parts: Mapping[str, Sequence[float]]) -> None:

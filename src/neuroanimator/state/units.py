@@ -7,7 +7,7 @@ from neuroanimator.errors import BadFileError
 KNOWN_UNITS = (
     "1", "m", "m/s", "m/s²", "rad", "rad/s", "rad/s²", "N", "N·m", "kg", "s", "Hz", "Pa", "K", "J", "W", "V", "A",
     "m²", "m³", "m³/s", "kg/s", "K/s", "Pa/s", "1/s", "V/s", "A/s", "N/s",
-    "kg·m²", "kg/m³", "Pa·s", "N/m", "N·s/m", "N·m/rad", "N·m·s/rad",
+    "kg·m²", "kg/m³", "Pa·s", "N/m", "N·s/m", "N·m/rad", "N·m·s/rad", "kg/(m²·s)",
 )  # fmt: skip
 
 SPELLINGS = {

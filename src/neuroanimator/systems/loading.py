@@ -29,7 +29,7 @@ from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.definitions.soft import SoftDefinition
-from neuroanimator.errors import BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.files.zoo import SOFT, shipped_path
@@ -370,9 +370,25 @@ def _travelling(definition: Any) -> dict[str, Any]:
 
 def _read_definition(path: Path) -> tuple[Loader, Any]:
     """Return the loader for the kind of system a TOML file defines, and the checked definition."""
-    values = read_toml(path)
+    values = _whole_table(read_toml(path))
     kind = kind_of(values)
     return LOADERS[kind], check_table(values, path.name, TABLES[kind])
+
+
+def _whole_table(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the table of a file: one that is the `family_of` a body that ships has all tables of that but those it gives."""
+    values = dict(values)
+    base = values.pop("family_of", None)
+    if base is None:
+        return values
+    with _assets() as folder:
+        tables = {path.stem: read_toml(path) for path in sorted(folder.glob("*.toml"))}
+    bodies = [name for name, table in tables.items() if table.get("kind") == "mass-spring"]
+    if base not in bodies:
+        raise ArgumentError(
+            f"family_of: no mass-spring body called {quoted(base)} ships. Bodies: {', '.join(bodies)}."
+        )
+    return tables[base] | values
 
 
 def from_text(text: str) -> System:

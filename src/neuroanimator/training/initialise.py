@@ -283,9 +283,9 @@ def _with_parameters(domain: Domain, features: Features, system: System) -> Doma
     """Return the domain with the whole ranges of parameters, of which runs showed nearly all."""
     low = np.array(domain.low)
     high = np.array(domain.high)
-    first = system.parameter_entries.start
-    for place, parameter in enumerate(system.parameters):
-        shown = features.plain.index(first + place)
+    last = features.angles.shape[1]  # of a state, or of the latent state in its place
+    for place, parameter in enumerate(reversed(system.parameters), start=1):
+        shown = features.plain.index(last - place)
         low[shown] = parameter.low
         high[shown] = parameter.high
     return Domain(as_jax(low), as_jax(high))

@@ -82,6 +82,25 @@ export interface SurfaceArrays {
 /** What a user moves: `size` numbers from `entry` on are its position [m] and, if it turns, its heading [rad]; as many controls their rates. */
 export type MoverFacts = readonly [name: string, entry: number, control: number, size: number];
 
+/** What varies over a family of bodies: one number of a state, which no motion changes. */
+export interface ParameterFacts {
+  readonly name: string;
+  readonly unit: string;
+  /** Ends of the range that was trained. */
+  readonly low: number;
+  readonly high: number;
+  readonly entry: number;
+  /** By how much mass points at rest lie elsewhere along the body's axes, per unit of it [m]; empty where there are none. */
+  readonly growth: readonly Vector3[];
+}
+
+/** A usual motion: controls middle + half width · amplitude · sin(2π t / period - lag). */
+export interface GaitFacts {
+  readonly period: number;
+  readonly amplitudes: readonly number[];
+  readonly lags: readonly number[];
+}
+
 export type SceneKind = "water" | "lot" | "moon" | "plain";
 
 export interface SceneFacts {
@@ -164,6 +183,9 @@ export interface Bundle {
   readonly surface?: SurfaceArrays | null;
   /** What moves a soft body, and strikes it. */
   readonly movers?: readonly MoverFacts[];
+  /** Of a family of bodies. */
+  readonly parameters?: readonly ParameterFacts[];
+  readonly gait?: GaitFacts | null;
   readonly root: Root | null;
   readonly scene: SceneFacts;
   readonly policy: PolicyFacts | null;

@@ -9,10 +9,16 @@ export interface Grabbable {
   /** The wheel was turned by so many pixels, toward the user, while it was held. */
   wheel?(pixels: number): void;
   release(): void;
+  /** The pointer was pressed and let go of at one place, where nothing had its drag. */
+  tap?(x: number, y: number): void;
 }
+
+/** A pointer that moves no further between press and release taps [pixels]. */
+const STILL = 5;
 
 export class Pointer {
   #held: Grabbable | null = null;
+  #pressed: readonly [x: number, y: number] | null = null;
 
   /** `candidates` are asked in order; `onHold` is told whether one of them has the pointer. */
   constructor(
@@ -24,7 +30,7 @@ export class Pointer {
     canvas.addEventListener("pointerdown", (event) => this.#down(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this.#held?.drag(...this.#place(event), event.shiftKey));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { capture: true, passive: false });
-    canvas.addEventListener("pointerup", () => this.release());
+    canvas.addEventListener("pointerup", (event) => this.#up(event));
     canvas.addEventListener("pointercancel", () => this.release());
   }
 
@@ -44,11 +50,21 @@ export class Pointer {
     }
     const place = this.#place(event);
     this.#held = this.candidates().find((candidate) => candidate.grab(...place)) ?? null;
+    this.#pressed = this.#held ? null : [event.clientX, event.clientY];
     if (this.#held) {
       event.stopImmediatePropagation();
       this.canvas.setPointerCapture(event.pointerId);
       this.canvas.classList.add("pushing");
       this.onHold(true);
+    }
+  }
+
+  #up(event: PointerEvent): void {
+    this.release();
+    const pressed = this.#pressed;
+    this.#pressed = null;
+    if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < STILL) {
+      this.candidates().forEach((candidate) => candidate.tap?.(...this.#place(event)));
     }
   }
 

@@ -1,5 +1,6 @@
 // One system on the stage: its emulator, its player, its world, and what steers it.
 
+import { rootPose } from "../body/root";
 import { loadBundle, type Bundle, type LoadedBundle } from "../bundle/bundle";
 import { bundleFolder, type CatalogueEntry } from "../bundle/catalogue";
 import { sizeOf } from "../bundle/layout";
@@ -9,8 +10,9 @@ import { Policy } from "../emulator/policy";
 import { Player } from "../motion/player";
 import { World } from "../scene/world";
 import type { Stage } from "../scene/stage";
-import { PolicyPilot, SliderPilot } from "../steering/pilots";
+import { GaitPilot, PolicyPilot, SliderPilot } from "../steering/pilots";
 import { Crowd } from "../steering/crowd";
+import { Life, POPULATION, SMALL } from "../steering/life";
 import { MoverPilot, WanderPath } from "../steering/movers";
 import { School } from "../steering/school";
 
@@ -30,6 +32,8 @@ export class Session {
   readonly secondsPerStep: number;
   readonly world: World;
   school: School | null = null;
+  /** The small fish around this one, if they are shown. */
+  life: Life | null = null;
   crowd: Crowd | null = null;
   #wantedCrowd = 0;
 
@@ -53,7 +57,8 @@ export class Session {
       // A cloth would jump where its motion begins again.
       this.player.goesOn = true;
     }
-    this.player.pilot = this.swimmer ?? this.movers?.pilot ?? this.sliders;
+    const gait = facts.gait ? new GaitPilot(facts, facts.gait) : null;
+    this.player.pilot = this.swimmer ?? this.movers?.pilot ?? gait ?? this.sliders;
     this.secondsPerStep = timeSteps(emulator, facts);
     this.world = new World(stage, facts, this.player.motion.state(0), isDark);
   }
@@ -93,6 +98,7 @@ export class Session {
   async keepSchool(count: number): Promise<void> {
     this.world.showSchool(null);
     this.school = null;
+    this.life = null;
     if (count === 0 || !this.policy || !this.facts.root) {
       return;
     }
@@ -101,6 +107,24 @@ export class Session {
     const { world } = this;
     this.school = new School(emulator, this.policy, this.facts, world.size, world.room, world.middle, count);
     world.showSchool(this.school);
+  }
+
+  /** Whether small fish can live around this body: it is a fish that a policy steers. */
+  get canLive(): boolean {
+    return this.facts.system === "fish" && this.policy !== null && this.facts.root !== null;
+  }
+
+  /** Let small fish live around this one, which is their shark. */
+  async keepLife(): Promise<void> {
+    await this.keepSchool(0);
+    const { facts, world, player } = this;
+    const root = facts.root!;
+    const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
+    const room = { low: world.room.low / SMALL, high: world.room.high / SMALL };
+    const centre = world.ahead(3.5, 0).map((value) => value / SMALL) as [number, number, number];
+    const school = new School(emulator, this.policy!, facts, world.size, room, centre, POPULATION);
+    this.life = new Life(school, centre, facts.dt, world.size, () => rootPose(root, player.state()), world.room.low);
+    world.showLife(this.life);
   }
 
   /** Show so many more soft bodies of its kind around the body; none takes them away. */

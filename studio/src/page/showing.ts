@@ -4,6 +4,7 @@ import { isPhysics } from "../bundle/bundle";
 import { EDGE } from "../motion/motion";
 import { controlPanel, steerPanel, type Panel } from "../panels/controls";
 import { moverPanel } from "../panels/movers";
+import { parameterPanel } from "../panels/parameters";
 import { MeasurePanel } from "../panels/measure";
 import { takePanel } from "../panels/take";
 import type { CameraMode } from "../scene/cameras";
@@ -13,6 +14,7 @@ import { Twin } from "../physics/twin";
 import type { Live } from "../server/live";
 import type { KeySteering } from "../steering/keys";
 import { MoverDrag } from "../steering/drag";
+import { FeedingHand } from "../steering/feeding";
 import { BodyPull } from "../steering/pull";
 import { SwimTarget } from "../steering/target";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
@@ -75,10 +77,11 @@ export class Showing {
     this.#hand = session.movers ? new MoverDrag(session, session.movers.pilot, goLive) : new BodyPull(session, goLive);
     this.#measure = new MeasurePanel(session, this.#twin, () => this.toggleGhost());
     const steer = moverPanel(session, goLive) ?? steerPanel(session, goLive, () => this.toggleTarget());
-    const goal = panel("Reach a goal", steer === null);
+    const parameters = parameterPanel(session, goLive);
+    const goal = panel("Reach a goal", steer === null && parameters === null);
     const controls = controlPanel(session, () => this.goLive());
     const take = takePanel(session, live, banners, (onProgress, signal) => this.#film(onProgress, signal));
-    this.#panels = [...(steer ? [steer] : []), controls, this.#measure, take];
+    this.#panels = [steer, parameters, controls, this.#measure, take].filter((one) => one !== null);
     this.#synthesis = makeSynthesis({
       bundle: session.bundle,
       emulator: session.emulator,
@@ -89,9 +92,9 @@ export class Showing {
       banners,
       body: goal.body,
     });
-    this.grabbables = [this.#synthesis, this.#target, this.#hand];
+    this.grabbables = [this.#synthesis, this.#target, this.#hand, new FeedingHand(session)];
     const about = element("div", "about", [element("h1", "", [facts.id]), element("p", "", [facts.about])]);
-    const elements = [about, steer?.element, goal.details, controls.element, this.#measure.element, take.element];
+    const elements = [about, steer?.element, parameters?.element, goal.details, controls.element, this.#measure.element, take.element];
     this.side = elements.filter((one) => one !== undefined);
   }
 
@@ -117,6 +120,9 @@ export class Showing {
       this.#target.hide();
       this.goLive();
     }
+    if (keys.isSteering) {
+      this.session.life?.hold();
+    }
     this.session.player.advance(seconds);
     this.#draw(seconds);
   }
@@ -128,6 +134,12 @@ export class Showing {
     if (session.school && player.isPlaying) {
       session.school.target = session.swimmer?.target ?? null;
       session.school.advance(seconds * player.speed);
+    }
+    if (session.life && player.isPlaying) {
+      session.life.advance(seconds * player.speed);
+      if (player.isLive && !this.#target.isShown) {
+        session.swimmer!.target = session.life.prey;
+      }
     }
     if (session.crowd && player.isPlaying) {
       session.crowd.advance(seconds * player.speed, (number, state) => world.showInCrowd(number, state));

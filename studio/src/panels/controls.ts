@@ -4,6 +4,8 @@ import { isPhysics } from "../bundle/bundle";
 import { labelsOf } from "../bundle/layout";
 import { button, element, panel, slider, type Slider } from "../page/dom";
 import type { Session } from "../page/session";
+import type { Life } from "../steering/life";
+import type { Intention } from "../steering/mind";
 import { neutralControl } from "../steering/pilots";
 
 /** A swimmer is told to turn and climb at most so far at a time [rad]. */
@@ -64,14 +66,19 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
     element("div", "row", [target]),
     schoolRow(session),
   );
+  const life = session.canLive ? lifeRow(session, goLive) : null;
+  if (life) {
+    body.append(life.element);
+  }
   return {
     element: details,
     update() {
       speed.value = command.speed;
       turn.value = command.turn;
       climb.value = command.climb;
-      const hasTarget = pilot.target !== null;
+      const hasTarget = pilot.target !== null && session.life === null;
       target.setAttribute("aria-pressed", String(hasTarget));
+      life?.update();
     },
   };
 }
@@ -89,10 +96,44 @@ function schoolRow(session: Session): HTMLElement {
   return element("label", "row", [element("span", "", ["School"]), select]);
 }
 
+/** A switch for small fish that live around this one, which is their shark, and what has happened to them. */
+function lifeRow(session: Session, goLive: () => void): Panel {
+  const said = element("p", "", [""]);
+  const onClick = (): void => {
+    if (session.life) {
+      void session.keepSchool(0);
+      session.swimmer!.target = null;
+      session.world.home();
+    } else {
+      void session.keepLife();
+      goLive();
+    }
+  };
+  const live = button({ label: "Be the shark", title: "Fifty small fish that see, hunger and fear, and you are the shark", onClick });
+  return {
+    element: element("div", "", [element("div", "row", [live]), said]),
+    update() {
+      const { life } = session;
+      live.setAttribute("aria-pressed", String(life !== null));
+      const line = life
+        ? `${count(life, "wander")} stroll, ${count(life, "school")} school, ${count(life, "eat")} feed, ${count(life, "escape")} flee; ` +
+          `${life.eaten} morsels eaten, ${life.caught} fish caught. Click the water to drop food; arrow keys steer the shark.`
+        : "";
+      if (said.textContent !== line) {
+        said.textContent = line;
+      }
+    },
+  };
+}
+
+function count(life: Life, intention: Intention): number {
+  return life.minds.filter((mind) => mind.intention === intention).length;
+}
+
 /** Sliders of the controls themselves. */
 export function controlPanel(session: Session, goLive: () => void): Panel {
   const { facts, sliders: pilot, player } = session;
-  const { details, body } = panel("Controls", session.swimmer === null && session.movers === null);
+  const { details, body } = panel("Controls", player.pilot === pilot);
   const labels = labelsOf(facts.control);
   const units = facts.control.flatMap(([, size, unit]) => new Array<string>(size).fill(unit === "1" ? "" : unit));
   const rows: Slider[] = labels.map((label, i) =>

@@ -27,6 +27,7 @@ const MOUSE: readonly (readonly [keys: string, does: string])[] = [
   ["Drag the body", "push it"],
   ["Drag what moves a cloth", "lead it: it goes as fast as it may; with Shift at its height, with the wheel nearer or away"],
   ["Drag the target", "move it"],
+  ["Click the water", "where small fish live around a shark: drop food"],
   ["Drop a file", "an emulator of your own, where there is a server"],
 ];
 

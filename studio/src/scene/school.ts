@@ -44,10 +44,18 @@ interface Kind {
   readonly patches: readonly Patch[];
 }
 
-/** Return the swimmers of a school, and their shadows on the ground. */
-export function makeSchoolView(facts: Bundle, school: School, ground: ShadowGround, patches: readonly Patch[]): SchoolView {
+/** Return the swimmers of a school, drawn at `scale`, and their shadows on the ground. */
+export function makeSchoolView(
+  facts: Bundle,
+  school: School,
+  shadowGround: ShadowGround,
+  patches: readonly Patch[],
+  scale = 1,
+): SchoolView {
   const object = new Object3DGroup();
   object.name = "school";
+  object.scale.setScalar(scale);
+  const ground = scaledGround(shadowGround, scale);
   const skin = skinGeometry(facts.skin!);
   const bones = new SwimmerBones(facts.skeleton);
   const kind = { facts, skin, bones, ground, patches };
@@ -61,6 +69,16 @@ export function makeSchoolView(facts: Bundle, school: School, ground: ShadowGrou
       skin.dispose();
     },
   };
+}
+
+/** The ground as a school that is drawn at `scale` sees it. */
+function scaledGround({ height, sun, size }: ShadowGround, scale: number): ShadowGround {
+  const scaled = {
+    get value() {
+      return height.value / scale;
+    },
+  };
+  return { height: scaled as IUniform<number>, sun, size };
 }
 
 function makeGroupView({ facts, skin, bones, ground, patches }: Kind, group: Group): GroupView {

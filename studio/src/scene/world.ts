@@ -14,9 +14,11 @@ import { makeLot } from "./lot";
 import { makeMoon } from "./moon";
 import { makePlain } from "./plain";
 import { makeCrowdView, type CrowdView } from "./crowd";
+import { makeFoodView, type FoodView } from "./food";
 import { makeSchoolView, type SchoolView } from "./school";
 import type { ShadowGround } from "./school_shadows";
 import type { Crowd } from "../steering/crowd";
+import { SMALL, type Life } from "../steering/life";
 import type { Room, School } from "../steering/school";
 import type { Measure, Scenery } from "./scenery";
 import type { Atmosphere, PictureSize, Stage } from "./stage";
@@ -55,6 +57,9 @@ const CLOTH_SUN = { azimuth: 0.75, elevation: 0.75 };
 
 /** Where nothing is said of a ground, it lies so far under a cloth, over its size: what strikes it may come lower. */
 const UNDER_CLOTH = 0.25;
+
+/** A shark among small fish is seen from this far, over its size. */
+const LIFE_DISTANCE = 4.5;
 
 /** A crowd is seen from this far, over how far its outermost stand, and from higher up [rad]. */
 const CROWD_DISTANCE = 1.8;
@@ -105,6 +110,7 @@ export class World {
   readonly #objects: Object3D[];
   #fixedFocus: Vector3 | null = null;
   #school: SchoolView | null = null;
+  #food: FoodView | null = null;
   #crowd: CrowdView | null = null;
   readonly #groundHeight = { value: 0 };
   #low = 0;
@@ -185,7 +191,8 @@ export class World {
     if (this.#isTumbling) {
       return THROWN_VIEW;
     }
-    return this.#fixedFocus ? HUNG_VIEW : VIEWS[this.facts.scene.kind];
+    const view = this.#fixedFocus ? HUNG_VIEW : VIEWS[this.facts.scene.kind];
+    return this.#food ? { ...view, distance: LIFE_DISTANCE } : view;
   }
 
   /** Show the body in `state` (S); a state that is lost is not shown, and false is returned: the last good pose stays. */
@@ -223,15 +230,34 @@ export class World {
     return { low: this.#scenery.ground, high: this.#scenery.surface ?? Infinity };
   }
 
-  /** Draw a school around the body, or none. */
-  showSchool(school: School | null): void {
-    if (this.#school) {
-      this.stage.root.remove(this.#school.object);
-      this.#school.dispose();
+  /** Draw a school around the body, or none, at `scale`. */
+  showSchool(school: School | null, scale = 1): void {
+    for (const view of [this.#school, this.#food]) {
+      if (view) {
+        this.stage.root.remove(view.object);
+        view.dispose();
+      }
     }
-    this.#school = school && makeSchoolView(this.facts, school, this.#shadowGround(), this.#scenery.bodyPatches);
+    this.#food = null;
+    this.#paintAsShark(0);
+    this.#school = school && makeSchoolView(this.facts, school, this.#shadowGround(), this.#scenery.bodyPatches, scale);
     if (this.#school) {
       this.stage.root.add(this.#school.object);
+    }
+  }
+
+  /** Draw small fish and their food around the body, and look at them from further away. */
+  showLife(life: Life): void {
+    this.showSchool(life.school, SMALL);
+    this.#paintAsShark(1);
+    this.#food = makeFoodView(life, this.size);
+    this.stage.root.add(this.#food.object);
+    this.home();
+  }
+
+  #paintAsShark(share: number): void {
+    if (this.#body.shark) {
+      this.#body.shark.value = share;
     }
   }
 
@@ -260,6 +286,7 @@ export class World {
     this.moveCamera(seconds);
     this.#groundHeight.value = this.#scenery.ground;
     this.#school?.update();
+    this.#food?.update();
     this.stage.follow(this.#focus);
     this.#scenery.update({
       time,

@@ -16,9 +16,14 @@ export class KeySteering {
 
   constructor(private readonly held: ReadonlySet<string>) {}
 
+  /** Whether keys are down. */
+  get isSteering(): boolean {
+    return this.held.size > 0;
+  }
+
   /** Steer by the keys that are down; return whether this has just begun. */
   steer(session: Session, seconds: number): boolean {
-    const isSteering = this.held.size > 0;
+    const { isSteering } = this;
     const hasBegun = isSteering && !this.#wasSteering;
     if (isSteering || this.#wasSteering) {
       const shares = [this.#axis("ArrowUp", "ArrowDown"), this.#axis("ArrowLeft", "ArrowRight"), this.#axis("PageUp", "PageDown")] as const;

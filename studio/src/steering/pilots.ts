@@ -1,7 +1,7 @@
 // What gives the controls while the emulator runs live: sliders, commands to a policy, a target to swim to.
 
 import { commandToward, rootPose, unit, type Vector } from "../body/root";
-import type { Bundle } from "../bundle/bundle";
+import type { Bundle, GaitFacts } from "../bundle/bundle";
 import type { Policy } from "../emulator/policy";
 import type { Pilot } from "../motion/player";
 
@@ -28,6 +28,24 @@ export class SliderPilot implements Pilot {
 /** Return the control nearest to none at all within its bounds. */
 export function neutralControl(facts: Bundle): number[] {
   return facts.control_low.map((low, i) => Math.min(Math.max(0, low), facts.control_high[i]!));
+}
+
+/** Moves by the body's own gait. */
+export class GaitPilot implements Pilot {
+  constructor(
+    private readonly facts: Bundle,
+    private readonly gait: GaitFacts,
+  ) {}
+
+  control(_state: Float32Array, step: number): number[] {
+    const { control_low: lows, control_high: highs, dt } = this.facts;
+    const phase = (2 * Math.PI * (step + 0.5) * dt) / this.gait.period;
+    return lows.map((low, i) => {
+      const high = highs[i]!;
+      const wave = this.gait.amplitudes[i]! * Math.sin(phase - this.gait.lags[i]!);
+      return clamp((low + high + wave * (high - low)) / 2, low, high);
+    });
+  }
 }
 
 /** Swims by commands through a policy; without any it keeps its heading and level. */

@@ -1,6 +1,6 @@
 // A school: many swimmers, each with a policy of its own kind's, that keep apart, keep level and swim together.
 
-import { commandToward, rootPose, unit, type Vector } from "../body/root";
+import { commandToward, rootPose, unit, type RootPose, type Vector } from "../body/root";
 import { multiply, rotate } from "../body/quaternion";
 import type { Bundle } from "../bundle/bundle";
 import type { Batch, Emulator } from "../emulator/emulator";
@@ -46,6 +46,18 @@ export interface Group {
   waited: number;
 }
 
+/** Where a swimmer would go, and how fast, as a share of the fastest its policy knows. */
+export interface Wish {
+  readonly force: Vector;
+  readonly pace: number;
+}
+
+/** What tells the swimmers of a school where to go, instead of the school's own way around its centre. */
+export interface Guide {
+  /** What swimmer `number` wants at `pose`; asked once a super step. */
+  wish(number: number, pose: RootPose): Wish;
+}
+
 export class School {
   readonly groups: Group[] = [];
   readonly count: number;
@@ -53,12 +65,14 @@ export class School {
   workPerImage = 0;
   /** Where the school swims to [m], or null: then it circles. */
   target: Vector | null = null;
+  guide: Guide | null = null;
 
   readonly #centre: Vector;
   readonly #radius: number;
   readonly #halfHeight: number;
   readonly #radii: Float32Array;
   readonly #places: Float32Array;
+  readonly #forwards: Float32Array;
   readonly #paces: Float32Array;
   readonly #offsets: Float32Array;
   readonly #cells = new Map<number, number[]>();
@@ -80,6 +94,7 @@ export class School {
     this.#centre = [centre[0], centre[1], middle];
     this.#radii = Float32Array.from({ length: count }, () => this.#radius * Math.sqrt(0.05 + 0.95 * Math.random()));
     this.#places = new Float32Array(3 * count);
+    this.#forwards = new Float32Array(3 * count);
     this.#paces = Float32Array.from({ length: count }, () => PACES[0] + (PACES[1] - PACES[0]) * Math.random());
     this.#offsets = Float32Array.from({ length: 3 * count }, () => 2 * Math.random() - 1);
     this.#control = new Float32Array(facts.control_low.length);
@@ -104,6 +119,28 @@ export class School {
     this.workPerImage += 0.05 * (performance.now() - before - this.workPerImage);
   }
 
+  /** Where swimmer `number` is [m]. */
+  place(number: number): Vector {
+    return triple(this.#places, number);
+  }
+
+  /** Where swimmer `number` points. */
+  forward(number: number): Vector {
+    return triple(this.#forwards, number);
+  }
+
+  /** Put swimmer `number` at `place` [m], at rest, pointing `heading` [rad] about the vertical. */
+  put(number: number, place: Vector, heading: number): void {
+    const group = this.groups.findLast((one) => one.first <= number)!;
+    const state = moved(this.facts, heading, place);
+    for (const states of [group.before, group.batch.states]) {
+      states.set(state, (number - group.first) * state.length);
+    }
+    group.batch.encode();
+    group.onStep();
+    this.#places.set(place, 3 * number);
+  }
+
   // A group at rest, at random places around the centre, all heading along the circle.
   #makeGroup(batch: Batch, first: number, share: number): Group {
     const { facts } = this;
@@ -120,6 +157,7 @@ export class School {
       const heading = angle + Math.PI / 2 + 0.5 * (Math.random() - 0.5);
       batch.states.set(moved(facts, heading, place), body * size);
       this.#places.set(place, 3 * (first + body));
+      this.#forwards.set([Math.cos(heading), Math.sin(heading), 0], 3 * (first + body));
     }
     batch.encode();
     return { batch, before: batch.states.slice(), onStep: () => undefined, first, step: 0, waited: share * facts.dt };
@@ -138,8 +176,10 @@ export class School {
       const pose = rootPose(this.facts.root!, state);
       const number = group.first + body;
       this.#places.set(pose.position, 3 * number);
-      const direction = this.#directionOf(number, pose);
-      const speed = this.#paces[number]! * limits[0]![3];
+      this.#forwards.set(pose.forward, 3 * number);
+      const { force, pace } = this.guide?.wish(number, pose) ?? this.#ownWish(number, pose);
+      const direction = this.#directionOf(number, pose, force);
+      const speed = pace * limits[0]![3];
       const command = commandToward(pose, direction, speed);
       const bounded = command.map((value, i) => clamp(value, limits[i]![2], limits[i]![3]));
       // Tails that beat in step look drilled.
@@ -151,10 +191,13 @@ export class School {
     group.onStep();
   }
 
-  // Where a swimmer should point: along with the school, away from those too near, off bed and surface.
-  #directionOf(number: number, pose: ReturnType<typeof rootPose>): Vector {
-    const { position, forward } = pose;
-    const along = this.target ? this.#toTarget(number, position) : this.#aroundCentre(number, position);
+  #ownWish(number: number, { position }: RootPose): Wish {
+    const force = this.target ? this.#toTarget(number, position) : this.#aroundCentre(number, position);
+    return { force, pace: this.#paces[number]! };
+  }
+
+  // Where a swimmer should point: where it would go, away from those too near, off bed and surface.
+  #directionOf(number: number, { position, forward }: RootPose, along: Vector): Vector {
     const away = this.#awayFromNeighbours(number, position);
     const force: Vector = [
       along[0] + SEPARATION * away[0],
@@ -235,6 +278,10 @@ export class School {
     const cell = (value: number): number => (Math.floor(value / side) + 4096) & 8191;
     return cell(x) * 8192 * 8192 + cell(y) * 8192 + cell(z);
   }
+}
+
+function triple(numbers: Float32Array, number: number): Vector {
+  return [numbers[3 * number]!, numbers[3 * number + 1]!, numbers[3 * number + 2]!];
 }
 
 /** Return rest, turned about the vertical by `angle` [rad] and moved so that the body's root is at `place`. */

@@ -13,7 +13,8 @@ from shapes import unchecked
 
 from neuroanimator import NeuroAnimatorError, Pilot, Policy, load_policy, load_system, read_pose
 from neuroanimator.control.policies.closed_loop import choose_controls
-from neuroanimator.control.policies.pilot import MAX_LEAD, PilotFrame
+from neuroanimator.control.policies.pilot import PilotFrame
+from neuroanimator.control.policies.pilot_motions import MAX_LEAD
 from neuroanimator.control.policies.steering import SteeringTarget
 
 

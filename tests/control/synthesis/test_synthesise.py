@@ -21,6 +21,7 @@ from neuroanimator import (
     synthesise,
 )
 from neuroanimator.cli.main_job import CORRECTIONS, SWEEPS
+from neuroanimator.control.descent import descend as descend_module
 from neuroanimator.control.descent.defects import find_defects
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.methods import METHODS
@@ -265,12 +266,37 @@ def test_beginning_again_never_ends_worse_and_is_charged(shipped: Emulator):
         synthesise(shipped, system, stand_upright(), REST, restarts=k, **options) for k in (0, 2)
     )
     assert again.outcome.cost_physics < once.outcome.cost_physics
-    assert again.spent.physics_steps == 3 * once.spent.physics_steps
+    assert again.spent.physics_steps > once.spent.physics_steps
     assert again.spent.iterations > once.spent.iterations
     stopped = synthesise(
         shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options
     )
     assert stopped.spent.physics_steps == once.spent.physics_steps
+
+
+def test_a_correction_goes_on_from_the_motion_it_corrects(
+    shipped: Emulator, monkeypatch: pytest.MonkeyPatch
+):
+    searches = []
+    whole = descend_module.searched_guesses
+
+    def counted(problem, options):
+        searches.append(options.searched)
+        return whole(problem, options)
+
+    monkeypatch.setattr(descend_module, "searched_guesses", counted)
+    options = DescentOptions(searched=32, starts=2, iterations=2)
+    found = synthesise(
+        shipped,
+        load_system("pendulum"),
+        stand_upright(),
+        REST,
+        steps=20,
+        options=options,
+        refinements=0,
+    )
+    assert found.spent.corrections > 0
+    assert searches == [32]
 
 
 def test_as_many_equal_guesses_come_to_the_same(shipped: Emulator):

@@ -11,6 +11,7 @@ import ctypes
 from copy import copy
 from functools import cache, partial
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -39,7 +40,7 @@ from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.control.descent.defects import link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
-from neuroanimator.control.descent.problem import Problem
+from neuroanimator.control.descent.problem import Problem, VariedParameters
 from neuroanimator.control.objective.c_objective import (
     CALLER,
     CObjective,
@@ -67,6 +68,8 @@ class ProblemStruct(ctypes.Structure):
         ("controls", MapStruct),
         ("link", MapStruct),
         ("defect", ctypes.c_long),
+        ("varied", ctypes.c_long),
+        ("entries", ctypes.c_void_p),
     )
 
 
@@ -97,11 +100,15 @@ class CEvaluator(Evaluator):
         self._controls = controls
         self._link = link
         self._defects = as_float32(problem.defects)
+        entries = () if problem.varied is None else problem.varied.latent_entries
+        self._entries = np.array(entries, "long")
         struct = ProblemStruct(
             objective.struct,
             controls.struct(),
             link.struct(),
             self._defects.shape[1],
+            len(self._entries),
+            self._entries.ctypes.data,
         )
         self._struct = struct
         self._problem = ctypes.addressof(struct)
@@ -179,7 +186,7 @@ class CEvaluator(Evaluator):
         states = latents
         if self._objective.encoding is not None:
             states = self._emulator.decode(latents)
-            states[0] = self._start
+        states[0] = self._start
         return EmulatedMotion(states.astype(float), controls.astype(float))
 
 
@@ -209,7 +216,7 @@ def c_evaluator(problem: Problem) -> CEvaluator | None:
     objective = c_objective(problem.objective, problem.emulator, steps, scale)
     if objective is None:
         return None
-    controls = controls_map(problem.parametrisation)
+    controls = controls_map(problem.varied or problem.parametrisation)
     link = link_of(problem.emulator)
     library = _library()
     if controls is None or link is None or library is None:
@@ -221,15 +228,15 @@ _known: Remembered[CMap | None] = Remembered()
 """The map of each parametrisation."""
 
 
-def controls_map(parametrisation: Parametrisation) -> CMap | None:
-    """Return z → controls (T, C) in C; None where there is no such program."""
+def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | None:
+    """Return z → controls (T, C) in C, and behind them parameters that are varied; None where there is no such program."""
     known = _known.of(parametrisation)
     if known is not UNKNOWN:
         return known
     definition = controls_definition(parametrisation)
     make = partial(program_of_maps, {CONTROLS: definition}, len(NO_NUMBERS))
     try:
-        if has_code_in_sources(parametrisation):
+        if _has_code_in_sources(parametrisation):
             facts = facts_of(parametrisation)
         else:
             facts = facts_computed(definition, len(NO_NUMBERS))
@@ -245,8 +252,14 @@ def controls_map(parametrisation: Parametrisation) -> CMap | None:
     return _known.keep(in_c, parametrisation)
 
 
-def controls_definition(parametrisation: Parametrisation) -> MapDefinition:
-    """Return what the map z → controls (T, C) is in JAX."""
+def _has_code_in_sources(parametrisation: Parametrisation | VariedParameters) -> bool:
+    if isinstance(parametrisation, VariedParameters):
+        parametrisation = parametrisation.parametrisation
+    return has_code_in_sources(parametrisation)
+
+
+def controls_definition(parametrisation: Parametrisation | VariedParameters) -> MapDefinition:
+    """Return what the map z → controls (T, C), and what is varied besides, is in JAX."""
     return MapDefinition(_controls, parametrisation, parametrisation.size)
 
 
@@ -255,9 +268,14 @@ NO_NUMBERS = aligned(np.zeros(0, np.float32))
 
 
 def _controls(
-    parametrisation: Parametrisation, _: Float[Array, " 0"], z: Float[Array, " Z"]
+    parametrisation: Parametrisation | VariedParameters,
+    _: Float[Array, " 0"],
+    z: Float[Array, " Z"],
 ) -> Float[Array, " Y"]:
-    return parametrisation.controls(z).ravel()
+    controls = parametrisation.controls(z).ravel()
+    if isinstance(parametrisation, VariedParameters):
+        return jnp.concatenate([controls, parametrisation.values(z)])
+    return controls
 
 
 def _check_controls(definition: MapDefinition, program: LoadedProgram) -> None:

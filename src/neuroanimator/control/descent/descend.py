@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
-from neuroanimator.control.descent.options import DescentOptions, check_steps
+from neuroanimator.control.descent.options import SCREENING, DescentOptions, check_steps
 from neuroanimator.control.descent.parametrisation import NEARLY_ALL, Parametrisation
 from neuroanimator.control.descent.problem import Problem, VariedParameters
 from neuroanimator.control.objective.feasibility import check_reachable
@@ -28,6 +29,7 @@ from neuroanimator.control.objective.objective_cost import check_objective
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.arrays import as_float32, as_parameter
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import phase
@@ -83,15 +85,20 @@ def descend(
     else:
         guesses = first_guesses(emulator, parametrisation, options)
     if options.varied:
-        varied = vary_parameters(emulator, options.varied)
+        varied = vary_parameters(emulator, options.varied, parametrisation)
         problem = replace(problem, varied=varied)
         first = guess_parameters(varied, state, len(guesses), options.seed)
         guesses = np.concatenate([guesses, first], axis=1)
     return _descend(problem, guesses, options)
 
 
-def vary_parameters(emulator: Emulator, names: Sequence[str]) -> VariedParameters:
-    """Return how the parameters called `names` are varied: over the ranges of training. ArgumentError lists those there are."""
+def vary_parameters(
+    emulator: Emulator, names: Sequence[str], parametrisation: Parametrisation
+) -> VariedParameters:
+    """Return how the parameters called `names` are varied beside controls: over the ranges of training.
+
+    ArgumentError lists those there are.
+    """
     known = {p.name: number for number, p in enumerate(emulator.parameters)}
     for name in names:
         if name not in known:
@@ -99,11 +106,30 @@ def vary_parameters(emulator: Emulator, names: Sequence[str]) -> VariedParameter
                 f"varied: no parameter called {quoted(name)}. Parameters: {listed(known) or 'none'}."
             )
     chosen = [emulator.parameters[known[name]] for name in names]
+    entries = tuple(emulator.parameter_entries[known[name]] for name in names)
+    behind = latent_size(emulator) - emulator.state.size
     return VariedParameters(
-        entries=tuple(emulator.parameter_entries[known[name]] for name in names),
+        parametrisation=parametrisation,
+        entries=entries,
+        latent_entries=tuple(entry + behind for entry in entries),
         middle=as_parameter(np.array([(p.high + p.low) / 2 for p in chosen])),
         half=as_parameter(np.array([(p.high - p.low) / 2 for p in chosen])),
     )
+
+
+def start_of_body(
+    emulator: Emulator,
+    start: Float[np.ndarray, " S"],
+    entries: Sequence[int],
+    values: Float[np.ndarray, " P"],
+) -> Float[np.ndarray, " S"]:
+    """Return the `start` (S,) of the body with these parameters, at these state entries, in its own shape."""
+    changed = np.array(start, float)
+    changed[list(entries)] = values
+    cloud = emulator.state_structure.cloud
+    if cloud is None or not cloud.parameters:
+        return changed
+    return cloud.reshaped(np.asarray(start, float), changed[len(changed) - cloud.parameters :])
 
 
 def guess_parameters(
@@ -194,8 +220,11 @@ def _descend(
     best = order[0]
     begins = np.repeat(np.asarray(problem.start, float)[None], len(best_zs), axis=0)
     if problem.varied is not None:
-        ws = as_float32(best_zs[:, problem.parametrisation.size :])
-        begins = np.array([problem.varied.put(problem.start, w) for w in ws], float)
+        varied = problem.varied
+        values = [varied.values(z) for z in as_float32(best_zs)]
+        begins = np.stack(
+            [start_of_body(problem.emulator, begins[0], varied.entries, one) for one in values]
+        )
     return Descent(
         method=options.method,
         controls=candidates[best],
@@ -223,6 +252,10 @@ def _iterate(
         starts = advance(method, evaluator, starts, limit)
         least = [start.least for start in starts]
         history.append(least)
+        if options.finalists and limit == math.ceil(SCREENING * options.iterations):
+            finalists = np.argsort(np.where(np.isfinite(least), least, np.inf))[: options.finalists]
+            starts = [starts[number] for number in finalists]
+            history = [[row[number] for number in finalists] for row in history]
         if options.on_iteration is not None:
             options.on_iteration(limit, min(least))
         if all(start.is_done for start in starts):
@@ -271,7 +304,7 @@ def controls_in_jax(
 
 def evaluator_of(problem: Problem) -> Evaluator:
     """Return what evaluates `problem`, by the `backend`."""
-    if backend() != "jax" and problem.varied is None:
+    if backend() != "jax":
         in_c = c_evaluator(problem)
         if in_c is not None:
             return in_c

@@ -2,6 +2,7 @@
 
        z -> controls -> chain of super steps, a defect added to each -> what is observed of latent states -> residuals
 
+   Parameters of the body that are varied come from z, too: they are behind the controls, and go into the start's latent state.
    Residuals may depend on the controls, too, and values that are no squares may be added to J: see `objective.c`.
 
    A motion is kept in rows, one for each state: the latent state, then the control that leads on from it. */
@@ -10,6 +11,9 @@ typedef struct {
     na_objective objective;
     na_map controls, link;
     long defect;
+    /* How many parameters are varied, and their entries in a latent state. */
+    long varied;
+    const long *entries;
 } na_problem;
 
 /* Where motions begin, and what is added to their super steps. */
@@ -88,12 +92,30 @@ void observe_start(const na_problem *problem, const float *state, float *observe
 
 static long control_size(const na_problem *problem) { return problem->link.inputs - problem->link.outputs; }
 
+static long all_controls(const na_problem *problem) { return problem->objective.steps * control_size(problem); }
+
+/* Into the latent state of the start, `row`, `width` of them side by side: the parameters behind all `controls`. */
+static void place_varied(const na_problem *problem, const float *controls, float *row, long width) {
+    const float *values = controls + all_controls(problem) * width;
+    for (long p = 0; p < problem->varied; p++)
+        memcpy(row + problem->entries[p] * width, values + p * width, width * sizeof(float));
+}
+
+/* Behind all `controls`: what is said of the parameters in the latent state of the start, `row`; nothing if there is none. */
+static void gather_varied(const na_problem *problem, const float *row, float *controls, long width) {
+    float *values = controls + all_controls(problem) * width;
+    memset(values, 0, problem->varied * width * sizeof(float));
+    for (long p = 0; row && p < problem->varied; p++)
+        memcpy(values + p * width, row + problem->entries[p] * width, width * sizeof(float));
+}
+
 /* The motion of `z`, and the tapes of it, in the room. */
 static void move(const na_problem *problem, const na_begin *begin, const float *z, const na_room *room) {
     const na_map *link = &problem->link;
     const long latent = link->outputs, control = control_size(problem);
     map_forward(&problem->controls, z, room->controls_tape, room->controls);
     memcpy(room->rows, begin->latent, latent * sizeof(float));
+    place_varied(problem, room->controls, room->rows, 1);
     for (long t = 0; t < problem->objective.steps; t++) {
         NA_ALIGNED float nothing[LANES];
         float *row = room->rows + t * link->inputs;
@@ -211,12 +233,14 @@ static void pull_residuals(const na_problem *problem, const na_room *room, const
     }
     const float *of_controls = room->observed16 + observed_size(objective) * width;
     for (long n = 0; n < objective->controls * width; n++) room->controls16[n] += of_controls[n];
+    gather_varied(problem, last ? room->rows16 : 0, room->controls16, width);
     map_backward(&problem->controls, room->controls_tape, room->controls16, room->z16, width);
 }
 
 /* `z16`: what `width` cotangents `of_off` of the efforts say of z. */
 static void pull_efforts(const na_problem *problem, const na_room *room, const float *of_off, long width) {
     map_backward(&problem->objective.efforts, room->efforts_tape, of_off, room->controls16, width);
+    gather_varied(problem, 0, room->controls16, width);
     map_backward(&problem->controls, room->controls_tape, room->controls16, room->z16, width);
 }
 
@@ -291,8 +315,9 @@ static void push_residuals(const na_problem *problem, const na_room *room) {
     const na_objective *objective = &problem->objective;
     const na_map *link = &problem->link;
     const long latent = link->outputs, control = control_size(problem);
-    int is_still = 1;
+    int is_still = is_zero(room->controls16 + all_controls(problem) * LANES, problem->varied * LANES);
     memset(room->rows16, 0, latent * LANES * sizeof(float));
+    place_varied(problem, room->controls16, room->rows16, LANES);
     for (long t = 0; t < objective->steps; t++) {
         float *row = room->rows16 + t * link->inputs * LANES;
         const float *held = room->controls16 + t * control * LANES;
@@ -413,7 +438,7 @@ void motion(
     na_room room;
     cut_room(problem, memory, &room);
     move(problem, begin, z, &room);
-    memcpy(controls, room.controls, problem->controls.outputs * sizeof(float));
+    memcpy(controls, room.controls, all_controls(problem) * sizeof(float));
     for (long t = 0; t <= problem->objective.steps; t++)
         memcpy(latents + t * link->outputs, room.rows + t * link->inputs, link->outputs * sizeof(float));
 }
@@ -431,6 +456,7 @@ static void costs_in_lanes(
     map_lanes(&problem->controls, room->z16, room->controls16);
     for (long i = 0; i < latent; i++)
         for (long l = 0; l < LANES; l++) room->rows16[i * LANES + l] = begin->latent[i];
+    place_varied(problem, room->controls16, room->rows16, LANES);
     for (long t = 0; t < objective->steps; t++) {
         float *row = room->rows16 + t * link->inputs * LANES;
         memcpy(row + latent * LANES, room->controls16 + t * control * LANES, control * LANES * sizeof(float));

@@ -18,6 +18,9 @@ from neuroanimator.state.layout import Bounds
 DEFAULT_METHOD = "gauss-newton"
 """The method that measures best: `benchmarks/control.py descents`."""
 
+SCREENING = 0.15
+"""Share of the iterations after which only finalists go on."""
+
 DEFAULT_ITERATIONS = 18
 """Backward sweeps of a descent: with the two of a correction they are the 20 of 1998."""
 
@@ -44,6 +47,8 @@ class DescentOptions:
     """Added to the emulator's super steps, see `find_defects`; none if None."""
     searched: int = 0
     """Random controls tried by a rollout each, of which the best are the first guesses: rollouts cost microseconds. None if 0."""
+    finalists: int = 0
+    """Number of starts that go on after the first `SCREENING` of the iterations: the best by then. All of them if 0."""
     varied: tuple[str, ...] = ()
     """Names of the body's parameters that are varied beside its controls."""
     on_iteration: Callable[[int, float], None] | None = None

@@ -34,17 +34,32 @@ class Linearised(NamedTuple):
 
 
 class VariedParameters(eqx.Module):
-    """Parameters of a body that a descent varies beside its controls: middle + half · tanh(w), within their ranges."""
+    """Parameters of a body that a descent varies beside its controls: middle + half · tanh(w), within their ranges.
 
+    The numbers z of the descent are those of the `parametrisation` of the controls, then w.
+    """
+
+    parametrisation: Parametrisation
     entries: tuple[int, ...] = eqx.field(static=True)
     """State entries of the parameters."""
+    latent_entries: tuple[int, ...] = eqx.field(static=True)
+    """Entries of a latent state, where they are as they are."""
     middle: Float[AnyArray, " P"]
     half: Float[AnyArray, " P"]
 
-    def put(self, start: Float[AnyArray, " S"], w: Float[AnyArray, " P"]) -> Float[Array, " S"]:
-        """Return the start of a body with the parameters of `w`."""
-        values = self.middle + jnp.tanh(w) * self.half
-        return jnp.asarray(start, w.dtype).at[np.array(self.entries)].set(values)
+    @property
+    def size(self) -> int:
+        """Numbers of z."""
+        return self.parametrisation.size + len(self.entries)
+
+    def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
+        """Return the controls of z."""
+        return self.parametrisation.controls(z[: self.parametrisation.size])
+
+    def values(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, " P"]:
+        """Return the parameters of z."""
+        xp = z.__array_namespace__()
+        return self.middle + xp.tanh(z[self.parametrisation.size :]) * self.half
 
 
 class Problem(eqx.Module):
@@ -58,19 +73,26 @@ class Problem(eqx.Module):
     """Added to the super steps: see `find_defects`."""
     control_scale: Float[AnyArray, " C"]
     varied: VariedParameters | None = None
-    """What of the body is varied, too: the last numbers of z; None if nothing is."""
+    """What of the body is varied, too: the last numbers of z; None if nothing is.
+
+    What terms see of the start is that of `start`: a body of other parameters begins where it is, in its own shape.
+    """
 
     def trajectory(self, z: Float[Array, " Z"]) -> Trajectory:
         """Return the emulated motion under the controls of z."""
         controls = self._controls(z)
-        start = self.start
+        # Traced once, however often a program follows the emulator.
+        latent = self.emulator.encode(self.start)
         if self.varied is not None:
-            start = self.varied.put(start, z[self.parametrisation.size :])
-        return self._trajectory(start, self._rollout(start, controls), controls)
+            entries = np.array(self.varied.latent_entries)
+            latent = jnp.asarray(latent, z.dtype).at[entries].set(self.varied.values(z))
+        path = call_compiled(rollout_with_defects, self.emulator, latent, controls, self.defects)
+        states = jnp.concatenate([self.start[None], self.emulator.decode(path[1:])])
+        return Trajectory(states, controls, self.control_scale, self.emulator.dt)
 
     def _controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
         if self.varied is not None:
-            z = z[: self.parametrisation.size]
+            return self.varied.controls(z)
         return self.parametrisation.controls(z)
 
     def cost(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
@@ -107,19 +129,3 @@ class Problem(eqx.Module):
 
     def _extra(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
         return self.objective.extra(self.trajectory(z))
-
-    def _rollout(
-        self, start: Float[AnyArray, " S"], controls: Float[Array, "T C"]
-    ) -> Float[Array, "T+1 I"]:
-        # Traced once, however often a program follows the emulator.
-        latent = self.emulator.encode(start)
-        return call_compiled(rollout_with_defects, self.emulator, latent, controls, self.defects)
-
-    def _trajectory(
-        self,
-        start: Float[AnyArray, " S"],
-        latent: Float[Array, "T1 I"],
-        controls: Float[Array, "T C"],
-    ) -> Trajectory:
-        states = jnp.concatenate([start[None], self.emulator.decode(latent[1:])])
-        return Trajectory(states, controls, self.control_scale, self.emulator.dt)

@@ -52,7 +52,7 @@ LEAST_NOISE = 1e-5
 MEDIAN_TO_DEVIATION = 1.4826
 """Ratio of a normal distribution's standard deviation to the median of its absolute values."""
 
-Predict = Callable[[Float[np.ndarray, "W S"], Float[np.ndarray, " G"]], Float[np.ndarray, "W F S"]]
+Predict = Callable[[Float[np.ndarray, "W I"], Float[np.ndarray, " G"]], Float[np.ndarray, "W F S"]]
 """Returns what sensors show, of starts and shared unknowns."""
 
 
@@ -61,7 +61,7 @@ class Fit:
     """Unknowns that explain measurements best."""
 
     values: Float[np.ndarray, " G"]
-    starts: Float[np.ndarray, "W S"]
+    starts: Float[np.ndarray, "W I"]
     residuals: Float[np.ndarray, "W F S"]
     """Measurements less predictions; NaN where nothing was measured."""
     noise: Float[np.ndarray, " S"]
@@ -95,7 +95,7 @@ class Fitter:
 
     def first_guess(self) -> Fit:
         """Return the nominal values and the starts as they were measured, with the noise that a fit begins with."""
-        starts = self.measurements.guess[:, 0].copy()
+        starts = self.predictor.starts_at(self.measurements.guess[:, 0])
         values = self.unknowns.nominal.copy()
         residuals = self._residuals(self.predictor.by_emulator, starts, values)
         return Fit(values, starts, residuals, FIRST_NOISE * self.spread, 0)
@@ -157,7 +157,7 @@ class Fitter:
     def _residuals(
         self,
         predict: Predict,
-        starts: Float[np.ndarray, "W S"],
+        starts: Float[np.ndarray, "W I"],
         values: Float[np.ndarray, " G"],
     ) -> Float[np.ndarray, "W F S"]:
         """Return measurements less predictions: infinite where a prediction is not finite."""

@@ -205,7 +205,7 @@ def _on_physics(fitters: list[Fitter], first: Fit, system: System) -> Fit:
 
 def _true_motions(fitter: Fitter, system: System) -> Predict:
     def predict(
-        starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " G"]
+        starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
     ) -> Float[np.ndarray, "W F S"]:
         return fitter.predictor.by_physics(system, starts, values)
 

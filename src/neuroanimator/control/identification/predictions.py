@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from neuroanimator.control.identification.measurements import Measurements
 from neuroanimator.control.identification.unknowns import Unknowns
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.super_step import rollout_latent
+from neuroanimator.emulator.super_step import latent_size, rollout_latent
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Scheme, System
@@ -37,31 +37,35 @@ class Slopes(NamedTuple):
 
 
 class Predictor:
-    """Predictions of windows of measurements."""
+    """Predictions of windows of measurements, from starts as the emulator has them: latent states."""
 
     def __init__(self, emulator: Emulator, measurements: Measurements, unknowns: Unknowns):
         self.emulator = emulator
         self.unknowns = unknowns
-        self.controls = jnp.asarray(measurements.controls, jnp.float32)
+        self.controls = _single(emulator.encode_control(measurements.controls))
         self._held = measurements.controls
         self._places = _Places(
-            moving=emulator.state.size - len(emulator.parameter_entries),
+            moving=latent_size(emulator) - len(emulator.parameter_entries),
             parameters=len(emulator.parameter_entries),
             has_delay=unknowns.has_delay,
             offsets=unknowns.offsets,
         )
         # Starts move at once, not with what they coast by.
         self._still = replace(emulator.frame, dt=0.0)
-        self.start_size = self._still.change_size(emulator.state.size)
+        self.start_size = self._still.change_size(latent_size(emulator))
+
+    def starts_at(self, states: Float[np.ndarray, "W S"]) -> Float[np.ndarray, "W I"]:
+        """Return the starts of motions that begin at `states`."""
+        return np.array(self.emulator.encode(np.asarray(states, float)))
 
     def moved(
-        self, starts: Float[np.ndarray, "W S"], change: Float[np.ndarray, "W V"]
-    ) -> Float[np.ndarray, "W S"]:
+        self, starts: Float[np.ndarray, "W I"], change: Float[np.ndarray, "W V"]
+    ) -> Float[np.ndarray, "W I"]:
         """Return the starts after a change as the body's frame counts it."""
         return np.asarray(self._still.apply(starts, change), float)
 
     def by_emulator(
-        self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " G"]
+        self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
     ) -> Float[np.ndarray, "W F S"]:
         """Return what sensors show of the emulator's motions from `starts`, with `values` of the unknowns."""
         shown = _shown_by_emulator(
@@ -69,7 +73,7 @@ class Predictor:
         )
         return np.asarray(shown, float)
 
-    def slopes(self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " G"]) -> Slopes:
+    def slopes(self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]) -> Slopes:
         """Return `by_emulator` with its derivatives."""
         arrays = _slopes(
             self.emulator,
@@ -85,7 +89,7 @@ class Predictor:
     def by_physics(
         self,
         system: System,
-        starts: Float[np.ndarray, "W S"],
+        starts: Float[np.ndarray, "W I"],
         values: Float[np.ndarray, " G"],
     ) -> Float[np.ndarray, "W F S"]:
         """Return what sensors show of the true motions from `starts`; NaN where the physics diverges."""
@@ -94,14 +98,15 @@ class Predictor:
     def _by_physics(
         self,
         system: System,
-        starts: Float[np.ndarray, "N W S"],
+        starts: Float[np.ndarray, "N W I"],
         values: Float[np.ndarray, "N G"],
         scheme: Scheme,
     ) -> Float[np.ndarray, "N W F S"]:
         """Return `by_physics` of several starts and values by steps of `scheme`, simulated all at once."""
         count, windows, _ = starts.shape
-        bodies = starts.copy()
-        bodies[..., system.parameter_entries] = values[:, None, : len(system.parameters)]
+        latents = starts.copy()
+        latents[..., self._places.moving :] = values[:, None, : self._places.parameters]
+        bodies = np.asarray(self.emulator.decode(latents), float)
         held = np.tile(system.bounds.clip(self._held), (count, 1, 1))
         runs = system.simulate_fastest(
             bodies.reshape(count * windows, -1), held, self.emulator.dt, scheme
@@ -117,7 +122,7 @@ class Predictor:
     def slopes_by_physics(
         self,
         system: System,
-        starts: Float[np.ndarray, "W S"],
+        starts: Float[np.ndarray, "W I"],
         values: Float[np.ndarray, " G"],
     ) -> Slopes:
         """Return the physics' motions with their derivatives, by differences; the emulator's where the physics diverges.
@@ -159,6 +164,7 @@ class _Places(eqx.Module):
     """Where each kind of unknown lies."""
 
     moving: int = eqx.field(static=True)
+    """Entries of a latent state before its parameters."""
     parameters: int = eqx.field(static=True)
     has_delay: bool = eqx.field(static=True)
     offsets: tuple[int, ...] = eqx.field(static=True)
@@ -171,14 +177,14 @@ def _single(values: Float[np.ndarray, " ..."]) -> Float[Array, " ..."]:
 def _motion(
     emulator: Emulator,
     places: _Places,
-    start: Float[Array, " S"],
+    start: Float[Array, " I"],
     values: Float[Array, " G"],
     controls: Float[Array, "T C"],
 ) -> Float[Array, "F S"]:
     """Return the emulator's motion from `start` with the parameters in `values`."""
-    state = jnp.concatenate([start[: places.moving], values[: places.parameters]])
-    following = rollout_latent(emulator, state, controls, is_bounded=False)
-    return jnp.concatenate([state[None], following])
+    latent = jnp.concatenate([start[: places.moving], values[: places.parameters]])
+    following = rollout_latent(emulator, latent, controls, is_bounded=False)
+    return emulator.decode(jnp.concatenate([latent[None], following]))
 
 
 def _observed(
@@ -218,7 +224,7 @@ def _delayed(
 def _shown_by_emulator(
     emulator: Emulator,
     places: _Places,
-    starts: Float[Array, "W S"],
+    starts: Float[Array, "W I"],
     values: Float[Array, " G"],
     controls: Float[Array, "W T C"],
 ) -> Float[Array, "W F S"]:
@@ -235,7 +241,7 @@ def _slopes(
     still: Frame,
     places: _Places,
     start_size: int,
-    starts: Float[Array, "W S"],
+    starts: Float[Array, "W I"],
     values: Float[Array, " G"],
     controls: Float[Array, "W T C"],
 ) -> tuple[Float[Array, "W F S"], Float[Array, "W F S G"], Float[Array, "W F S V"]]:

@@ -13,18 +13,16 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
+from neuroanimator.control.policies.pilot_motions import (
+    EmulatedMotion,
+    PhysicalMotion,
+    PilotMotion,
+)
 from neuroanimator.control.policies.policy import Policy, load_policy
-from neuroanimator.control.policies.steering import SteeringTarget
-from neuroanimator.control.policies.super_step import make_super_step
+from neuroanimator.control.policies.state_policy import StatePolicy, load_any_policy
 from neuroanimator.errors import ArgumentError
-from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import Pose, read_pose
-
-MAX_LEAD = 1.2
-"""Maximum lead of the asked heading over the body's [rad]: what it cannot follow is not saved up for later."""
-
-MAX_CLIMB = 1.2
-"""The steepest climb or dive [rad]: straight up there is no heading left to hold."""
+from neuroanimator.systems.system import System
 
 MAX_FRAME = 60.0
 """The longest frame [s]: a longer one is a mistake, such as milliseconds for seconds."""
@@ -51,25 +49,29 @@ class PilotFrame(NamedTuple):
 class Pilot:
     """A body that goes where it is told: `reset` it, then `step` it once per picture, at any rate.
 
-    Every super step the policy looks at the body and sets its muscles, and the emulator leaps; in between,
-    states are interpolated. What is asked for takes effect with the next super step.
+    Every super step the policy looks at the body and sets its muscles, and the emulator leaps, or the physics where the policy
+    follows a motion; in between, states are interpolated. What is asked for takes effect with the next super step.
     """
 
-    def __init__(self, policy: Policy | str | Path):
-        """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest."""
-        self.policy = policy if isinstance(policy, Policy) else load_policy(policy)
+    def __init__(self, policy: Policy | StatePolicy | str | Path, system: System | None = None):
+        """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest.
+
+        A policy that follows a motion on command moves the physics of `system`, its own body. ArgumentError for a policy that
+        takes no commands, and where physics is missing or needless.
+        """
+        self.policy = _loaded(policy)
+        self._motion = _motion_of(self.policy, system)
         # Asking a module of equinox for its facts takes longer than a super step.
         emulator = self.policy.emulator
         self._structure = emulator.state_structure
         self._rates = emulator.rates
         self._super_step = emulator.dt
-        self._tick = self.policy.tick
         self.reset()
 
     @classmethod
-    def load(cls, path: str | Path) -> Pilot:
+    def load(cls, path: str | Path, system: System | None = None) -> Pilot:
         """Return the pilot of the policy in the file at `path`, or of the shipped one of that name, such as `fish`."""
-        return cls(path)
+        return cls(path, system)
 
     def __repr__(self) -> str:
         system = self.policy.emulator.system
@@ -78,7 +80,7 @@ class Pilot:
     @property
     def top_speed(self) -> float:
         """Return the highest speed the policy was trained on [m/s]; more counts as this."""
-        return self.policy.ranges.high[0]
+        return self._motion.top_speed
 
     @property
     def controls(self) -> Float[np.ndarray, " C"]:
@@ -92,18 +94,15 @@ class Pilot:
 
         Raises ArgumentError for a state of another shape and for numbers that are not finite.
         """
-        emulator = self.policy.emulator
-        start = np.array(emulator.rest if state is None else state, float)
+        phase = _finite("phase", phase) % (2 * math.pi)
+        start = np.array(self._motion.first(phase) if state is None else state, float)
         self._begin = self._checked(start)
         self._end: Float[np.ndarray, " S"] | None = None
-        self._latent: Float[AnyArray, " I"] = np.asarray(emulator.encode(self._begin), np.float32)
-        self._phase = _finite("phase", phase) % (2 * math.pi)
+        self._motion.begin(self._begin, phase)
         self._time = 0.0
         self._since_begin = 0.0
-        self._controls = np.asarray(emulator.bounds.middle, float)
-        pose = self._pose(self._begin)
-        self._heading = float(pose.heading)
-        return PilotFrame(0.0, self._begin, pose)
+        self._controls = np.asarray(self.policy.emulator.bounds.middle, float)
+        return PilotFrame(0.0, self._begin, self._pose(self._begin))
 
     def step(
         self,
@@ -137,9 +136,11 @@ class Pilot:
             if self._since_begin > super_step - TINY:
                 self._finish_super_step()
             if self._end is None:
-                self._start_super_step(asked_speed, asked_climb)
+                leap = self._motion.leap(self._begin, asked_speed, asked_turn, asked_climb)
+                self._end = leap.state
+                self._controls = leap.controls
             ahead = min(left, super_step - self._since_begin)
-            self._heading += asked_turn * ahead
+            self._motion.turn(asked_turn * ahead)
             self._since_begin += ahead
             left -= ahead
         self._time += dt
@@ -166,40 +167,18 @@ class Pilot:
         states = np.stack([frame.state for frame in frames])
         return Clip(spec.system, spec.skeleton, times - times[0], states, spec.definition)
 
-    def _start_super_step(self, speed: float, climb: float) -> None:
-        """Set the muscles for what is asked, and make the super step under them."""
-        heading = float(self._pose(self._begin).heading)
-        lead = (self._heading - heading + math.pi) % (2 * math.pi) - math.pi
-        self._heading = heading + float(np.clip(lead, -MAX_LEAD, MAX_LEAD))
-        steepness = float(np.clip(climb, -MAX_CLIMB, MAX_CLIMB))
-        level = math.cos(steepness)
-        direction = [
-            level * math.cos(self._heading),
-            level * math.sin(self._heading),
-            math.sin(steepness),
-        ]
-        target = SteeringTarget(np.array([direction]), np.array([max(speed, 0.0)]))
-        phase = np.array([self._phase])
-        made = make_super_step(self.policy, self._latent[None], phase, target)
-        self._next_latent = made.latent[0]
-        self._end = np.asarray(made.states[0], float)
-        self._controls = np.asarray(made.controls[0], float)
-
     def _finish_super_step(self) -> None:
         """Begin the next super step where this one ends."""
         assert self._end is not None
         self._begin = self._end
-        self._latent = self._next_latent
-        self._phase = (self._phase + self._tick) % (2 * math.pi)
+        self._motion.finish()
         self._since_begin = 0.0
         self._end = None
 
     def _go_on_from(self, state: Float[np.ndarray, " S"]) -> None:
         """Put the body where it really is; its clock goes on."""
-        passed = self._tick * self._since_begin / self._super_step
-        self._phase = (self._phase + passed) % (2 * math.pi)
+        self._motion.go_on_from(state, self._since_begin)
         self._begin = state
-        self._latent = np.asarray(self.policy.emulator.encode(state), np.float32)
         self._since_begin = 0.0
         self._end = None
 
@@ -221,6 +200,27 @@ class Pilot:
                 f"state: wanted one of {checked.shape[-1]} numbers, came shape {checked.shape}."
             )
         return checked
+
+
+def _loaded(policy: Policy | StatePolicy | str | Path) -> Policy | StatePolicy:
+    if isinstance(policy, Policy | StatePolicy):
+        return policy
+    if Path(policy).is_file():
+        return load_any_policy(Path(policy))
+    return load_policy(policy)
+
+
+def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMotion:
+    """Return what moves the body of a policy."""
+    if isinstance(policy, Policy):
+        if system is not None:
+            raise ArgumentError("system: this policy moves its emulator. Leave it out.")
+        return EmulatedMotion(policy)
+    if system is None:
+        raise ArgumentError(
+            "system: this policy moves the physics. Give it, as na.load_system('commanded.toml')."
+        )
+    return PhysicalMotion(policy, system)
 
 
 def _finite(label: str, value: object) -> float:

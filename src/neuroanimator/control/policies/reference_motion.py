@@ -13,10 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from neuroanimator.control.policies.commands import Commands
 from neuroanimator.files.numbers import entries, listed, number, whole
 from neuroanimator.state.rotation import (
     conjugate,
+    facing,
     multiply,
+    rotate,
     rotation_rows,
     upward,
 )
@@ -43,12 +46,15 @@ HEIGHT = 2
 ROOT_NUMBERS = 17
 """Numbers of what is shown but the hinges': of the root, of the motion's, and of the clock."""
 
+COMMAND_NUMBERS = 2
+
 
 class ReferenceMotion(eqx.Module):
     """States of a body with a free root, one super step apart, by the angle of a clock among them."""
 
     frames: Float[Array, "K S"]
-    """All laps, one after another."""
+    """All laps, one after another; with commands one lap, without its last state, from a root that stands at the origin and whose
+    heading is zero."""
     lap: int = eqx.field(static=True)
     """Number of super steps in which the clock turns once."""
     phase: int = eqx.field(static=True)
@@ -67,11 +73,16 @@ class ReferenceMotion(eqx.Module):
     """By how long each servo aims ahead [s]: its damping over its stiffness, by which it lags behind what turns evenly."""
     reach: float = eqx.field(static=True)
     """Largest angle by which a control differs from the motion's [rad]."""
+    commands: Commands | None = eqx.field(static=True, default=None)
+    """Commands of speed and heading; None: the motion goes its own way."""
 
     @property
     def size(self) -> int:
         """How many numbers `observe` returns."""
-        return ROOT_NUMBERS + len(self.hinges)
+        size = ROOT_NUMBERS + len(self.hinges)
+        if self.commands is not None:
+            size += COMMAND_NUMBERS
+        return size
 
     @property
     def shown(self) -> tuple[int, ...]:
@@ -82,6 +93,8 @@ class ReferenceMotion(eqx.Module):
     def index(self, states: Float[Array, "*B S"]) -> Int[Array, "*B"]:
         """Return the number of the frame at which the clock stands."""
         steps = jnp.round(states[..., self.phase] * (self.lap / TURN))
+        if self.commands is not None:
+            steps = jnp.mod(steps, self.lap)
         return jnp.clip(steps, 0, len(self.frames) - 1).astype(jnp.int32)
 
     def frame(self, states: Float[Array, "*B S"], later: int = 0) -> Float[Array, "*B S"]:
@@ -89,11 +102,50 @@ class ReferenceMotion(eqx.Module):
 
         Between two frames it is interpolated, as a product of weights and frames, which generated C has, too.
         """
+        if self.commands is not None:
+            return self._commanded(self.commands, states, later)
         last = len(self.frames) - 1
         steps = states[..., self.phase] * (self.lap / TURN) + later
         away = jnp.clip(steps, 0, last)[..., None] - jnp.arange(len(self.frames), dtype=jnp.float32)
         weights = jnp.maximum(1 - jnp.abs(away), 0)
         return weights @ jnp.asarray(self.frames)
+
+    def _commanded(
+        self, commands: Commands, states: Float[Array, "*B S"], later: int
+    ) -> Float[Array, "*B S"]:
+        """Return `frame` at the commanded speed and heading, where the body is."""
+        pace = commands.pace(states)[..., None]
+        steps = states[..., self.phase, None] * (self.lap / TURN) + later * pace
+        away = steps - jnp.arange(self.lap, dtype=jnp.float32)
+        away = away - self.lap * jnp.floor(away / self.lap + 0.5)
+        weights = jnp.maximum(1 - jnp.abs(away), 0)
+        own = weights @ jnp.asarray(self.frames)
+        dt = TURN / (commands.own_rate * self.lap)
+        turning = states[..., commands.turning]
+        turned = facing(states[..., commands.heading] + later * dt * turning)
+        # A turn about the vertical, seen from the body.
+        spin = turning[..., None] * upward(own[..., ORIENTATION])
+        velocity = self.velocity
+        parts = [
+            states[..., :HEIGHT],
+            own[..., HEIGHT : HEIGHT + 1],
+            multiply(turned, own[..., ORIENTATION]),
+            own[..., ORIENTATION.stop : velocity],
+            pace * rotate(turned, own[..., velocity : velocity + 3]),
+            pace * own[..., velocity + 3 : velocity + 6] + spin,
+            pace * own[..., velocity + 6 :],
+        ]
+        beside = np.zeros(states.shape[-1], bool)
+        beside[[self.phase, commands.clock_rate, commands.heading, commands.turning]] = True
+        return jnp.where(beside, states, jnp.concatenate(parts, axis=-1))
+
+    def begun(self, phase: float) -> Float[np.ndarray, " S"]:
+        """Return the state at the motion's own speed, its clock at `phase` [rad], of a motion that takes commands."""
+        assert self.commands is not None
+        state = np.zeros(self.frames.shape[-1])
+        state[self.phase] = phase
+        state[self.commands.clock_rate] = self.commands.own_rate
+        return np.asarray(self.frame(jnp.asarray(state, jnp.float32)), float)
 
     def target(self, states: Float[Array, "*B S"]) -> Float[Array, "*B C"]:
         """Return what each servo is to aim at so that it comes to the motion's next pose: the angle there, and a lead."""
@@ -123,11 +175,16 @@ class ReferenceMotion(eqx.Module):
             jnp.sin(angle),
             jnp.cos(angle),
         ]
+        if self.commands is not None:
+            parts += [
+                self.commands.pace(states)[..., None],
+                states[..., self.commands.turning, None],
+            ]
         return jnp.concatenate(parts, axis=-1)
 
     def to_json(self) -> dict[str, Any]:
         """Return all but the frames, and how many there are."""
-        return {
+        described: dict[str, Any] = {
             "frames": len(self.frames),
             "lap": self.lap,
             "phase": self.phase,
@@ -139,11 +196,17 @@ class ReferenceMotion(eqx.Module):
             "leads": list(self.leads),
             "reach": self.reach,
         }
+        if self.commands is not None:
+            described["commands"] = self.commands.to_json()
+        return described
 
     @classmethod
     def blank(cls, values: Any, size: int, controls: int) -> ReferenceMotion:
         """Return the motion `to_json` described, its frames zero; ValueError for one of another state or other controls."""
         count = whole(values["frames"], "reference: frames", 2, MAX_FRAMES)
+        commands = None
+        if "commands" in values:
+            commands = Commands.from_json(values["commands"], size)
         motion = cls(
             frames=jnp.zeros((count, size)),
             lap=whole(values["lap"], "reference: lap", 1, MAX_FRAMES),
@@ -155,7 +218,10 @@ class ReferenceMotion(eqx.Module):
             driven_rates=entries(values["driven_rates"], "reference: driven_rates", size),
             leads=listed(values["leads"], "reference: leads", _checked_lead),
             reach=number(values["reach"], "reference: reach", 0, TURN),
+            commands=commands,
         )
+        if commands is not None and count != motion.lap:
+            raise ValueError(f"reference: wanted {motion.lap} frames of a lap, came {count}")
         for driven in (motion.driven, motion.driven_rates, motion.leads):
             if len(driven) != controls:
                 raise ValueError(f"reference: wanted {controls} angles that controls drive")

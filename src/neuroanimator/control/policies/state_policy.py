@@ -140,11 +140,13 @@ class StatePolicy(eqx.Module):
     def save(self, path: str | Path, provenance: dict[str, Any] | None = None) -> None:
         """Write the policy as one `.safetensors` file; `provenance` says how it was learnt (any JSON)."""
         write_tensors(
-            Path(path), to_numpy(_leaves(self)), _describe(self) | {"provenance": provenance or {}}
+            Path(path),
+            to_numpy(policy_leaves(self)),
+            _describe(self) | {"provenance": provenance or {}},
         )
 
 
-def _leaves(policy: StatePolicy) -> dict[str, Any]:
+def policy_leaves(policy: StatePolicy) -> dict[str, Any]:
     """Return every array by its name in files."""
     leaves: dict[str, Any] = prefixed("emulator", emulator_leaves(policy.emulator))
     leaves |= {"view.mean": policy.view.mean, "view.deviation": policy.view.deviation}
@@ -179,7 +181,7 @@ def load_state_policy(path: Path) -> StatePolicy:
     emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
     check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
     try:
-        policy = with_tensors(_blank(metadata), _leaves, tensors)
+        policy = with_tensors(_blank(metadata), policy_leaves, tensors)
         check_arrays(policy.emulator)
     except FAULTS as error:
         raise BadFileError(

@@ -165,9 +165,12 @@ def correct(
     some on the way to them, are replayed; as long as that makes the physics' J smaller.
     """
     parametrisation = options.parametrisation_of(emulator, search.steps)
-    options = replace(options, parametrisation=parametrisation, iterations=CORRECTING_ITERATIONS)
+    options = replace(
+        options, parametrisation=parametrisation, iterations=CORRECTING_ITERATIONS, searched=0
+    )
     spent = SearchCost()
-    for _ in range(search.corrections):
+    corrections = search.corrections if search.system.can_simulate else 0
+    for _ in range(corrections):
         if search.is_enough(motion.states):
             break
         with phase("correcting"):

@@ -22,7 +22,7 @@ DESIGN_ITERATIONS = 60
 STARTS = 16
 """Number of bodies to begin with: that of the start, and random ones of the family."""
 
-PROVED = 4
+PROVED = 2
 """Number of bodies that are proved on the physics, the best ones on the emulator: gaps differ from one to the next."""
 
 
@@ -81,13 +81,13 @@ def design(
     # From the best motion of the first body, with the parameters of that body and of random ones: from idle controls
     # parameters run to the ends of their ranges before there is a motion.
     guesses = np.stack([nominal.controls] * STARTS)
-    searched = replace(options, first=guesses, starts=STARTS, varied=tuple(parameters))
+    searched = replace(
+        options, first=guesses, starts=STARTS, finalists=PROVED, varied=tuple(parameters)
+    )
     found = descend(emulator, objective, state, steps=steps, options=searched)
     best = nominal
     begin = state
-    for start_found, controls in zip(
-        found.candidate_starts[:PROVED], found.candidates, strict=False
-    ):
+    for start_found, controls in zip(found.candidate_starts, found.candidates, strict=True):
         other = proved(start_found, replace(options, first=controls, starts=1))
         if other.outcome.cost_physics < best.outcome.cost_physics:
             best = other

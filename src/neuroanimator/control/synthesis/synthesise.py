@@ -42,13 +42,10 @@ REFINING_MINUTES = 0.5
 """Longest time that refinements may take in all, if nothing else is said [min]."""
 
 SEARCHED = 4096
-"""Random controls that are tried where a goal is missed, if nothing else is said: a second or two of rollouts."""
+"""Number of random controls tried by a rollout each before a new beginning: a second or two."""
 
 SEARCH_STARTS = 16
-"""Number of the best of them that are descended from, at least."""
-
-RESTARTS = 12
-"""Joins the seed of the controls to begin again from, so that they are not the first guesses of the descents."""
+"""Minimum number of the best of them that are descended from."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +66,26 @@ class Synthesis:
     """In the emulator's gradient, if it was measured."""
     is_reached: bool | None = None
     """Whether the physics, or the emulator where there is none, ends within the goal's tolerances; None without a goal."""
+
+    @classmethod
+    def of(
+        cls, attempt: Attempt, trust: GradientTrust | None, is_reached: bool | None = None
+    ) -> Synthesis:
+        """Return that of the best attempt."""
+        return cls(
+            attempt.emulator,
+            attempt.descent,
+            attempt.controls,
+            attempt.outcome,
+            attempt.spent,
+            trust,
+            is_reached,
+        )
+
+    @property
+    def attempt(self) -> Attempt:
+        """The attempt it is of."""
+        return Attempt(self.emulator, self.descent, self.controls, self.outcome, self.spent)
 
 
 def synthesise(
@@ -113,7 +130,6 @@ def synthesise(
         raise ArgumentError("steps and seconds: wanted one of them, the length of the motion.")
     check_steps(steps)
     if not system.can_simulate:
-        corrections = 0
         refinements = 0
         measures_trust = False
     search = Search(system, objective, state, steps, options, corrections, is_enough)
@@ -123,24 +139,24 @@ def synthesise(
     trust = None
     if measures_trust:
         trust = _measure_trust(emulator, system, objective, state, steps, options)
-    return Synthesis(
-        attempt.emulator, attempt.descent, attempt.controls, attempt.outcome, attempt.spent, trust
-    )
+    return Synthesis.of(attempt, trust)
 
 
 def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
-    """Return the best of `attempt` and others from random controls, as training saw them, charged with all of them."""
-    emulator = attempt.emulator
-    rng = np.random.default_rng([search.options.seed, RESTARTS])
+    """Return the best of `attempt` and others from the best of many random controls, charged with all of them."""
     best = attempt
     spent = attempt.spent
-    for _ in range(restarts):
+    for number in range(1, restarts + 1):
         if search.is_enough(best.outcome.physics_states):
             break
-        guesses = sample_control_runs(
-            rng, search.options.starts, search.steps, emulator.dt, emulator.spec
+        widely = replace(
+            search.options,
+            first=None,
+            searched=SEARCHED,
+            starts=max(search.options.starts, SEARCH_STARTS),
+            seed=search.options.seed + number,
         )
-        other = make_attempt(search, emulator, replace(search.options, first=guesses))
+        other = make_attempt(search, attempt.emulator, widely)
         spent = spent + other.spent
         best = _better(search, best, other)
     return replace(best, spent=spent)
@@ -249,19 +265,18 @@ def synthesise_goal(
     goals_from: System | None = None,
     options: DescentOptions = DescentOptions(),
     corrections: int = 5,
-    restarts: int = 0,
+    restarts: int = 1,
     refinements: int = 2,
     minutes: float = REFINING_MINUTES,
     data: Transitions | None = None,
-    searched: int = SEARCHED,
     measures_trust: bool = False,
     on_refine: Callable[[float], None] = lambda gap: None,
 ) -> Synthesis:
     """Return the controller that reaches the goal called `name` from `start` (S,) in `seconds`; the rest as `synthesise`.
 
-    Where the goal is missed, `searched` random controls are tried by a rollout each, and all begins again from the best of
-    them. `start` and `seconds` default to what the goal itself says is sensible. With a `threshold` the motion is kept where
-    the emulator's scores are at most that (`stay_trusted`), which takes longer.
+    Restarts are for goals that are missed after all else. `start` and `seconds` default to what the goal itself says is
+    sensible. With a `threshold` the motion is kept where the emulator's scores are at most that (`stay_trusted`), which takes
+    longer.
     The gradient is not measured where the goal is reached on the physics: there it led to what was wanted. `goals_from`
     is the emulator's system with other goals: they may be written after training.
     """
@@ -285,30 +300,19 @@ def synthesise_goal(
         steps=steps,
         options=options,
         corrections=corrections,
-        restarts=restarts,
         refinements=refinements,
         minutes=minutes,
         data=data,
         on_refine=on_refine,
     )
-    reached = is_reached(named, goal, synthesis.outcome.physics_states[-1])
-    if not reached and searched and options.first is None:
-        widely = replace(options, starts=max(options.starts, SEARCH_STARTS), searched=searched)
-        other = synthesise(
-            synthesis.emulator,
-            system,
-            objective,
-            begin,
-            steps=steps,
-            options=widely,
-            corrections=corrections,
-            refinements=0,
-        )
-        other_reached = is_reached(named, goal, other.outcome.physics_states[-1])
-        if other_reached or other.outcome.cost_physics < synthesis.outcome.cost_physics:
-            reached = other_reached
-            synthesis = replace(other, spent=synthesis.spent + other.spent)
+
+    def is_enough(states: np.ndarray) -> bool:
+        return is_reached(named, goal, states[-1])
+
+    search = Search(system, objective, begin, steps, options, corrections, is_enough)
+    attempt = restart(search, synthesis.attempt, restarts)
+    reached = is_enough(attempt.outcome.physics_states)
     trust = None
     if measures_trust and not reached and system.can_simulate:
         trust = _measure_trust(emulator, system, objective, begin, steps, options)
-    return replace(synthesis, is_reached=reached, trust=trust)
+    return Synthesis.of(attempt, trust, reached)

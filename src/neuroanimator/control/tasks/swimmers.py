@@ -127,7 +127,8 @@ def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tr
     pose = read_pose(system.structure, start)
     gait = gait_controls(system, steps, dt)
     share = rng.uniform(*TARGET_SHARES)
-    usual = distance_ahead(system, pose, simulate_one(system, start, gait, dt))
+    end = read_pose(system.structure, simulate_one(system, start, gait, dt)[-1])
+    usual = float(np.linalg.norm(end.position - pose.position))
     far = share * max(usual, length)
     angle = rng.uniform(-TARGET_ASIDE, TARGET_ASIDE)
     target = pose.position + far * ahead(pose, math.radians(angle))
@@ -199,7 +200,10 @@ def turned_upright(system: DeformableSystem, state: np.ndarray) -> np.ndarray:
     turn = np.stack([pose.forward, left, np.cross(pose.forward, left)])
     positions, velocities, activations = system.unpack(state)
     return system.pack(
-        (positions - pose.position) @ turn.T + pose.position, velocities @ turn.T, activations
+        (positions - pose.position) @ turn.T + pose.position,
+        velocities @ turn.T,
+        activations,
+        state[..., system.parameter_entries],
     )
 
 

@@ -38,6 +38,8 @@ def parts_of_body(
         own = [i for i, owner in enumerate(owners) if owner.group == number and not owner.is_centre]
         sees = [first_feature + i for i in sorted({*near, *own})]
         sees += _features_of_controls(modes, group, features)
+        parameters = modes.feature_layout.index("parameters")
+        sees += range(parameters.start, parameters.stop)
         answers = tuple(first_change + i for i in own)
         hears = tuple(first_change + i for i in near)
         parts.append(_part(group.name, sees, answers, even, features, hears))

@@ -20,9 +20,9 @@ BALANCED = 1e-6
 class Water:
     """A medium that resists faces moving into it, and carries."""
 
-    face_drag: float
+    face_drag: float | Float[AnyArray, " ..."]
     """μ [kg/(m²·s)]: a face of area A moving outward at v is pushed back by μ·A·v; one moving inward is not."""
-    drag: float = 0.0
+    drag: float | Float[AnyArray, " ..."] = 0.0
     """Damping of every mass point's motion, over its mass [1/s]."""
     buoyancy: float = 1.0
     """Weight of the water the body displaces, over its own."""
@@ -76,6 +76,10 @@ class Body:
     ground: Ground | None = None
     rest_height: float = 0.0
     """Height added to every mass point where the body is put at rest [m]."""
+    spring_groups: tuple[str, ...] = ()
+    """Name of the group each spring belongs to; empty where groups have no names."""
+    varied: tuple[str, ...] = ()
+    """Targets of the body's parameters, the last entries of its state: see `body_parameters.py`."""
     lengths: Float[np.ndarray, " P"] = field(init=False)
     """Lengths of the springs without force [m]: those at rest, less what carries the body there."""
     lift: Float[np.ndarray, " N"] = field(init=False)
@@ -90,10 +94,20 @@ class Body:
         object.__setattr__(self, "face_shares", _face_shares(self.faces, len(self.masses)))
 
     @property
+    def extents(self) -> Float[np.ndarray, "P 3"]:
+        """Vectors from the first end of each spring to its second at rest [m]."""
+        first, second = self.springs.T
+        return self.positions[second] - self.positions[first]
+
+    @property
     def spans(self) -> Float[np.ndarray, " P"]:
         """Distances between the ends of the springs at rest [m]."""
-        first, second = self.springs.T
-        return np.linalg.norm(self.positions[second] - self.positions[first], axis=1)
+        return np.linalg.norm(self.extents, axis=1)
+
+    @property
+    def force_densities(self) -> Float[np.ndarray, " P"]:
+        """Tension of each spring at rest, over its length [N/m]."""
+        return self.stiffness * (1 - self.lengths / self.spans)
 
     @property
     def has_gravity(self) -> bool:
@@ -150,7 +164,7 @@ def length_jacobian(body: Body) -> Float[np.ndarray, "P X"]:
     The X = 3N coordinates are those of `positions`, one after another.
     """
     first, second = body.springs.T
-    directions = (body.positions[second] - body.positions[first]) / body.spans[:, None]
+    directions = body.extents / body.spans[:, None]
     count = len(body.springs)
     rows = np.arange(count)
     jacobian = np.zeros((count, *body.positions.shape))

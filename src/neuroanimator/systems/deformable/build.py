@@ -32,7 +32,7 @@ def body_of(definition: BodyDefinition) -> Body:
     names = tuple(definition.nodes)
     nodes = np.array(list(definition.nodes.values()), float)
     positions = nodes[:, :3]
-    springs, stiffness, damping = _springs(definition, names)
+    springs, stiffness, damping, groups = _springs(definition, names)
     check_springs(names, positions, springs, MAX_SPRINGS)
     _check_drive(definition)
     muscles = _muscles(definition.muscles, springs, names)
@@ -55,6 +55,8 @@ def body_of(definition: BodyDefinition) -> Body:
         water=Water(**water.model_dump()) if water else None,
         ground=Ground(**ground.model_dump()) if ground else None,
         rest_height=definition.rest_height,
+        spring_groups=groups,
+        varied=tuple(table.sets for table in definition.parameters.values()),
     )
 
 
@@ -94,17 +96,21 @@ def gait_of(definition: BodyDefinition) -> Gait | None:
 
 def _springs(
     definition: BodyDefinition, names: tuple[str, ...]
-) -> tuple[Int[np.ndarray, "P 2"], Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
-    """Return the springs' ends, their stiffness [N/m] and their damping [N·s/m]."""
+) -> tuple[
+    Int[np.ndarray, "P 2"], Float[np.ndarray, " P"], Float[np.ndarray, " P"], tuple[str, ...]
+]:
+    """Return the springs' ends, their stiffness [N/m], their damping [N·s/m] and the names of their groups."""
     ends = []
     stiffness = []
     damping = []
-    for table in definition.springs.values():
+    groups = []
+    for group, table in definition.springs.items():
         for pair in table.pairs:
             ends.append(_node_numbers(names, pair, "springs"))
             stiffness.append(table.stiffness)
             damping.append(table.damping)
-    return np.array(ends), np.array(stiffness), np.array(damping)
+            groups.append(group)
+    return np.array(ends), np.array(stiffness), np.array(damping), tuple(groups)
 
 
 def _node_numbers(names: tuple[str, ...], members: Sequence[str], key: str) -> list[int]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from copy import copy
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -12,9 +13,16 @@ from jaxtyping import Array, Float
 from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.state.layout import Bounds, Layout, Slice
-from neuroanimator.state.reference_shape import to_world_axes
+from neuroanimator.state.parameters import (
+    Parameter,
+    draw_parameters,
+    fixed_parameters,
+    nominal_values,
+)
+from neuroanimator.state.reference_shape import points_of, to_world_axes
 from neuroanimator.state.rotation import facing, multiply, rotated_by
 from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.body_parameters import body_at, check_family, parameters_of
 from neuroanimator.systems.deformable.bones import body_skeleton
 from neuroanimator.systems.deformable.build import body_of, gait_of
 from neuroanimator.systems.deformable.checks import check_steps
@@ -47,20 +55,20 @@ START_ACTIVATION = 0.3
 
 
 class DeformableSystem(System):
-    """A mass-spring body; its state is every mass point's position, then every velocity, then muscle activations."""
+    """A mass-spring body; its state is every mass point's position, then every velocity, muscle activations, parameters."""
 
     def __init__(self, definition: BodyDefinition, definition_text: str = ""):
         """`definition_text` is what the system can be made from again; empty for one that comes with the package."""
         keep_programs()
         self.name = definition.name
         self.definition_text = definition_text
-        self.body = _body(definition.model_dump_json())
+        self.body, self.parameters = _body(definition.model_dump_json())
 
         controls = control_names(definition)
         self.control = Layout(tuple(Slice(name, 1, "1") for name in controls))
         self.bounds = Bounds.symmetric(np.ones(len(controls)))
-        self.state = state_layout(definition, self.body)
-        self.structure = structure_of(definition, self.body)
+        self.state = state_layout(definition, self.body, self.parameters)
+        self.structure = structure_of(definition, self.body, self.parameters)
         self.rest = self._at_rest()
 
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
@@ -84,11 +92,15 @@ class DeformableSystem(System):
         positions: Float[np.ndarray, "*B N 3"],
         velocities: Float[np.ndarray, "*B N 3"],
         activations: Float[np.ndarray, "*B M"],
+        parameters: Float[np.ndarray, "*B Q"] | None = None,
     ) -> Float[np.ndarray, "*B S"]:
-        """Return states from positions [m], velocities [m/s] and activations."""
+        """Return states from positions [m], velocities [m/s], activations, and parameters, nominal ones if none are given."""
         batch = positions.shape[:-2]
-        parts = (positions.reshape(*batch, -1), velocities.reshape(*batch, -1), activations)
-        return np.concatenate(parts, axis=-1)
+        if parameters is None:
+            nominal = nominal_values(self.parameters)
+            parameters = np.broadcast_to(nominal, (*batch, len(nominal)))
+        flat = (positions.reshape(*batch, -1), velocities.reshape(*batch, -1))
+        return np.concatenate([*flat, activations, parameters], axis=-1)
 
     def unpack(
         self, states: Float[np.ndarray, "*B S"]
@@ -97,12 +109,23 @@ class DeformableSystem(System):
         size = 3 * len(self.body.masses)
         positions = states[..., :size]
         velocities = states[..., size : 2 * size]
-        activations = states[..., 2 * size :]
+        activations = states[..., 2 * size : self.parameter_entries.start]
         shape = (*states.shape[:-1], -1, 3)
         return positions.reshape(shape), velocities.reshape(shape), activations
 
+    def at(self, /, **values: float) -> DeformableSystem:
+        """Return the body of this family with the parameters given, or the smaller family, at rest in its own shape.
+
+        Raises ArgumentError for a name that is no parameter, and for a value out of range.
+        """
+        fixed = copy(self)
+        fixed.parameters = fixed_parameters(self.parameters, values)
+        fixed.rest = self.start_at(values)
+        return fixed
+
     def _at_rest(self) -> Float[np.ndarray, " S"]:
-        positions = self.body.positions + np.array([0.0, 0.0, self.body.rest_height])
+        positions = body_at(self.body, nominal_values(self.parameters)).positions
+        positions = positions + np.array([0.0, 0.0, self.body.rest_height])
         return self.pack(positions, np.zeros_like(positions), np.zeros(self.muscles))
 
     def _simulate(
@@ -125,8 +148,15 @@ class DeformableSystem(System):
     ) -> Float[np.ndarray, "B T S"]:
         """Return the states after each control: rows go last and come back first."""
         positions, velocities, activations = (_rows_last(part) for part in self.unpack(starts))
-        path = run(BodyState(positions, velocities, activations), _rows_last(controls))
-        return self.pack(*(np.moveaxis(np.asarray(part), -1, 0) for part in path))
+        parameters = starts[:, self.parameter_entries]
+        path = run(
+            BodyState(positions, velocities, activations),
+            _rows_last(controls),
+            _rows_last(parameters),
+        )
+        positions, velocities, activations = (np.moveaxis(np.asarray(p), -1, 0) for p in path)
+        held = np.repeat(parameters[:, None], controls.shape[1], axis=1)
+        return self.pack(positions, velocities, activations, held)
 
     def _simulate_fastest(
         self, states: np.ndarray, controls: np.ndarray, scheme: Scheme, substeps: int
@@ -147,12 +177,16 @@ class DeformableSystem(System):
         """Return (B,) True for each run (B, T+1, S) that is not finite or has a spring stretched far too wide."""
         with np.errstate(all="ignore"):
             positions = np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1))
-            largest = np.abs(strains(self.body, positions)).max(axis=(0, 2))
+            parameters = np.moveaxis(states[:, :1, self.parameter_entries], 2, 0)
+            body = body_at(self.body, parameters)
+            largest = np.abs(strains(body, positions)).max(axis=(0, 2))
         return ~np.isfinite(states).all(axis=(1, 2)) | (largest > MAX_STRAIN)
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray:
         _, velocities, _ = self.unpack(states)
-        return np.einsum("n,...nk,...nk->...", self.body.masses, velocities, velocities) / 2
+        body = body_at(self.body, np.moveaxis(states[..., self.parameter_entries], -1, 0))
+        masses = np.moveaxis(body.masses, 0, -1)
+        return np.einsum("...n,...nk,...nk->...", masses, velocities, velocities) / 2
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         sampling = self.sampling
@@ -160,7 +194,9 @@ class DeformableSystem(System):
         assert cloud is not None
         is_moving = (rng.random(count) >= sampling.rest_share)[:, None]
         stretch = rng.normal(size=(count, 1, 3)) * sampling.strain * is_moving[:, None]
-        shape = np.array(cloud.positions) * (1 + stretch)
+        parameters = draw_parameters(self.parameters, rng, count)
+        grown = np.array(cloud.positions) + points_of(cloud.growth(parameters))
+        shape = grown * (1 + stretch)
         velocity = rng.normal(size=(count, 3)) * np.array(sampling.velocity) * is_moving
         angular_velocity = rng.normal(size=(count, 3)) * sampling.angular_velocity * is_moving
         orientation = self._sample_orientations(rng, count, is_moving)
@@ -170,7 +206,13 @@ class DeformableSystem(System):
         local_velocities = velocity[:, None] + np.cross(angular_velocity[:, None], shape)
         positions = centre[:, None] + to_world_axes(orientation, shape)
         velocities = to_world_axes(orientation, local_velocities)
-        return self.pack(positions, velocities, activations)
+        return self.pack(positions, velocities, activations, parameters)
+
+    def sample_resets(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        cloud = self.structure.cloud
+        assert cloud is not None
+        parameters = draw_parameters(self.parameters, rng, count)
+        return np.stack([cloud.reshaped(self.rest, values) for values in parameters])
 
     def _sample_orientations(
         self, rng: np.random.Generator, count: int, is_moving: np.ndarray
@@ -198,12 +240,17 @@ def _lanes_last(rows: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=MAX_BODIES)
-def _body(text: str) -> Body:
-    """Return the checked body of the definition in JSON: always the same one, as what is compiled for it is kept."""
+def _body(text: str) -> tuple[Body, tuple[Parameter, ...]]:
+    """Return the checked body of the definition in JSON and its parameters.
+
+    It is always the same body, as what is compiled for it is kept.
+    """
     definition = BodyDefinition.model_validate_json(text)
     body = body_of(definition)
     check_steps(definition, body)
-    return body
+    parameters = parameters_of(definition.parameters, body)
+    check_family(definition, body, parameters)
+    return body, parameters
 
 
 @lru_cache(maxsize=MAX_TWINS)
@@ -214,5 +261,10 @@ def _double_twin(body: Body, lanes: int) -> CTwin | None:
 
 @lru_cache(maxsize=MAX_RUNNERS)
 def _runner(body: Body, scheme: Scheme, steps: int) -> Any:
-    """Return the compiled `trajectory` of `steps` physics steps per control."""
-    return jax.jit(partial(trajectory, body, scheme.integrator, scheme.dt, steps))
+    """Return the compiled `trajectory` of `steps` physics steps per control, of bodies with the parameters given last."""
+
+    def run(start: BodyState, controls: Array, parameters: Float[Array, "Q B"]) -> BodyState:
+        of_parameters = body_at(body, parameters)
+        return trajectory(of_parameters, scheme.integrator, scheme.dt, steps, start, controls)
+
+    return jax.jit(run)

@@ -4,7 +4,8 @@
 
 w is the force of the springs, f that of water, weight, ground and external forces. Arrays are
 (N, 3, ...): what comes after mass points and axes is a batch, so that the same number of many bodies
-lies side by side (eight times faster than body after body). Springs and water after Tu, PhD thesis, 1996.
+lies side by side (eight times faster than body after body). The numbers of a body may have such a batch, too, as
+`body_parameters.body_at` makes them. Springs and water after Tu, PhD thesis, 1996.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ def outer_forces(
     if body.water is not None and len(body.faces):
         force = force + _water_forces(body, positions, velocities, wet)
     if body.external_forces.any():
-        share = _along(body.masses / body.masses.sum(), positions)
+        share = _along(body.masses / body.masses.sum(axis=0), positions)
         total = jnp.tensordot(body.external_forces.astype(positions.dtype), controls, 1)
         force = force + share * total
     return force
@@ -118,8 +119,9 @@ def energy(body: Body, state: BodyState) -> Array:
     """Return (...) kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
     heights = state.positions[:, 2]
     is_immersed = body.water is not None and body.water.surface is None
-    weights = GRAVITY * body.masses * (1 - body.lift * is_immersed)
-    potential = jnp.sum(_along(weights, heights) * heights, axis=0)
+    lift = _along(body.lift * is_immersed, heights)
+    weights = GRAVITY * _along(body.masses, heights) * (1 - lift)
+    potential = jnp.sum(weights * heights, axis=0)
     return internal_energy(body, state) + potential
 
 
@@ -167,11 +169,12 @@ def _water_forces(
     return jnp.tensordot(shares.T, forces, 1)
 
 
-def _along(numbers: Float[AnyArray, " N"], like: AnyArray) -> AnyArray:
-    """Return `numbers` (N,) as an array that multiplies `like` (N, ...)."""
+def _along(numbers: Float[AnyArray, "N ..."], like: AnyArray) -> AnyArray:
+    """Return `numbers` (N,), or (N, B...) where bodies differ, as an array that multiplies `like` (N, ..., B...)."""
     xp = like.__array_namespace__()
-    trailing_axes = (1,) * (like.ndim - 1)
-    return xp.asarray(numbers, dtype=like.dtype).reshape((-1, *trailing_axes))
+    count, *batch = numbers.shape
+    between = (1,) * (like.ndim - numbers.ndim)
+    return xp.asarray(numbers, dtype=like.dtype).reshape((count, *between, *batch))
 
 
 def _dot(left: Float[AnyArray, "K 3 ..."], right: Float[AnyArray, "K 3 ..."]) -> AnyArray:
@@ -254,7 +257,8 @@ def implicit_matrix(
     matrix = jnp.zeros((*scaled.shape[:-1], count, count), scaled.dtype)
     matrix = matrix.at[..., first, first].add(scaled).at[..., second, second].add(scaled)
     matrix = matrix.at[..., first, second].add(-scaled).at[..., second, first].add(-scaled)
-    return matrix + jnp.diag(jnp.asarray(body.masses, scaled.dtype)) / dt
+    masses = jnp.moveaxis(jnp.asarray(body.masses, scaled.dtype), 0, -1)
+    return matrix + masses[..., None] * jnp.eye(count, dtype=scaled.dtype) / dt
 
 
 def _solve(

@@ -6,36 +6,45 @@ import numpy as np
 
 from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.state.parameters import Parameter, nominal_values
 from neuroanimator.state.reference_shape import Cloud
-from neuroanimator.state.segments import Lag, Points, PointVelocities, Segment
+from neuroanimator.state.segments import Constant, Lag, Points, PointVelocities, Segment
 from neuroanimator.state.structure import Group, Probe, Structure
 from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.body_parameters import body_at
 from neuroanimator.systems.deformable.build import group_numbers
 from neuroanimator.systems.deformable.mirror import mirror_of
 
 
-def state_layout(definition: BodyDefinition, body: Body) -> Layout:
-    """Return the state's slices: every mass point's position, then every velocity, then the muscles' activations."""
+def state_layout(
+    definition: BodyDefinition, body: Body, parameters: tuple[Parameter, ...]
+) -> Layout:
+    """Return the state's slices: every mass point's position, then every velocity, the muscles' activations, parameters."""
     muscles = control_names(definition)[: body.muscles.shape[1]]
     positions = [Slice(name, 3, "m") for name in body.names]
     velocities = [Slice(f"{name}.velocity", 3, "m/s") for name in body.names]
     activations = [Slice(f"{name}.contraction", 1, "1") for name in muscles]
-    return Layout((*positions, *velocities, *activations))
+    constant = [parameter.slice for parameter in parameters]
+    return Layout((*positions, *velocities, *activations, *constant))
 
 
-def structure_of(definition: BodyDefinition, body: Body) -> Structure:
+def structure_of(
+    definition: BodyDefinition, body: Body, parameters: tuple[Parameter, ...]
+) -> Structure:
     """Return what an emulator may exploit; ArgumentError for groups or a mirror that are none."""
     size = 3 * len(body.masses)
     muscles = body.muscles.shape[1]
     segments: list[Segment] = [Points(size=size, rate=size), PointVelocities(size=size)]
     if muscles:
         segments.append(Lag(size=muscles, time_constant=body.time_constant))
+    if parameters:
+        segments.append(Constant(size=len(parameters)))
     return Structure(
         angles=(),
         rates=tuple((entry, size + entry) for entry in range(size)),
         plain=(),
         segments=tuple(segments),
-        cloud=Cloud.of(body.positions, body.masses),
+        cloud=_cloud(body, parameters),
         has_gravity=body.has_gravity,
         is_immersed=body.water is not None and body.ground is None,
         mirror=mirror_of(definition, body),
@@ -43,6 +52,23 @@ def structure_of(definition: BodyDefinition, body: Body) -> Structure:
         groups=_groups(definition, body),
         external_forces=_external_forces(body),
     )
+
+
+def _cloud(body: Body, parameters: tuple[Parameter, ...]) -> Cloud:
+    """Return the mass points at rest, and how their places depend on the parameters: in proportion."""
+    nominal = nominal_values(parameters)
+    cloud = Cloud.of(body_at(body, nominal).positions, body.masses)
+    slopes = []
+    for place, parameter in enumerate(parameters):
+        ends = []
+        for end in (parameter.low, parameter.high):
+            values = nominal.copy()
+            values[place] = end
+            ends.append(body_at(body, values).positions)
+        slopes.append((ends[1] - ends[0]) / (parameter.high - parameter.low))
+    if not slopes:
+        return cloud
+    return cloud.of_family(nominal, np.stack(slopes))
 
 
 def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:

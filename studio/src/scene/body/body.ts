@@ -1,13 +1,13 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
-import { Color, Group, Matrix4, Object3D, SRGBColorSpace, type BufferGeometry, type Material, type Mesh, type Vector3 } from "three";
+import { Color, Group, Matrix4, Object3D, SRGBColorSpace, type BufferGeometry, type IUniform, type Material, type Mesh, type Vector3 } from "three";
 import { isTumbling, type Bundle, type Shape, type SurfaceArrays, type Vector3 as Vector3Facts } from "../../bundle/bundle";
 import { collidersOf } from "../../body/colliders";
 import { isMoved, type Pose } from "../../body/pose";
 import { surfaceOf } from "../../body/surface";
 import type { Patch } from "../glsl";
 import { makeCloth, type ClothKind, type ClothMaterials } from "./cloth";
-import { doubtPatch, fittingsMaterial, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, softMaterial, surfaceMaterial, type Doubt } from "./materials";
+import { doubtPatch, fittingsMaterial, ghostMaterial, sceneryMaterial, shapeMaterial, sharkPatch, skinMaterial, softMaterial, surfaceMaterial, type Doubt } from "./materials";
 import { boneMatrix, makeSkin, skinGeometry, type SkinView } from "./skin";
 import { shapeColour, shapeMesh } from "./shapes";
 
@@ -25,6 +25,8 @@ export interface BodyView {
   readonly goalPaint: Object3D | null;
   /** How much it is in doubt, 0 to 1. */
   readonly doubt: Doubt;
+  /** How far it is painted as a shark, 0 to 1; only what has a skin is. */
+  readonly shark?: IUniform<number>;
   /** Show it in a pose and the state (S) it is that of. */
   update(pose: Pose, state: ArrayLike<number>): void;
   dispose(): void;
@@ -36,8 +38,9 @@ export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: r
   const all = [...patches, doubtPatch(doubt)];
   if (facts.skin) {
     const scales = facts.system === "fish" ? 1 : 0;
-    const material = isTumbling(facts) ? softMaterial(all) : skinMaterial(size, scales, all);
-    return skinnedBody(facts, skinGeometry(facts.skin), material, doubt);
+    const shark = { value: 0 };
+    const material = isTumbling(facts) ? softMaterial(all) : skinMaterial(size, scales, [...all, sharkPatch(shark)]);
+    return { ...skinnedBody(facts, skinGeometry(facts.skin), material, doubt), shark };
   }
   const materials = new MaterialKeeper((colour, opacity, isMoving) =>
     isMoving ? shapeMaterial(colour, opacity, all) : sceneryMaterial(colour, focus, patches),

@@ -42,6 +42,22 @@ export function doubtPatch(doubt: Doubt): Patch {
   };
 }
 
+/** A patch that paints a swimmer in a shark's greys, dark above and pale below, as far as `share` says: 0 to 1. */
+export function sharkPatch(share: IUniform<number>): Patch {
+  return {
+    key: "shark",
+    uniforms: { sharkShare: share },
+    fragment: "uniform float sharkShare;",
+    colour: `
+      {
+        float grey = dot(diffuseColor.rgb, vec3(0.3, 0.5, 0.2));
+        vec3 back = vec3(0.10, 0.14, 0.19);
+        vec3 belly = vec3(0.62, 0.68, 0.70);
+        diffuseColor.rgb = mix(diffuseColor.rgb, mix(back, belly, smoothstep(0.10, 0.38, grey)), sharkShare);
+      }`,
+  };
+}
+
 /** A patch that paints scales on a swimmer of length `size` [m]; smooth skin has none. */
 export function scalePatch(size: number, strength: number): Patch {
   return {

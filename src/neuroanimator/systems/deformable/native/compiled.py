@@ -27,7 +27,7 @@ class CTwin:
 
     library: ctypes.CDLL
     size: int
-    """Numbers in a state: positions, velocities, activations."""
+    """Numbers in a state: positions, velocities, activations, parameters."""
     dtype: type[np.floating]
     """Precision of all numbers: float32 or float64."""
     lanes: int
@@ -113,5 +113,5 @@ def c_twin(body: Body, dtype: type[np.floating] = np.float32, lanes: int = 1) ->
     library = compiled_library(c_source(body, precision, lanes))
     if library is None:
         return None
-    state_size = 6 * len(body.masses) + body.muscles.shape[1]
+    state_size = 6 * len(body.masses) + body.muscles.shape[1] + len(body.varied)
     return CTwin(library, state_size, dtype, lanes)

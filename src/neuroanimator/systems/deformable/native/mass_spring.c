@@ -2,6 +2,7 @@
 
    The text that source.py puts before this one is the body: numbers as constants, springs and faces as lists
    X(...) X(...), so that the compiler sees straight code, and FORMULAS, the forces, generated from those in JAX.
+   Of a family of bodies the numbers follow from the PARAMETERS, the last entries of a state, once for every motion.
    REAL is float or double. LANES bodies lie side by side; one body alone is four numbers a mass point, so that three
    axes are one vector operation. */
 
@@ -22,18 +23,25 @@ typedef REAL real;
 #define INLINE static inline __attribute__((always_inline))
 #define EACH_PART for (int part = 0; part < PARTS; part++)
 #define EACH_LANE _Pragma("GCC ivdep") _Pragma("GCC unroll 1") for (int l = 0; l < LANES; l++)
-#define STATE (6 * POINTS + MUSCLES)
+#define STATE (6 * POINTS + MUSCLES + PARAMETERS)
 #define ROOM(count) ((count) ? (count) : 1)
 #define LONG(count) (LANES == 1 ? ((count) + 15) / 16 * 16 : (count)) /* whole vectors: no remainder loops */
 #define TOGETHER(count) (LANES == 1 ? LONG(count) : 1) /* one body: stage by stage; many: spring by spring, in cache */
 
 typedef real vector __attribute__((vector_size(PART * sizeof(real)), aligned(PART * sizeof(real)), may_alias));
+typedef real Forces[POINTS][WIDE] ALIGNED;
+typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
+typedef struct { /* what differs from body to body of a family */
+    Springs stiffness, damping, length;
+    real mass[POINTS][LANES] ALIGNED, lightness[POINTS][LANES] ALIGNED;
+    real face_drag[LANES] ALIGNED, drag[LANES] ALIGNED;
+} Numbers;
 typedef struct {
     real positions[POINTS][WIDE] ALIGNED, velocities[POINTS][WIDE] ALIGNED;
     real activations[ROOM(MUSCLES)][LANES] ALIGNED, controls[ROOM(CONTROLS)][LANES] ALIGNED;
+    real parameters[ROOM(PARAMETERS)][LANES] ALIGNED;
+    const Numbers *numbers;
 } BodyState;
-typedef real Forces[POINTS][WIDE] ALIGNED;
-typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
 
 #define AS_VECTOR(numbers) (((vector *)(numbers))[part])
 #define VECTOR(array, i) AS_VECTOR((array)[i])
@@ -41,6 +49,20 @@ typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
 #define SPREAD(numbers) ((numbers)[0] - (vector){0})
 #else
 #define SPREAD(numbers) (*(const vector *)(numbers))
+#endif
+
+#if PARAMETERS
+#define SPRING(name, constants, s) m->numbers->name[s][l]
+#define POINT(name, constants, i) m->numbers->name[i][l]
+#define POINT_PART(name, constants, i) SPREAD(m->numbers->name[i])
+#define SHORTENING(spring, share) ((real)(share) * m->numbers->length[spring][l])
+#define WATER(name) , m->numbers->name[l]
+#else
+#define SPRING(name, constants, s) constants[s]
+#define POINT(name, constants, i) constants[i]
+#define POINT_PART(name, constants, i) constants[i]
+#define SHORTENING(spring, metres) (real)(metres)
+#define WATER(name)
 #endif
 
 FORMULAS
@@ -55,8 +77,13 @@ INLINE void span(const BodyState *m, int a, int b, real extent[WIDE], real parti
 }
 
 /* Effective stiffness of spring `s`: times its extent it is its force. */
-INLINE void stretch(int s, const real extent[WIDE], const real parting[WIDE], const real rest[LANES], real result[LANES]) {
-    EACH_LANE result[l] = spring_stiffness(extent + l, parting + l, STIFFNESS[s], DAMPING[s], rest[l]);
+INLINE void stretch(
+    const BodyState *m, int s, const real extent[WIDE], const real parting[WIDE], const real rest[LANES], real result[LANES]
+) {
+    (void)m;
+    EACH_LANE result[l] = spring_stiffness(
+        extent + l, parting + l, SPRING(stiffness, STIFFNESS, s), SPRING(damping, DAMPING, s), rest[l]
+    );
 }
 
 INLINE void pull(int a, int b, const real stiffness[LANES], const real extent[WIDE], Forces force) {
@@ -70,22 +97,22 @@ INLINE void pull(int a, int b, const real stiffness[LANES], const real extent[WI
 INLINE void add_springs(const BodyState *m, Springs stiffness, Forces force) {
     real extent[TOGETHER(SPRINGS)][WIDE] ALIGNED, parting[TOGETHER(SPRINGS)][WIDE] ALIGNED;
     Springs rest;
-    for (int s = 0; s < LONG(SPRINGS); s++) EACH_LANE rest[s][l] = LENGTH[s];
-#define X(spring, muscle, metres) EACH_LANE rest[spring][l] -= (real)(metres) * m->activations[muscle][l];
+    for (int s = 0; s < LONG(SPRINGS); s++) EACH_LANE rest[s][l] = SPRING(length, LENGTH, s);
+#define X(spring, muscle, metres) EACH_LANE rest[spring][l] -= SHORTENING(spring, metres) * m->activations[muscle][l];
     MUSCLE_LIST(X)
 #undef X
 #if LANES == 1
 #define X(spring, a, b) span(m, a, b, extent[spring], parting[spring]);
     SPRING_LIST(X)
 #undef X
-    for (int s = 0; s < LONG(SPRINGS); s++) stretch(s, extent[s], parting[s], rest[s], stiffness[s]);
+    for (int s = 0; s < LONG(SPRINGS); s++) stretch(m, s, extent[s], parting[s], rest[s], stiffness[s]);
 #define X(spring, a, b) pull(a, b, stiffness[spring], extent[spring], force);
     SPRING_LIST(X)
 #undef X
 #else
-#define X(spring, a, b)                                                  \
-    span(m, a, b, *extent, *parting);                                    \
-    stretch(spring, *extent, *parting, rest[spring], stiffness[spring]); \
+#define X(spring, a, b)                                                     \
+    span(m, a, b, *extent, *parting);                                       \
+    stretch(m, spring, *extent, *parting, rest[spring], stiffness[spring]); \
     pull(a, b, stiffness[spring], *extent, force);
     SPRING_LIST(X)
 #undef X
@@ -123,14 +150,15 @@ INLINE void measure_face(const BodyState *m, real wet[POINTS][LANES], int a, int
 }
 
 /* The water's push on face `f`, as the force on each of its corners. */
-INLINE void push(int f, const Face *face, real force[WIDE]) {
+INLINE void push(const BodyState *m, int f, const Face *face, real force[WIDE]) {
+    (void)m;
     EACH_LANE {
 #ifdef SURFACE
         const real wet = face->wet[l] * SHARE[f];
 #else
         const real wet = 1;
 #endif
-        corner_force(face->right + l, face->up + l, face->flow + l, wet, SHARE[f], force + l);
+        corner_force(face->right + l, face->up + l, face->flow + l, wet, SHARE[f] WATER(face_drag), force + l);
     }
 }
 
@@ -153,14 +181,14 @@ INLINE void add_faces(const BodyState *m, real wet[POINTS][LANES], Forces force)
 #define X(face, a, b, c, d, fourth) measure_face(m, wet, a, b, c, d, fourth, &faces[face]);
     FACE_LIST(X)
 #undef X
-    for (int f = 0; f < LONG(FACES); f++) push(f, &faces[f], pushes[f]);
+    for (int f = 0; f < LONG(FACES); f++) push(m, f, &faces[f], pushes[f]);
 #define X(face, a, b, c, d, fourth) share(a, b, c, d, fourth, pushes[face], force);
     FACE_LIST(X)
 #undef X
 #else
 #define X(face, a, b, c, d, fourth)                  \
     measure_face(m, wet, a, b, c, d, fourth, faces); \
-    push(face, faces, *pushes);                      \
+    push(m, face, faces, *pushes);                   \
     share(a, b, c, d, fourth, *pushes, force);
     FACE_LIST(X)
 #undef X
@@ -180,7 +208,9 @@ INLINE void set_point_forces(const BodyState *m, real wet[POINTS][LANES], Forces
 #else
             const real immersed = 1;
 #endif
-            point_force(m->positions[i] + l, m->velocities[i] + l, MASS[i], LIFT[i], immersed, force[i] + l);
+            point_force(
+                m->positions[i] + l, m->velocities[i] + l, POINT(mass, MASS, i), LIFT[i], immersed WATER(drag), force[i] + l
+            );
 #define X(axis, number, newtons) force[i][(axis) * AXIS + l] += MASS[i] * (real)(newtons) * m->controls[number][l];
             FORCE_LIST(X)
 #undef X
@@ -212,7 +242,7 @@ static void run_symplectic(BodyState *m, long steps, double dt) {
         find_forces(m, force, stiffness);
         for (int i = 0; i < POINTS; i++)
             EACH_PART {
-                VECTOR(m->velocities, i) += VECTOR(force, i) * (h * LIGHTNESS[i]);
+                VECTOR(m->velocities, i) += VECTOR(force, i) * (h * POINT_PART(lightness, LIGHTNESS, i));
                 VECTOR(m->positions, i) += VECTOR(m->velocities, i) * h;
             }
         activate(m, remaining, m);
@@ -241,7 +271,7 @@ static void run_semi_implicit(BodyState *m, long steps, double dt) {
         find_forces(m, force, stiffness);
         memset(matrix, 0, sizeof matrix);
         for (int s = 0; s < SPRINGS; s++) EACH_LANE stiffness[s][l] = h * larger(stiffness[s][l], 0);
-#define X(point, at) EACH_LANE matrix[at][l] = rate * MASS[point];
+#define X(point, at) EACH_LANE matrix[at][l] = rate * POINT(mass, MASS, point);
         DIAGONAL_LIST(X)
 #undef X
 #define X(spring, aa, bb, ab)                  \
@@ -252,7 +282,7 @@ static void run_semi_implicit(BodyState *m, long steps, double dt) {
     }
         MATRIX_LIST(X)
 #undef X
-        for (int i = 0; i < POINTS; i++) EACH_PART VECTOR(force, i) += VECTOR(m->velocities, i) * (rate * MASS[i]);
+        for (int i = 0; i < POINTS; i++) EACH_PART VECTOR(force, i) += VECTOR(m->velocities, i) * (rate * POINT_PART(mass, MASS, i));
         solve(matrix, force);
         for (int i = 0; i < POINTS; i++)
             EACH_PART {
@@ -269,7 +299,7 @@ static void add_slope(const BodyState *m, BodyState *at, real h, real weight, Fo
     Springs stiffness;
     for (int i = 0; i < POINTS; i++)
         EACH_PART {
-            vector ahead = VECTOR(m->velocities, i) + VECTOR(force, i) * (h * LIGHTNESS[i]);
+            vector ahead = VECTOR(m->velocities, i) + VECTOR(force, i) * (h * POINT_PART(lightness, LIGHTNESS, i));
             VECTOR(at->positions, i) = VECTOR(m->positions, i) + VECTOR(at->velocities, i) * h;
             VECTOR(at->velocities, i) = ahead;
         }
@@ -277,7 +307,7 @@ static void add_slope(const BodyState *m, BodyState *at, real h, real weight, Fo
     for (int i = 0; i < POINTS; i++)
         EACH_PART {
             VECTOR(moved, i) += VECTOR(at->velocities, i) * weight;
-            VECTOR(gained, i) += VECTOR(force, i) * (weight * LIGHTNESS[i]);
+            VECTOR(gained, i) += VECTOR(force, i) * (weight * POINT_PART(lightness, LIGHTNESS, i));
         }
 }
 
@@ -304,8 +334,35 @@ static void run_rk4(BodyState *m, long steps, double dt) {
     }
 }
 
-/* A state is every position, every velocity, every activation, each LANES times. */
-static void read_state(const real *state, BodyState *m) {
+#if PARAMETERS
+/* The numbers of the bodies with these parameters. */
+static void set_numbers(const BodyState *m, Numbers *numbers) {
+    memset(numbers, 0, sizeof *numbers);
+    for (int s = 0; s < SPRINGS; s++)
+        EACH_LANE {
+            real spring[WIDE];
+            spring_numbers(
+                ALONG[s], ACROSS[s], FORCE_DENSITY[s], GROUP_STIFFNESS(s), GROUP_DAMPING(s), STIFFNESS_FACTOR, DAMPING_FACTOR,
+                GROWTH, DENSITY, spring
+            );
+            numbers->stiffness[s][l] = spring[0];
+            numbers->damping[s][l] = spring[AXIS];
+            numbers->length[s][l] = spring[2 * AXIS];
+        }
+    for (int i = 0; i < POINTS; i++)
+        EACH_LANE {
+            numbers->mass[i][l] = mass_of_point(MASS[i], GROWTH, DENSITY);
+            numbers->lightness[i][l] = 1 / numbers->mass[i][l];
+        }
+    EACH_LANE {
+        numbers->face_drag[l] = FACE_DRAG;
+        numbers->drag[l] = DRAG;
+    }
+}
+#endif
+
+/* A state is every position, every velocity, every activation, every parameter, each LANES times. */
+static void read_state(const real *state, BodyState *m, Numbers *numbers) {
     memset(m, 0, sizeof *m);
     for (int i = 0; i < POINTS; i++)
         for (int axis = 0; axis < 3; axis++)
@@ -314,6 +371,13 @@ static void read_state(const real *state, BodyState *m) {
                 m->velocities[i][axis * AXIS + l] = state[(3 * (POINTS + i) + axis) * LANES + l];
             }
     for (int i = 0; i < MUSCLES; i++) EACH_LANE m->activations[i][l] = state[(6 * POINTS + i) * LANES + l];
+#if PARAMETERS
+    for (int i = 0; i < PARAMETERS; i++) EACH_LANE m->parameters[i][l] = state[(6 * POINTS + MUSCLES + i) * LANES + l];
+    set_numbers(m, numbers);
+    m->numbers = numbers;
+#else
+    (void)numbers;
+#endif
 }
 
 static void write_state(const BodyState *m, real *state) {
@@ -324,6 +388,7 @@ static void write_state(const BodyState *m, real *state) {
                 state[(3 * (POINTS + i) + axis) * LANES + l] = m->velocities[i][axis * AXIS + l];
             }
     for (int i = 0; i < MUSCLES; i++) EACH_LANE state[(6 * POINTS + i) * LANES + l] = m->activations[i][l];
+    for (int i = 0; i < PARAMETERS; i++) EACH_LANE state[(6 * POINTS + MUSCLES + i) * LANES + l] = m->parameters[i][l];
 }
 
 static void run(int integrator, BodyState *m, long steps, double dt) {
@@ -335,8 +400,9 @@ static void hold(BodyState *m, const real *controls) { memcpy(m->controls, contr
 /* Write the states of `groups` bodies, or lanes of them, after each of `count` controls, each held for `steps` steps of `dt`. */
 void play(int integrator, long groups, long count, long steps, double dt, const real *starts, const real *controls, real *states) {
     for (long g = 0; g < groups; g++) {
+        Numbers numbers ALIGNED;
         BodyState m ALIGNED;
-        read_state(starts + g * STATE * LANES, &m);
+        read_state(starts + g * STATE * LANES, &m, &numbers);
         for (long t = g * count; t < (g + 1) * count; t++) {
             hold(&m, controls + t * CONTROLS * LANES);
             run(integrator, &m, steps, dt);

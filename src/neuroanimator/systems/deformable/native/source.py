@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Array, Int
+from jax import numpy as jnp
+from jaxtyping import Array, Float, Int
 
 from neuroanimator.codegen.c_formula import c_formula
 from neuroanimator.systems.deformable.body import Body, point_forces, wetness
+from neuroanimator.systems.deformable.body_parameters import (
+    DAMPING_FACTOR,
+    DENSITY_FACTOR,
+    DRAG,
+    FACE_DRAG,
+    LENGTH,
+    STIFFNESS_FACTOR,
+    mass_of_point,
+    own_values,
+    spring_numbers,
+    with_numbers,
+)
 from neuroanimator.systems.deformable.mass_spring import effective_stiffness, face_forces
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
@@ -51,6 +65,7 @@ def c_source(body: Body, precision: str, lanes: int) -> str:
         "FACES": len(body.faces) if body.water else 0,
         "MUSCLES": body.muscles.shape[1],
         "CONTROLS": max(body.muscles.shape[1], body.external_forces.shape[1]),
+        "PARAMETERS": len(body.varied),
         "TIME_CONSTANT": repr(float(body.time_constant)),
     }
     if body.water is not None and body.water.surface is not None:
@@ -59,6 +74,7 @@ def c_source(body: Body, precision: str, lanes: int) -> str:
     lines = [
         *defines,
         *_numbers(body),
+        *_settings(body),
         *_lists(body, max_statements),
         *_elimination(body, max_statements),
         f"#define FORMULAS {_formulas(body)}",
@@ -73,21 +89,74 @@ def _formulas(body: Body) -> str:
     number = (1,)
     vector = (1, 3)
 
-    def corner_force(right: Array, up: Array, velocities: Array, wet: Array, share: Array) -> Array:
-        """Return the force on each corner of a face; `velocities` is a sum over corners, `share` one over their number."""
-        return face_forces(body, right, up, velocities, wet) * share**2
+    def point_force(
+        positions: Array, velocities: Array, mass: Array, lift: Array, wet: Array, *drag: Array
+    ) -> Array:
+        """Return the force on a mass point; of a family the drag of the water is given."""
+        here = _in_water(body, "drag", drag)
+        return point_forces(here, positions, velocities, mass, lift, wet)
 
+    def corner_force(
+        right: Array, up: Array, velocities: Array, wet: Array, share: Array, *face_drag: Array
+    ) -> Array:
+        """Return the force on each corner of a face; `velocities` is a sum over corners, `share` one over their number."""
+        here = _in_water(body, "face_drag", face_drag)
+        return face_forces(here, right, up, velocities, wet) * share**2
+
+    of_water = (number,) if body.varied else ()
     spring = (vector, vector, number, number, number)
-    point = (vector, vector, number, number, number)
-    face = (vector, vector, vector, number, number)
+    point = (vector, vector, number, number, number, *of_water)
+    face = (vector, vector, vector, number, number, *of_water)
     formulas = [
         c_formula("spring_stiffness", effective_stiffness, *spring),
         c_formula("wetness", partial(wetness, body), number),
-        c_formula("point_force", partial(point_forces, body), *point),
+        c_formula("point_force", point_force, *point),
     ]
     if body.water is not None:
         formulas.append(c_formula("corner_force", corner_force, *face))
+    if body.varied:
+        formulas.append(c_formula("spring_numbers", _spring_numbers, *[number] * 9))
+        formulas.append(c_formula("mass_of_point", mass_of_point, number, number, number))
     return " ".join(formulas)
+
+
+def _in_water(body: Body, name: str, given: tuple[Array, ...]) -> Body:
+    """Return `body` in water of another drag, if one is `given`."""
+    if body.water is None or not given:
+        return body
+    return with_numbers(body, water=replace(body.water, **{name: given[0]}))
+
+
+def _spring_numbers(*numbers: Array) -> Float[Array, "1 3"]:
+    return jnp.stack(spring_numbers(*numbers), axis=1)
+
+
+def _settings(body: Body) -> Iterable[str]:
+    """Yield what each target of a parameter is in C: its own value, or the parameter that sets it."""
+    if not body.varied:
+        return
+    own = own_values(body)
+    numbers = {target: f"m->parameters[{place}][l]" for place, target in enumerate(body.varied)}
+    terms = {target: f"(real){value!r}" for target, value in own.items()} | numbers
+    growth = "1"
+    if LENGTH in own:
+        growth = f"({terms[LENGTH]} / (real){own[LENGTH]!r})"
+    yield f"#define GROWTH {growth}"
+    yield f"#define DENSITY {terms[DENSITY_FACTOR]}"
+    yield f"#define STIFFNESS_FACTOR {terms[STIFFNESS_FACTOR]}"
+    yield f"#define DAMPING_FACTOR {terms[DAMPING_FACTOR]}"
+    yield f"#define FACE_DRAG {terms.get(FACE_DRAG, 0)}"
+    yield f"#define DRAG {terms.get(DRAG, 0)}"
+    for attribute in ("stiffness", "damping"):
+        name = attribute.upper()
+        places = []
+        for group in body.spring_groups:
+            target = f"spring/{group}/{attribute}"
+            places.append(body.varied.index(target) if target in body.varied else -1)
+        rows = ", ".join(map(str, places))
+        yield f"static const int {name}_PARAMETER[] = {{{rows}}};"
+        varies = f"{name}_PARAMETER[s] >= 0"
+        yield f"#define GROUP_{name}(s) ({varies} ? m->parameters[{name}_PARAMETER[s]][l] : {name}[s])"
 
 
 def _numbers(body: Body) -> Iterable[str]:
@@ -101,6 +170,11 @@ def _numbers(body: Body) -> Iterable[str]:
         "LIFT": body.lift,
         "SHARE": body.face_shares.max(axis=1, initial=0),
     }
+    if body.varied:
+        along, *across = (body.extents**2).T
+        arrays["ALONG"] = along
+        arrays["ACROSS"] = sum(across)
+        arrays["FORCE_DENSITY"] = body.force_densities
     for name, values in arrays.items():
         padding = -len(values) % PADDING or PADDING
         padded = [*values.tolist(), *[0.0] * padding]
@@ -117,7 +191,9 @@ def _lists(body: Body, max_statements: int) -> Iterable[str]:
         faces.append((face, *corners, int(has_fourth)))
     muscles: list[Row] = []
     for spring, muscle in np.argwhere(body.muscles).tolist():
-        shortening = body.muscles[spring, muscle] * body.lengths[spring]
+        shortening = body.muscles[spring, muscle]
+        if not body.varied:  # of a family each body has lengths of its own
+            shortening *= body.lengths[spring]
         muscles.append((spring, muscle, float(shortening)))
     mass = float(body.masses.sum())
     forces = []

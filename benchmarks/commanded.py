@@ -1,0 +1,331 @@
+"""A human on command: walking at a commanded speed and turning rate, pushed, and how far feet slip.
+
+python benchmarks/following.py walk --seed 1 --keep walk.policy.safetensors
+python benchmarks/commanded.py walk.policy.safetensors
+python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.safetensors --seeds 0 --dry
+
+Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a
+policy that follows the walk. Without noise, on the physics,
+- 100 bodies get random commands for 60 s, others every 2 to 5 s; those count that never fall: pelvis below 0.6 m, or trunk more
+  than 1 rad off the vertical;
+- from 1 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
+- 100 bodies get one command each for 10 s, and a push of 50 N s of the trunk in a random horizontal direction: a force over
+  0.1 s;
+- slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step, at the motion's own speed.
+Seconds are of a core's time.
+
+Writes results/commanded.csv and results/commanded_curves.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from contact_sheets import tile
+from following import HUMAN, PROGRAM, RESULTS, seconds_of_children, slip
+from jaxtyping import Array, Float
+
+import neuroanimator as na
+from neuroanimator.control.policies.commands import Commands
+from neuroanimator.control.policies.reference_motion import ORIENTATION
+from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
+from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.state.rotation import heading_of
+from neuroanimator.systems import load_system
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.terminal import print_table
+
+Rows = list[dict[str, Any]]
+
+UPDATES = 300
+"""Number of updates of the policy, of 4,096 transitions each."""
+
+BODIES = 100
+
+SECONDS = 60.0
+
+HOLDS = (2.0, 5.0)
+"""Least and largest time between two commands [s]."""
+
+SETTLED = 1.0
+"""Time after a command before it counts [s]."""
+
+LEAST_HEIGHT = 0.6
+"""Height of the pelvis below which a body has fallen [m]."""
+
+LARGEST_TILT = 1.0
+"""Angle of the trunk to the vertical beyond which it has [rad]."""
+
+PUSH = 50.0
+"""Impulse [N s]."""
+
+PUSH_STEPS = 13
+"""Number of physics steps it takes, 0.0975 s."""
+
+PUSH_SECONDS = 10.0
+
+PUSHED_AT = (2.0, 4.0)
+"""Least and largest time of the push [s]."""
+
+IMAGES = 12
+
+
+class Walkers:
+    """Bodies that a policy moves on the physics, on command, without an end."""
+
+    def __init__(self, policy: StatePolicy, task: PolicyTask, system: MujocoSystem, count: int):
+        reference = policy.view.reference
+        assert reference is not None
+        assert reference.commands is not None
+        assert task.rules.draw_start is not None
+        self.policy = policy
+        self.system = system
+        self.commands: Commands = reference.commands
+        self.phase = reference.phase
+        self.lap = reference.lap
+        self.rng = np.random.default_rng(0)
+        self.stepper = physics_stepper(system, system.scheme, policy.dt)
+        self.states = np.stack([task.rules.draw_start(self.rng) for _ in range(count)])
+        self.is_fallen = np.zeros(count, bool)
+        self.trunk = system.model.body("torso").id
+
+    def controls(self) -> Float[np.ndarray, "N C"]:
+        found = np.asarray(_controls(self.policy, jnp.asarray(self.states, jnp.float32)), float)
+        return self.policy.emulator.bounds.clip(found)
+
+    def step(self) -> None:
+        """Go a super step on; who falls stays down."""
+        moved = self.stepper(self.states, self.controls(), np.zeros(len(self.states), bool))
+        self._take(moved.states)
+
+    def _take(self, states: Float[np.ndarray, "N S"]) -> None:
+        self.is_fallen |= self._falls(states)
+        self.states = np.where(self.is_fallen[:, None], self.states, states)
+
+    def _falls(self, states: Float[np.ndarray, "N S"]) -> np.ndarray:
+        data = mujoco.MjData(self.system.model)
+        upright = []
+        for state in states:
+            data.qpos[:] = state[: self.system.model.nq]
+            mujoco.mj_kinematics(self.system.model, data)
+            upright.append(data.xmat[self.trunk, 8])
+        is_low = states[:, 2] < LEAST_HEIGHT
+        return is_low | (np.array(upright) < np.cos(LARGEST_TILT))
+
+    def push(self, row: int, angle: float) -> None:
+        """Push the trunk of one body for a few physics steps, while its controls are held as ever."""
+        model = self.system.model
+        data = mujoco.MjData(model)
+        force = PUSH / (PUSH_STEPS * model.opt.timestep)
+        left = PUSH_STEPS
+        substeps = round(self.policy.dt / model.opt.timestep)
+        state = self.states[row]
+        while left > 0:
+            one = jnp.asarray(state[None], jnp.float32)
+            held = self.policy.emulator.bounds.clip(np.asarray(_controls(self.policy, one), float))
+            data.qpos[:] = state[: model.nq]
+            data.qvel[:] = state[model.nq : model.nq + model.nv]
+            data.ctrl[:] = held[0]
+            for _ in range(substeps):
+                data.xfrc_applied[self.trunk, :2] = 0
+                if left > 0:
+                    data.xfrc_applied[self.trunk, :2] = force * np.array(
+                        [np.cos(angle), np.sin(angle)]
+                    )
+                left -= 1
+                mujoco.mj_step(model, data)
+            state = np.concatenate([data.qpos, data.qvel])
+        self.states[row] = state
+
+
+@eqx.filter_jit
+def _controls(policy: StatePolicy, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
+    return policy.control_of(states)
+
+
+def commanded(walkers: Walkers) -> dict[str, Any]:
+    """Return how many bodies never fall under random commands, and how near they are to them."""
+    dt = walkers.policy.dt
+    count = len(walkers.states)
+    commands = walkers.commands
+    begun = np.zeros(count)
+    ends = np.zeros(count)
+    origins = walkers.states.copy()
+    errors: list[tuple[float, float]] = []
+    headings: list[float] = []
+    for step in range(round(SECONDS / dt)):
+        now = step * dt
+        is_new = now >= ends
+        for row in np.flatnonzero(is_new & ~walkers.is_fallen & (ends > 0)):
+            before, after = origins[row], walkers.states[row]
+            seconds = now - begun[row] - SETTLED
+            errors.append(_errors(commands, before, after, seconds))
+        told = commands.draw(walkers.rng, walkers.states)
+        walkers.states = np.where(is_new[:, None], told, walkers.states)
+        begun = np.where(is_new, now, begun)
+        ends = np.where(is_new, now + walkers.rng.uniform(*HOLDS, count), ends)
+        is_settled = np.abs(now - begun - SETTLED) < dt / 2
+        origins = np.where(is_settled[:, None], walkers.states, origins)
+        walkers.step()
+        off = heading_of(walkers.states[:, ORIENTATION]) - walkers.states[:, commands.heading]
+        headings += list(np.abs((off + np.pi) % (2 * np.pi) - np.pi)[~walkers.is_fallen])
+    speeds, turnings = np.array(errors).T
+    return {
+        "bodies": count,
+        "never fell in 60 s": int((~walkers.is_fallen).sum()),
+        "speed off m/s": float(np.median(np.abs(speeds))),
+        "turning off rad/s": float(np.median(np.abs(turnings))),
+        "heading off rad": float(np.median(headings)),
+    }
+
+
+def _errors(
+    commands: Commands,
+    before: Float[np.ndarray, " S"],
+    after: Float[np.ndarray, " S"],
+    seconds: float,
+) -> tuple[float, float]:
+    """Return by how much speed along the path and turning rate were off between two states of a command."""
+    speed = commands.own_speed * float(commands.pace(after))
+    turned = after[commands.heading] - before[commands.heading]
+    # A path that turns evenly is an arc: its chord is shorter than it is long.
+    chord = np.sinc(turned / (2 * np.pi))
+    gone = np.linalg.norm(after[:2] - before[:2]) / (chord * seconds)
+    heading = heading_of(after[ORIENTATION]) - heading_of(before[ORIENTATION])
+    missed = (heading - turned + np.pi) % (2 * np.pi) - np.pi
+    return float(gone - speed), float(missed / seconds)
+
+
+def pushed(walkers: Walkers) -> int:
+    """Return how many bodies do not fall in 10 s in which each is pushed once."""
+    dt = walkers.policy.dt
+    rng = walkers.rng
+    count = len(walkers.states)
+    at = np.round(rng.uniform(*PUSHED_AT, count) / dt).astype(int)
+    angles = rng.uniform(0, 2 * np.pi, count)
+    for step in range(round(PUSH_SECONDS / dt)):
+        for row in np.flatnonzero((at == step) & ~walkers.is_fallen):
+            walkers.push(int(row), angles[row])
+        walkers.step()
+    return int((~walkers.is_fallen).sum())
+
+
+def walked(
+    policy: StatePolicy,
+    task: PolicyTask,
+    system: MujocoSystem,
+    told: list[tuple[float, float, float]],
+) -> Float[np.ndarray, "K S"]:
+    """Return the states of one body under commands (seconds, speed [m/s], turning [rad/s]), one after another."""
+    walkers = Walkers(policy, task, system, 1)
+    states = []
+    for seconds, speed, turning in told:
+        walkers.states = walkers.commands.give(
+            walkers.states, np.array([speed]), np.array([turning])
+        )
+        for _ in range(round(seconds / policy.dt)):
+            states.append(walkers.states[0])
+            walkers.step()
+    return np.array(states)
+
+
+def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[str, Any]:
+    """Return what a policy does on the physics."""
+    motion = task.motion
+    assert motion is not None
+    assert motion.commands is not None
+    row = commanded(Walkers(policy, task, system, BODIES))
+    row["survived a push"] = pushed(Walkers(policy, task, system, BODIES))
+    own = motion.commands.own_speed
+    states = walked(policy, task, system, [(20.0, own, 0.0)])
+    row["slip cm"] = 100 * slip(system, states, _laps(states, motion.phase))
+    frames = np.asarray(motion.frames, float)
+    # Frames stand at one place: they go as fast as their clock says.
+    path = np.cumsum(frames[:, motion.velocity] * policy.dt)
+    frames[:, 0] = path
+    row["slip of the clip cm"] = 100 * slip(system, frames, 1.0)
+    return row
+
+
+def _laps(states: Float[np.ndarray, "K S"], phase: int) -> float:
+    return float((states[-1, phase] - states[0, phase]) / (2 * np.pi))
+
+
+def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, float, Rows]:
+    """Return (the policy's file, seconds of a core's time it took, rows of its curve)."""
+    for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv"):
+        (place / name).write_bytes((HUMAN / name).read_bytes())
+    file = place / "human.policy.safetensors"
+    began = seconds_of_children()
+    command = [PROGRAM, "policy", "commanded.toml", "--start", start.resolve(), "--out", file]
+    command += ["--seed", seed, "--updates", updates]
+    subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
+    seconds = seconds_of_children() - began
+    lines = (place / "human.policy.run" / "metrics.jsonl").read_text().splitlines()
+    return file, seconds, [{"seed": seed} | json.loads(line) for line in lines]
+
+
+def draw_sheet(policy: StatePolicy, states: Float[np.ndarray, "K S"], out: Path) -> None:
+    """Lay pictures of a motion side by side, and keep its film beside them."""
+    clip = na.make_clip(policy.emulator, states)
+    film = out.with_suffix(".mp4")
+    na.write_video(clip, film, size=(640, 640), camera="side")
+    chosen = np.linspace(0, len(clip.times) - 1, IMAGES).round().astype(int)
+    tile(film, chosen.tolist(), IMAGES // 2, 2, 320, out)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("start", type=Path, help="policy that follows the walk")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
+    parser.add_argument("--updates", type=int, default=UPDATES)
+    parser.add_argument("--policy", type=Path, help="judge this one instead of learning one")
+    parser.add_argument("--keep", type=Path, help="folder for the policies")
+    parser.add_argument("--sheet", type=Path, help="file for pictures of commands, with a film")
+    parser.add_argument("--dry", action="store_true", help="write no file")
+    arguments = parser.parse_args()
+    print(describe_machine())
+    system = load_system(str(HUMAN / "commanded.toml"))
+    assert isinstance(system, MujocoSystem)
+    rows: Rows = []
+    curves: Rows = []
+    for seed in arguments.seeds:
+        with TemporaryDirectory() as place:
+            row: dict[str, Any] = {"seed": seed}
+            file = arguments.policy
+            if file is None:
+                file, seconds, curve = learn(arguments.start, seed, arguments.updates, Path(place))
+                row |= {"core seconds": seconds, "transitions": curve[-1]["steps"]}
+                curves += curve
+            policy = load_state_policy(file)
+            row["file kB"] = file.stat().st_size / 1000
+            if arguments.keep:
+                policy.save(arguments.keep / f"human-{seed}.policy.safetensors")
+        task = task_of_policy(policy, file, system)
+        row |= judged(policy, task, system)
+        rows.append(row)
+        print_table([row])
+        if arguments.sheet:
+            told = [(3.0, 0.7, 0.0), (4.0, 0.7, 0.6), (3.0, 0.9, 0.0), (3.0, 0.4, 0.0)]
+            draw_sheet(policy, walked(policy, task, system, told), arguments.sheet)
+    if not arguments.dry:
+        write_csv(RESULTS / "commanded.csv", rows)
+        write_csv(RESULTS / "commanded_curves.csv", curves)
+
+
+if __name__ == "__main__":
+    main()

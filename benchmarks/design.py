@@ -1,0 +1,200 @@
+"""The fish, and its gait, that comes far for little effort: `na.design` beside CMA-ES on the bodies' physics in C.
+
+python benchmarks/design.py accuracy                         errors of the family's emulator and of one fish's
+python benchmarks/design.py searches                         ten seeds: some minutes
+python benchmarks/design.py searches --seeds 2 --seconds 20 --dry
+
+Unknown are the length and the stiffness of a fish and 37 numbers of its gait. Both sides begin with the same fish at the same
+gait and get the same J, which na.design proves by the scheme of the truth; CMA-ES gets the physics as a user would run it, in
+float32, sixteen bodies side by side on every core. It is run until its J is as good as that of what na.design found in the
+same run, by the same physics, or for --seconds; compiling and importing are not counted of either.
+
+Writes results/design.csv, a line a search: J, distance and effort by the scheme of the truth; and
+results/design_accuracy.csv, a line an emulator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault(
+    "OPENBLAS_NUM_THREADS", "1"
+)  # CMA-ES takes eigenvectors of 39 numbers: threads cost more than that
+
+import numpy as np
+from control_cases.baselines.budgeted_cost import BudgetedCost, BudgetSpent
+from control_cases.baselines.derivative_free import cma_es
+from design_cases.fish import VARIED, CostInC, Problem, first_guess, pose_fish, swim_truly
+
+import neuroanimator as na
+from neuroanimator.control.descent.descend import start_of_body, vary_parameters
+from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.descent.problem import VariedParameters
+from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.held_out import held_out_runs
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.terminal import print_table
+
+Rows = list[dict[str, Any]]
+
+RESULTS = Path(__file__).parent / "results"
+SEARCHES = RESULTS / "design.csv"
+ACCURACY = RESULTS / "design_accuracy.csv"
+
+ONE_FISH = "fish-50"
+"""Emulator of one body, of the same architecture as the family's."""
+
+TEST_RUNS = 100
+"""Number of unseen runs of the accuracy table."""
+
+METHOD = "adam"
+"""How na.design descends: as for the task of swimming."""
+
+
+def our_row(emulator: na.Emulator, problem: Problem, seed: int) -> tuple[dict[str, Any], na.Design]:
+    """Return the line of one `na.design`, and what it found."""
+    options = DescentOptions(
+        method=METHOD,
+        parametrisation=problem.parametrisation,
+        first=problem.first,
+        seed=seed,
+        iterations=60,
+    )
+    began = time.perf_counter()
+    cpu_began = time.process_time()
+    found = na.design(
+        emulator,
+        problem.system,
+        problem.objective,
+        problem.start,
+        parameters=VARIED,
+        steps=problem.steps,
+        options=options,
+    )
+    seconds = time.perf_counter() - began
+    row = _row("na.design", seed, seconds, time.process_time() - cpu_began)
+    row |= _told(problem, found.start, found.synthesis.controls)
+    return row, found
+
+
+def nominal_row(problem: Problem, found: na.Design, seed: int) -> dict[str, Any]:
+    """Return the line of the best motion of the nominal fish."""
+    row = _row("na.design, nominal fish", seed, np.nan, np.nan)
+    return row | _told(problem, problem.start, found.nominal.controls)
+
+
+def cma_row(
+    emulator: na.Emulator,
+    problem: Problem,
+    varied: VariedParameters,
+    cost: CostInC,
+    seed: int,
+    target: float,
+    seconds: float,
+) -> dict[str, Any]:
+    """Return the line of one CMA-ES until J is at most `target`, or for `seconds`."""
+    guess = first_guess(problem, varied)
+    cpu_began = time.process_time()
+    budget = BudgetedCost(cost, target, seconds)
+    with suppress(BudgetSpent):
+        cma_es(budget, guess, np.random.default_rng(seed))
+    seconds_taken = budget.seconds
+    cpu_seconds = time.process_time() - cpu_began
+    assert budget.best is not None
+    z = budget.best.astype(np.float32)
+    values = np.asarray(varied.values(z), float)
+    start = start_of_body(emulator, problem.start, varied.entries, values)
+    controls = np.asarray(varied.controls(z), float)
+    row = _row("CMA-ES on C", seed, seconds_taken, cpu_seconds)
+    row |= _told(problem, start, controls)
+    row["reached"] = budget.is_reached
+    row["evaluations"] = budget.evaluations
+    return row
+
+
+def _row(method: str, seed: int, seconds: float, cpu_seconds: float) -> dict[str, Any]:
+    row = {"method": method, "seed": seed, "seconds": seconds, "cpu_seconds": cpu_seconds}
+    return row | {"reached": "", "evaluations": ""}
+
+
+def _told(problem: Problem, start: np.ndarray, controls: np.ndarray) -> dict[str, Any]:
+    swum = swim_truly(problem, start, controls)
+    told: dict[str, Any] = {"J": swum.cost, "distance_m": swum.distance, "effort_s": swum.effort}
+    for name in VARIED:
+        told[name] = float(start[problem.system.state.index(name)][0])
+    return told
+
+
+def rows_of(emulator: na.Emulator, seeds: range, seconds: float) -> Rows:
+    """Return the lines of all seeds: ours, CMA-ES in as much time, and until it is as good."""
+    problem = pose_fish(emulator)
+    varied = vary_parameters(emulator, VARIED, problem.parametrisation)
+    cost = CostInC(emulator, problem, varied)
+    cost.costs(np.tile(first_guess(problem, varied), (cost.batch, 1)))  # compiles
+    our_row(emulator, problem, 0)
+    rows: Rows = []
+    for seed in seeds:
+        ours, found = our_row(emulator, problem, seed)
+        target = cost.cost_of(found.start, found.synthesis.controls)
+        rows += [ours, nominal_row(problem, found, seed)]
+        same = cma_row(emulator, problem, varied, cost, seed, -np.inf, ours["seconds"])
+        rows.append(same | {"method": "CMA-ES on C, equal time"})
+        until = cma_row(emulator, problem, varied, cost, seed, target, seconds)
+        rows.append(until | {"method": "CMA-ES on C, until as good"})
+        print_table(rows[-4:])
+    return rows
+
+
+def accuracy_rows(emulator: na.Emulator) -> Rows:
+    """Return a line for the emulator of one fish and one for the family's: errors on unseen runs of their own system."""
+    rows: Rows = []
+    for name, model in ((ONE_FISH, na.load_emulator(ONE_FISH)), (emulator.system, emulator)):
+        test = held_out_runs(model, TEST_RUNS)
+        row: dict[str, Any] = {"emulator": name}
+        row["widths"] = " ".join(map(str, model.network.widths))
+        row["one_step_error"] = float(root_mean_square(one_step_error(model, test)))
+        row["over_one_fish"] = row["one_step_error"] / (rows or [row])[0]["one_step_error"]
+        rows.append(row)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("part", choices=["accuracy", "searches"])
+    parser.add_argument("--emulator", default="fishes")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--dry", action="store_true", help="write no file")
+    arguments = parser.parse_args()
+    print(describe_machine())
+    emulator = na.load_emulator(arguments.emulator)
+    if arguments.part == "accuracy":
+        rows = accuracy_rows(emulator)
+        print_table(rows)
+        keep(ACCURACY, rows, arguments.dry)
+        return
+    rows = rows_of(emulator, range(arguments.seeds), arguments.seconds)
+    for key in ("seconds", "cpu_seconds"):
+        ours = [row[key] for row in rows if row["method"] == "na.design"]
+        theirs = [row[key] for row in rows if row["method"].endswith("as good")]
+        low, middle, high = np.percentile(np.divide(theirs, ours), [25, 50, 75])
+        print(f"{key} of CMA-ES over ours: median {middle:.1f}, quartiles {low:.1f} and {high:.1f}")
+    keep(SEARCHES, rows, arguments.dry)
+
+
+def keep(path: Path, rows: Rows, is_dry: bool) -> None:
+    """Write a table, unless this is a try."""
+    if not is_dry:
+        write_csv(path, rows)
+
+
+if __name__ == "__main__":
+    main()

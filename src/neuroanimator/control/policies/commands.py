@@ -1,0 +1,105 @@
+"""Commands that the state carries: hinges beside a body, on which nothing acts, turn as fast as is commanded.
+
+A clock's rate is the speed, a heading's rate is the turning rate and its angle the heading. So a policy that is steered stays a
+function of the state alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.files.numbers import number, whole
+from neuroanimator.state.arrays import AnyArray
+
+TURN = 2 * np.pi
+
+MAX_RATE = 1e3
+"""Largest speed [m/s] and turning rate [rad/s]."""
+
+
+class Command(NamedTuple):
+    """What a body is to do."""
+
+    speed: float
+    """[m/s]"""
+    turning: float = 0.0
+    """Rate of the heading, to the left [rad/s]."""
+
+
+class Commands(NamedTuple):
+    """Where in the state commands are, and what speed the clock's rate means."""
+
+    heading: int
+    """Entry of the commanded heading [rad]."""
+    turning: int
+    """Entry of its rate [rad/s]."""
+    clock_rate: int
+    """Entry of the clock's rate [rad/s]."""
+    own_rate: float
+    """Rate of the clock at which the motion goes as it was recorded [rad/s]."""
+    own_speed: float
+    """Mean speed of the motion as it was recorded [m/s]."""
+    least: Command
+    most: Command
+
+    def pace(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
+        """Return how many times as fast as it was recorded the motion is to go."""
+        return states[..., self.clock_rate] / self.own_rate
+
+    def give(
+        self,
+        states: Float[np.ndarray, "*B S"],
+        speed: Float[np.ndarray, " *B"],
+        turning: Float[np.ndarray, " *B"],
+    ) -> Float[np.ndarray, "*B S"]:
+        """Return the states with other commands, each pressed into what the policy learns."""
+        told = states.copy()
+        pace = np.clip(speed, self.least.speed, self.most.speed) / self.own_speed
+        told[..., self.clock_rate] = self.own_rate * pace
+        told[..., self.turning] = np.clip(turning, self.least.turning, self.most.turning)
+        return told
+
+    def draw(
+        self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
+    ) -> Float[np.ndarray, "B S"]:
+        """Return the states with random commands."""
+        speed = rng.uniform(self.least.speed, self.most.speed, len(states))
+        turning = rng.uniform(self.least.turning, self.most.turning, len(states))
+        return self.give(states, speed, turning)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it."""
+        return {
+            "heading": self.heading,
+            "turning": self.turning,
+            "clock_rate": self.clock_rate,
+            "own_rate": self.own_rate,
+            "own_speed": self.own_speed,
+            "speed": [self.least.speed, self.most.speed],
+            "turning_rate": [self.least.turning, self.most.turning],
+        }
+
+    @classmethod
+    def from_json(cls, values: Any, size: int) -> Commands:
+        """Return what `to_json` wrote of states of `size` numbers; ValueError for what it cannot have written."""
+        slowest, fastest = values["speed"]
+        right, left = values["turning_rate"]
+        return cls(
+            heading=whole(values["heading"], "commands: heading", 0, size - 1),
+            turning=whole(values["turning"], "commands: turning", 0, size - 1),
+            clock_rate=whole(values["clock_rate"], "commands: clock_rate", 0, size - 1),
+            own_rate=number(values["own_rate"], "commands: own_rate", 1e-6, MAX_RATE),
+            own_speed=number(values["own_speed"], "commands: own_speed", 1e-6, MAX_RATE),
+            least=_command(slowest, right),
+            most=_command(fastest, left),
+        )
+
+
+def _command(speed: Any, turning: Any) -> Command:
+    return Command(
+        number(speed, "commands: speed", 0, MAX_RATE),
+        number(turning, "commands: turning_rate", -MAX_RATE, MAX_RATE),
+    )

@@ -1,0 +1,193 @@
+"""What moves the body of a pilot, super step by super step: a policy's emulator, or the physics."""
+
+from __future__ import annotations
+
+import abc
+import math
+from typing import NamedTuple, final
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.policies.commands import Commands
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.reference_motion import ORIENTATION, ReferenceMotion
+from neuroanimator.control.policies.state_policy import StatePolicy
+from neuroanimator.control.policies.steering import SteeringTarget
+from neuroanimator.control.policies.super_step import make_super_step
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.errors import ArgumentError, DivergedError
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.rotation import heading_of
+from neuroanimator.systems.system import System
+
+MAX_LEAD = 1.2
+"""Maximum lead of the asked heading over the body's [rad]: what it cannot follow is not saved up for later."""
+
+WALKING_LEAD = 0.5
+"""Maximum lead of a body that walks [rad]: policies learn with less than a task's `lost_tilt`."""
+
+MAX_CLIMB = 1.2
+"""The steepest climb or dive [rad]: straight up there is no heading left to hold."""
+
+
+class Leap(NamedTuple):
+    """A super step."""
+
+    state: Float[np.ndarray, " S"]
+    """State it ends in."""
+    controls: Float[np.ndarray, " C"]
+    """Controls held on the way."""
+
+
+class PilotMotion(abc.ABC):
+    """What moves a body."""
+
+    top_speed: float
+    """Highest speed that can be asked for [m/s]."""
+
+    @abc.abstractmethod
+    def first(self, phase: float) -> Float[np.ndarray, " S"]:
+        """Return the state a body begins in if nothing else is said, its clock at `phase` [rad]."""
+
+    @abc.abstractmethod
+    def begin(self, state: Float[np.ndarray, " S"], phase: float) -> None:
+        """Begin there; the heading is held until told otherwise."""
+
+    @abc.abstractmethod
+    def go_on_from(self, state: Float[np.ndarray, " S"], passed: float) -> None:
+        """Put the body in `state`, `passed` [s] after its super step began."""
+
+    @abc.abstractmethod
+    def turn(self, angle: float) -> None:
+        """Turn the asked heading to the left [rad]."""
+
+    @abc.abstractmethod
+    def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
+        """Return the super step from `state` at the asked speed [m/s], turning rate [rad/s] and climb [rad]."""
+
+    @abc.abstractmethod
+    def finish(self) -> None:
+        """End the super step that `leap` made."""
+
+
+@final
+class EmulatedMotion(PilotMotion):
+    """The motion of a policy's emulator."""
+
+    def __init__(self, policy: Policy):
+        self.policy = policy
+        self.top_speed = policy.ranges.high[0]
+        # Asking a module of equinox for its facts takes longer than a super step.
+        self._structure = policy.emulator.state_structure
+        self._super_step = policy.emulator.dt
+        self._tick = policy.tick
+
+    def first(self, phase: float) -> Float[np.ndarray, " S"]:
+        return np.array(self.policy.emulator.rest, float)
+
+    def begin(self, state: Float[np.ndarray, " S"], phase: float) -> None:
+        self._latent: Float[AnyArray, " I"] = self._encoded(state)
+        self._phase = phase
+        self._heading = self._heading_of(state)
+
+    def go_on_from(self, state: Float[np.ndarray, " S"], passed: float) -> None:
+        self._phase = (self._phase + self._tick * passed / self._super_step) % (2 * math.pi)
+        self._latent = self._encoded(state)
+
+    def turn(self, angle: float) -> None:
+        self._heading += angle
+
+    def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
+        heading = self._heading_of(state)
+        self._heading = heading + _pressed(self._heading - heading, MAX_LEAD)
+        steepness = float(np.clip(climb, -MAX_CLIMB, MAX_CLIMB))
+        level = math.cos(steepness)
+        direction = [
+            level * math.cos(self._heading),
+            level * math.sin(self._heading),
+            math.sin(steepness),
+        ]
+        target = SteeringTarget(np.array([direction]), np.array([max(speed, 0.0)]))
+        phase = np.array([self._phase])
+        made = make_super_step(self.policy, self._latent[None], phase, target)
+        self._next_latent = made.latent[0]
+        return Leap(np.asarray(made.states[0], float), np.asarray(made.controls[0], float))
+
+    def finish(self) -> None:
+        self._latent = self._next_latent
+        self._phase = (self._phase + self._tick) % (2 * math.pi)
+
+    def _encoded(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " I"]:
+        return np.asarray(self.policy.emulator.encode(state), np.float32)
+
+    def _heading_of(self, state: Float[np.ndarray, " S"]) -> float:
+        return float(read_pose(self._structure, state).heading)
+
+
+@final
+class PhysicalMotion(PilotMotion):
+    """The motion of the physics by a policy that follows a motion on command: clock and heading are in its state."""
+
+    def __init__(self, policy: StatePolicy, system: System):
+        """ArgumentError for a policy that takes no commands, and for physics of another body."""
+        reference = policy.view.reference
+        if reference is None or reference.commands is None:
+            raise ArgumentError(
+                "policy: it takes no commands. Learn one whose TOML file has [follow.commands]."
+            )
+        emulator = policy.emulator
+        if (system.state, system.control) != (emulator.state, emulator.control):
+            raise ArgumentError(
+                f"system: wanted the body of the policy, {emulator.system}, came {system.name}."
+            )
+        self.policy = policy
+        self.system = system
+        self.reference: ReferenceMotion = reference
+        self.commands: Commands = reference.commands
+        self.top_speed = self.commands.most.speed
+        self._super_step = policy.dt
+
+    def first(self, phase: float) -> Float[np.ndarray, " S"]:
+        return self.reference.begun(phase)
+
+    def begin(self, state: Float[np.ndarray, " S"], phase: float) -> None:
+        pass
+
+    def go_on_from(self, state: Float[np.ndarray, " S"], passed: float) -> None:
+        pass
+
+    def turn(self, angle: float) -> None:
+        pass
+
+    def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
+        if climb != 0:
+            raise ArgumentError(f"climb: this body walks on the ground, came {climb:g}. Say 0.")
+        told = self.commands.give(state, np.asarray(speed), np.asarray(turn))
+        heading = float(heading_of(told[ORIENTATION]))
+        lead = _pressed(told[self.commands.heading] - heading, WALKING_LEAD)
+        told[self.commands.heading] = heading + lead
+        controls = np.asarray(_control(self.policy, as_jax(told)), float)
+        controls = self.policy.emulator.bounds.clip(controls)
+        runs = self.system.simulate_fastest(
+            told[None], controls[None, None], self._super_step, self.system.scheme
+        )
+        if runs.has_diverged[0]:
+            raise DivergedError("The physics diverged. Reset the pilot.")
+        return Leap(runs.states[0, 1], controls)
+
+    def finish(self) -> None:
+        pass
+
+
+@eqx.filter_jit
+def _control(policy: StatePolicy, state: Float[Array, " S"]) -> Float[Array, " C"]:
+    return policy.control_of(state)
+
+
+def _pressed(angle: float, largest: float) -> float:
+    """Return an angle as one from −π to π, pressed into ± `largest`."""
+    angle = (angle + math.pi) % (2 * math.pi) - math.pi
+    return float(np.clip(angle, -largest, largest))

@@ -1,0 +1,42 @@
+// Sliders of what varies over a family of bodies: drag the length of a fish while it swims.
+
+import { element, panel, slider } from "../page/dom";
+import type { Session } from "../page/session";
+import { reshape } from "../steering/reshape";
+import type { Panel } from "./controls";
+
+/** Return the panel of a family; null for a single body. */
+export function parameterPanel(session: Session, goLive: () => void): Panel | null {
+  const { facts, player } = session;
+  const parameters = facts.parameters ?? [];
+  if (parameters.length === 0) {
+    return null;
+  }
+  const { details, body } = panel("Body", true);
+  const rows = parameters.map((parameter) =>
+    slider({
+      label: parameter.name.replaceAll("_", " "),
+      unit: parameter.unit === "1" ? "×" : parameter.unit,
+      low: parameter.low,
+      high: parameter.high,
+      value: facts.rest[parameter.entry]!,
+      onInput(value) {
+        goLive();
+        const { motion } = player;
+        motion.pushLast(reshape(facts, motion.state(motion.steps), parameter, value));
+      },
+    }),
+  );
+  body.append(
+    element("p", "", ["Another body of the family, while it moves. Physics as a ghost changes with it."]),
+    ...rows.map((row) => row.row),
+  );
+  return {
+    element: details,
+    update() {
+      const { motion } = player;
+      const state = player.isLive ? motion.state(motion.steps) : player.state();
+      rows.forEach((row, i) => (row.value = state[parameters[i]!.entry]!));
+    },
+  };
+}

@@ -1,0 +1,285 @@
+"""Walking on command: the motion goes as fast and the way it is told, and a policy begins with what another can do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from soft_bodies import hasty_emulator
+
+from neuroanimator import Emulator, NeuroAnimatorError, Pilot, load_system
+from neuroanimator.cli.policy_returns import commanded_motion
+from neuroanimator.control.policies.commands import Commands
+from neuroanimator.control.policies.pilot_motions import WALKING_LEAD
+from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, ReferenceMotion
+from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
+from neuroanimator.definitions.follow import CommandsTable, FollowTable
+from neuroanimator.export.programs.formats import export_programs
+from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.gym.bodies import Bodies
+from neuroanimator.gym.disturbances import pushed
+from neuroanimator.gym.following import Following
+from neuroanimator.gym.learner import Learner
+from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_to_learn
+from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, rotation_between
+from neuroanimator.systems.loading import trust_files
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+from test_following_policy import SMALL  # isort: skip
+
+TOML = Path(__file__).parents[2] / "examples" / "human" / "commanded.toml"
+
+
+@pytest.fixture(scope="module")
+def system() -> MujocoSystem:
+    system = load_system(str(TOML))
+    assert isinstance(system, MujocoSystem)
+    return system
+
+
+@pytest.fixture(scope="module")
+def emulator(tmp_path_factory: pytest.TempPathFactory) -> Emulator:
+    trust_files(TOML)
+    return hasty_emulator(TOML, tmp_path_factory.mktemp("commanded"), 4)
+
+
+@pytest.fixture(scope="module")
+def table(emulator: Emulator) -> FollowTable:
+    table = follow_table(emulator.definition)
+    assert table is not None
+    return table
+
+
+@pytest.fixture(scope="module")
+def task(system: MujocoSystem, emulator: Emulator) -> PolicyTask:
+    return task_to_learn(emulator.definition, TOML, system)
+
+
+@pytest.fixture(scope="module")
+def motion(task: PolicyTask) -> ReferenceMotion:
+    assert task.motion is not None
+    return task.motion
+
+
+@pytest.fixture(scope="module")
+def commands(motion: ReferenceMotion) -> Commands:
+    assert motion.commands is not None
+    return motion.commands
+
+
+@pytest.fixture(scope="module")
+def policy(system: MujocoSystem, emulator: Emulator, task: PolicyTask) -> StatePolicy:
+    learner = Learner(system, emulator, task.rules, SMALL, task.motion)
+    learner.advance()
+    return learner.policy
+
+
+@pytest.fixture(scope="module")
+def starts(task: PolicyTask) -> np.ndarray:
+    assert task.rules.draw_start is not None
+    rng = np.random.default_rng(0)
+    return np.stack([task.rules.draw_start(rng) for _ in range(20)])
+
+
+def test_the_motion_comes_round(motion: ReferenceMotion, starts: np.ndarray):
+    later = starts.copy()
+    later[:, motion.phase] += 6 * np.pi
+    kept = [*range(7), *motion.hinges, *motion.rates]
+    np.testing.assert_allclose(
+        _frame(motion, later)[:, kept], _frame(motion, starts)[:, kept], atol=2e-3
+    )
+
+
+def test_the_frame_of_a_moment_later_is_where_clock_and_heading_will_be(
+    motion: ReferenceMotion, commands: Commands, starts: np.ndarray, emulator: Emulator
+):
+    later = starts.copy()
+    later[:, motion.phase] += emulator.dt * starts[:, commands.clock_rate]
+    later[:, commands.heading] += emulator.dt * starts[:, commands.turning]
+    found = np.asarray(motion.frame(jnp.asarray(starts, jnp.float32), 1))
+    kept = [*range(7), *motion.hinges, *motion.rates]
+    np.testing.assert_allclose(found[:, kept], _frame(motion, later)[:, kept], atol=1e-3)
+
+
+def test_it_moves_and_turns_as_fast_as_its_velocities_say(
+    motion: ReferenceMotion, commands: Commands, starts: np.ndarray, emulator: Emulator
+):
+    now = _frame(motion, starts)
+    dt = emulator.dt / 2
+    before, after = starts.copy(), starts.copy()
+    for states, time in ((before, -dt), (after, dt)):
+        states[:, motion.phase] += time * starts[:, commands.clock_rate]
+        states[:, commands.heading] += time * starts[:, commands.turning]
+    first, last = _frame(motion, before), _frame(motion, after)
+    rates = (last - first)[:, motion.hinges] / (2 * dt)
+    assert np.abs(rates - now[:, motion.rates]).mean() < 0.1
+    spin = rotation_between(first[:, ORIENTATION], last[:, ORIENTATION]) / (2 * dt)
+    spinning = slice(motion.velocity + 3, motion.velocity + 6)
+    assert np.abs(spin - now[:, spinning]).max() < 0.15
+
+
+def test_a_body_told_nothing_else_goes_as_fast_as_the_motion_was_recorded(
+    motion: ReferenceMotion, commands: Commands
+):
+    states = np.stack([motion.begun(phase) for phase in np.linspace(0, 2 * np.pi, 54)[:-1]])
+    velocity = states[:, motion.velocity]
+    np.testing.assert_allclose(velocity.mean(), commands.own_speed, rtol=0.01)
+    np.testing.assert_allclose(commands.own_speed, 1.09331 / 1.59, rtol=0.02)
+    twice = commands.give(states, 2 * velocity, np.zeros(53))
+    np.testing.assert_allclose(commands.pace(twice).max() * commands.own_speed, 1.0, rtol=1e-3)
+
+
+def test_on_the_motion_all_is_earned_at_every_command_and_wherever_the_body_is(
+    motion: ReferenceMotion, system: MujocoSystem, table: FollowTable, starts: np.ndarray
+):
+    following = Following.of(motion, system, table)
+    frames = motion.frame(jnp.asarray(starts, jnp.float32))
+    elsewhere = frames.at[:, :2].add(7.0)
+    for states in (frames, elsewhere):
+        np.testing.assert_allclose(following.reward(states), 1, atol=1e-4)
+        assert not following.is_lost(states).any()
+    assert (following.reward(frames.at[:, POSITION.stop - 1].add(0.1)) < 0.9).all()
+    assert following.is_lost(frames.at[:, 2].add(-0.26)).all()
+
+
+def test_what_is_shown_is_the_same_whichever_way_it_is_told_to_go(
+    motion: ReferenceMotion, commands: Commands, starts: np.ndarray
+):
+    turn = np.broadcast_to(facing(np.asarray(1.1)), (len(starts), 4))
+    velocity = slice(motion.velocity, motion.velocity + 3)
+    turned = starts.copy()
+    turned[:, POSITION] = rotate(turn, starts[:, POSITION]) + np.array([3.0, -2.0, 0.0])
+    turned[:, ORIENTATION] = multiply(turn, starts[:, ORIENTATION])
+    turned[:, velocity] = rotate(turn, starts[:, velocity])
+    turned[:, commands.heading] += 1.1
+    np.testing.assert_allclose(
+        motion.observe(jnp.asarray(turned, jnp.float32)),
+        motion.observe(jnp.asarray(starts, jnp.float32)),
+        atol=2e-4,
+    )
+
+
+def test_commands_change_in_an_episode_and_bodies_are_pushed(
+    policy: StatePolicy, system: MujocoSystem, task: PolicyTask, commands: Commands
+):
+    rng = np.random.default_rng(0)
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    bodies = Bodies(stepper, task.rules, policy.emulator, rng, 300)
+    before = bodies.states.copy()
+    bodies.begin(rng, np.zeros(300, bool))
+    is_told = (before != bodies.states)[:, commands.turning]
+    is_pushed = (before != bodies.states)[:, -30]
+    assert 0 < is_told.sum() < 20
+    assert 0 < is_pushed.sum() < 20
+    np.testing.assert_array_equal(before[:, :32], bodies.states[:, :32])
+
+
+def test_a_push_gives_the_body_its_impulse(system: MujocoSystem, starts: np.ndarray):
+    model = system.model
+    data = mujoco.MjData(model)
+    after = pushed(model, "torso", starts[:4], np.full(4, 50.0), np.random.default_rng(0))
+    for first, last in zip(starts, after, strict=False):
+        momenta = []
+        for state in (first, last):
+            data.qpos[:] = state[: model.nq]
+            data.qvel[:] = state[model.nq :]
+            mujoco.mj_forward(model, data)
+            mujoco.mj_subtreeVel(model, data)
+            pelvis = model.body("pelvis").id
+            momenta.append(data.subtree_linvel[pelvis] * model.body_subtreemass[pelvis])
+        gained = momenta[1] - momenta[0]
+        np.testing.assert_allclose(np.linalg.norm(gained[:2]), 50, rtol=1e-6)
+        np.testing.assert_allclose(gained[2], 0, atol=1e-6)
+
+
+def test_learning_begins_with_what_a_policy_can_do(
+    policy: StatePolicy, system: MujocoSystem, emulator: Emulator, task: PolicyTask
+):
+    learner = Learner(system, emulator, task.rules, SMALL, task.motion, policy)
+    assert task.motion is not None
+    states = task.motion.frame(jnp.asarray(learner.bodies.states, jnp.float32))
+    np.testing.assert_allclose(
+        learner.policy.control_of(states), policy.control_of(states), atol=1e-3
+    )
+
+
+@pytest.mark.parametrize("ending", [".h", ".onnx"])
+def test_programs_do_what_jax_does(ending: str, policy: StatePolicy, tmp_path: Path):
+    file = tmp_path / "human.policy.safetensors"
+    policy.save(file)
+    (written,) = export_programs(str(file), [tmp_path / f"human{ending}"], is_policy=False)
+    assert written.difference < 1e-3
+
+
+DAMAGE = {"heading": 63, "turning": -1, "own_rate": 0, "speed": [1.0], "turning_rate": ["a", 1]}
+
+
+@pytest.mark.parametrize("key", DAMAGE)
+def test_damaged_commands_are_refused(key: str, policy: StatePolicy, tmp_path: Path):
+    path = tmp_path / "human.policy.safetensors"
+    policy.save(path)
+    tensors, metadata = read_tensors(path, "state-policy")
+    reference = metadata["reference"]
+    told = reference["commands"] | {key: DAMAGE[key]}
+    changed = metadata | {"reference": reference | {"commands": told}}
+    write_tensors(path, tensors, changed)
+    with pytest.raises(NeuroAnimatorError, match="not a usable policy"):
+        load_state_policy(path)
+
+
+def test_ranges_with_the_larger_number_first_are_refused():
+    with pytest.raises(ValueError, match="wanted the least first"):
+        CommandsTable(speed=(1.0, 0.5), turning=(-1, 1))
+
+
+def test_a_pilot_tells_the_body_how_fast_and_which_way(
+    policy: StatePolicy, system: MujocoSystem, commands: Commands
+):
+    pilot = Pilot(policy, system)
+    frame = pilot.reset(phase=1.0)
+    assert frame.state[commands.clock_rate] == pytest.approx(commands.own_rate)
+    for _ in range(6):
+        frame = pilot.step(speed=0.5, turn=0.4, dt=0.015)
+    assert frame.state[commands.heading] == pytest.approx(0.4 * 0.09, abs=1e-5)
+    assert frame.pose.position[0] > 0.02
+    assert pilot.top_speed == 1.0
+    assert len(pilot.controls) == 23
+    turned = frame.state.copy()
+    turned[commands.heading] = 2.0
+    led = pilot.step(speed=0.5, dt=policy.dt, state=turned)
+    lead = led.state[commands.heading] - heading_of(turned[ORIENTATION])
+    assert lead == pytest.approx(WALKING_LEAD, abs=1e-5)
+
+
+def test_a_pilot_says_what_it_needs(policy: StatePolicy, system: MujocoSystem):
+    with pytest.raises(NeuroAnimatorError, match="moves the physics"):
+        Pilot(policy)
+    with pytest.raises(NeuroAnimatorError, match="Leave it out"):
+        Pilot("fish", system)
+    with pytest.raises(NeuroAnimatorError, match="wanted the body of the policy"):
+        Pilot(policy, load_system("pendulum"))
+    with pytest.raises(NeuroAnimatorError, match="walks on the ground"):
+        Pilot(policy, system).step(speed=0.5, climb=0.2)
+
+
+def test_commands_are_told_one_after_another(
+    policy: StatePolicy, commands: Commands, tmp_path: Path
+):
+    file = tmp_path / "human.policy.safetensors"
+    policy.save(file)
+    _, states = commanded_motion(file, TOML, ["0.09,0.6,0.2", "0.06,0.9,-0.4"])
+    assert len(states) == 6
+    assert states[-1, commands.heading] == pytest.approx(0.2 * 0.09 - 0.4 * 0.06, abs=1e-5)
+    pace = commands.pace(states) * commands.own_speed
+    np.testing.assert_allclose(pace[1:], [0.6, 0.6, 0.6, 0.9, 0.9], rtol=1e-5)
+    for text in ("3", "3,0.7,left", "-1,0.7,0"):
+        with pytest.raises(NeuroAnimatorError, match="command: wanted"):
+            commanded_motion(file, TOML, [text])
+
+
+def _frame(motion: ReferenceMotion, states: np.ndarray) -> np.ndarray:
+    return np.asarray(motion.frame(jnp.asarray(states, jnp.float32)))
