@@ -26,6 +26,9 @@ from neuroanimator.systems.system import System
 FASTER_THAN_GAIT = 1.2
 """Multiple of the gait's distance, from the same start, at which a motion succeeds."""
 
+SLOW_START = 0.8
+"""Maximum speed at the start, as a share of the gait's mean speed from there: what is at full speed comes no farther by any stroke."""
+
 MIN_LENGTHS = 0.1
 """Minimum distance a gait is taken to come, in body lengths."""
 
@@ -76,12 +79,15 @@ UPRIGHT_WITHIN = 0.9
 
 
 def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a swimmer; it shall come as far ahead as it can."""
-    start = swimming_start(system, rng)
+    """Draw a swimmer that is not yet at full speed; it shall come as far ahead as it can."""
     length = body_length(system)
-    pose = read_pose(system.structure, start)
     gait = gait_controls(system, steps, dt)
-    usual = distance_ahead(system, pose, simulate_one(system, start, gait, dt))
+    while True:
+        start = swimming_start(system, rng)
+        pose = read_pose(system.structure, start)
+        usual = distance_ahead(system, pose, simulate_one(system, start, gait, dt))
+        if pose.velocity @ pose.forward < SLOW_START * usual / (steps * dt):
+            break
     objective = Objective.of(
         effort(0.1),
         smoothness(0.001),
