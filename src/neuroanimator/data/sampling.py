@@ -50,8 +50,8 @@ GAIT_TEMPO = (0.6, 1.4)
 """Random runs go by the gait at a tempo between these, as multiples of its own."""
 
 GAIT_STRENGTH = (0.2, 3.0)
-"""Random runs go by the gait with a strength between these, as multiples of its own: the strongest stay at the bounds for most of a
-stroke, as optimised ones do, and are the fastest."""
+"""Random runs go by the gait with a strength between these, as multiples of its own: the strongest stay at the bounds for
+most of a stroke, as optimised ones do, and are the fastest."""
 
 MAX_STEERING = 0.5
 """At most this share of the control's range is added to the gait, so that the body is steered."""

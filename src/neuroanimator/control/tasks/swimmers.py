@@ -27,7 +27,7 @@ FASTER_THAN_GAIT = 1.2
 """Multiple of the gait's distance, from the same start, at which a motion succeeds."""
 
 SLOW_START = 0.8
-"""Maximum speed at the start, as a share of the gait's mean speed from there: what is at full speed comes no farther by any stroke."""
+"""Maximum speed at the start, as a share of the gait's mean speed from there: at full speed no stroke comes farther."""
 
 MIN_LENGTHS = 0.1
 """Minimum distance a gait is taken to come, in body lengths."""
