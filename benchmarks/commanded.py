@@ -9,8 +9,8 @@ policy that follows the walk. Without noise, on the physics,
 - 100 bodies get random commands for 60 s, others every 2 to 5 s; those count that never fall: pelvis below 0.6 m, or trunk more
   than 1 rad off the vertical;
 - from 1 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
-- 100 bodies get one command each for 10 s, and a push of 50 N s of the trunk in a random horizontal direction: a force over
-  0.1 s;
+- 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction: a force
+  over 0.1 s;
 - slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step, at the motion's own speed.
 Seconds are of a core's time.
 
@@ -49,7 +49,7 @@ from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
 
-UPDATES = 300
+UPDATES = 500
 """Number of updates of the policy, of 4,096 transitions each."""
 
 BODIES = 100
@@ -68,8 +68,8 @@ LEAST_HEIGHT = 0.6
 LARGEST_TILT = 1.0
 """Angle of the trunk to the vertical beyond which it has [rad]."""
 
-PUSH = 50.0
-"""Impulse [N s]."""
+IMPULSES = (15.0, 30.0, 50.0)
+"""Of pushes [N s]."""
 
 PUSH_STEPS = 13
 """Number of physics steps it takes, 0.0975 s."""
@@ -124,11 +124,11 @@ class Walkers:
         is_low = states[:, 2] < LEAST_HEIGHT
         return is_low | (np.array(upright) < np.cos(LARGEST_TILT))
 
-    def push(self, row: int, angle: float) -> None:
+    def push(self, row: int, impulse: float, angle: float) -> None:
         """Push the trunk of one body for a few physics steps, while its controls are held as ever."""
         model = self.system.model
         data = mujoco.MjData(model)
-        force = PUSH / (PUSH_STEPS * model.opt.timestep)
+        force = impulse / (PUSH_STEPS * model.opt.timestep)
         left = PUSH_STEPS
         substeps = round(self.policy.dt / model.opt.timestep)
         state = self.states[row]
@@ -208,8 +208,8 @@ def _errors(
     return float(gone - speed), float(missed / seconds)
 
 
-def pushed(walkers: Walkers) -> int:
-    """Return how many bodies do not fall in 10 s in which each is pushed once."""
+def pushed(walkers: Walkers, impulse: float) -> int:
+    """Return how many bodies do not fall in 10 s in which each is pushed once by `impulse` [N s]."""
     dt = walkers.policy.dt
     rng = walkers.rng
     count = len(walkers.states)
@@ -217,7 +217,7 @@ def pushed(walkers: Walkers) -> int:
     angles = rng.uniform(0, 2 * np.pi, count)
     for step in range(round(PUSH_SECONDS / dt)):
         for row in np.flatnonzero((at == step) & ~walkers.is_fallen):
-            walkers.push(int(row), angles[row])
+            walkers.push(int(row), impulse, angles[row])
         walkers.step()
     return int((~walkers.is_fallen).sum())
 
@@ -247,14 +247,16 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
     assert motion is not None
     assert motion.commands is not None
     row = commanded(Walkers(policy, task, system, BODIES))
-    row["survived a push"] = pushed(Walkers(policy, task, system, BODIES))
+    for impulse in IMPULSES:
+        survived = pushed(Walkers(policy, task, system, BODIES), impulse)
+        row[f"survived {impulse:g} N s"] = survived
     own = motion.commands.own_speed
     states = walked(policy, task, system, [(20.0, own, 0.0)])
     row["slip cm"] = 100 * slip(system, states, _laps(states, motion.phase))
     frames = np.asarray(motion.frames, float)
     # Frames stand at one place: they go as fast as their clock says.
-    path = np.cumsum(frames[:, motion.velocity] * policy.dt)
-    frames[:, 0] = path
+    moving = slice(motion.velocity, motion.velocity + 2)
+    frames[:, :2] = np.cumsum(frames[:, moving] * policy.dt, axis=0)
     row["slip of the clip cm"] = 100 * slip(system, frames, 1.0)
     return row
 

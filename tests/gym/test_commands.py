@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -23,15 +24,15 @@ from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.disturbances import pushed
 from neuroanimator.gym.following import Following
 from neuroanimator.gym.learner import Learner
-from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_to_learn
+from neuroanimator.gym.policy_task import FOLLOWING, PolicyTask, follow_table, task_to_learn
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, rotation_between
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
-from test_following_policy import SMALL  # isort: skip
-
 TOML = Path(__file__).parents[2] / "examples" / "human" / "commanded.toml"
+
+SMALL = replace(FOLLOWING, bodies=16, horizon=3, policy_widths=(8,), critic_widths=(8,))
 
 
 @pytest.fixture(scope="module")
