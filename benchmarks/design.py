@@ -1,6 +1,7 @@
 """The fish, and its gait, that comes far for little effort: `na.design` beside CMA-ES on the bodies' physics in C.
 
 python benchmarks/design.py accuracy                         errors of the family's emulator and of one fish's
+python benchmarks/design.py identify --seeds 2               parameters of fish from recordings
 python benchmarks/design.py searches                         ten seeds: some minutes
 python benchmarks/design.py searches --seeds 2 --seconds 20 --dry
 
@@ -9,8 +10,11 @@ gait and get the same J, which na.design proves by the scheme of the truth; CMA-
 float32, sixteen bodies side by side on every core. It is run until its J is as good as that of what na.design found in the
 same run, by the same physics, or for --seconds; compiling and importing are not counted of either.
 
-Writes results/design.csv, a line a search: J, distance and effort by the scheme of the truth; and
-results/design_accuracy.csv, a line an emulator.
+A recording lasts four seconds: places of all mass points of a fish with random parameters, which swims by half its gait and half
+at random, with noise of half a millimetre.
+
+Writes results/design.csv, a line a search: J, distance and effort by the scheme of the truth; results/design_accuracy.csv, a
+line an emulator; and results/design_identify.csv, a line a recording and parameter.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ import os
 import time
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 os.environ.setdefault(
@@ -29,7 +34,16 @@ os.environ.setdefault(
 import numpy as np
 from control_cases.baselines.budgeted_cost import BudgetedCost, BudgetSpent
 from control_cases.baselines.derivative_free import cma_es
-from design_cases.fish import VARIED, CostInC, Problem, first_guess, pose_fish, swim_truly
+from design_cases.fish import (
+    VARIED,
+    CostInC,
+    Problem,
+    first_guess,
+    pose_fish,
+    record_fish,
+    swim_truly,
+)
+from identification_cases.recordings import write_recording
 
 import neuroanimator as na
 from neuroanimator.control.descent.descend import start_of_body, vary_parameters
@@ -46,6 +60,7 @@ Rows = list[dict[str, Any]]
 RESULTS = Path(__file__).parent / "results"
 SEARCHES = RESULTS / "design.csv"
 ACCURACY = RESULTS / "design_accuracy.csv"
+IDENTIFIED = RESULTS / "design_identify.csv"
 
 ONE_FISH = "fish-50"
 """Emulator of one body, of the same architecture as the family's."""
@@ -164,11 +179,36 @@ def accuracy_rows(emulator: na.Emulator) -> Rows:
     return rows
 
 
+def identified_rows(emulator: na.Emulator, seed: int) -> Rows:
+    """Return a line for each parameter of a random fish: its true value, and what `na.identify` finds of a recording."""
+    system = na.load_system(emulator.system)
+    recording = record_fish(system, emulator.dt, seed)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "recording.csv"
+        write_recording(path, recording, system)
+        began = time.perf_counter()
+        cpu_began = time.process_time()
+        found = na.identify(emulator, path)
+        seconds = time.perf_counter() - began
+        cpu_seconds = time.process_time() - cpu_began
+    assert found.proven is not None
+    rows: Rows = []
+    for place, parameter in enumerate(system.parameters):
+        width = parameter.high - parameter.low
+        true = recording.true[place]
+        row: dict[str, Any] = {"seed": seed, "parameter": parameter.name, "true": true}
+        for name, fit in (("emulated", found.emulated), ("proven", found.proven)):
+            row[name] = fit.values[place]
+            row[f"{name}_off_range"] = abs(fit.values[place] - true) / width
+        rows.append(row | {"seconds": seconds, "cpu_seconds": cpu_seconds})
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("part", choices=["accuracy", "searches"])
+    parser.add_argument("part", choices=["accuracy", "identify", "searches"])
     parser.add_argument("--emulator", default="fishes")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0)
@@ -180,6 +220,13 @@ def main() -> None:
         rows = accuracy_rows(emulator)
         print_table(rows)
         keep(ACCURACY, rows, arguments.dry)
+        return
+    if arguments.part == "identify":
+        rows = []
+        for seed in range(arguments.seeds):
+            rows += identified_rows(emulator, seed)
+            print_table(rows[-3:])
+        keep(IDENTIFIED, rows, arguments.dry)
         return
     rows = rows_of(emulator, range(arguments.seeds), arguments.seconds)
     for key in ("seconds", "cpu_seconds"):

@@ -1,1 +1,1 @@
-"""Parts of the benchmark of families and of identification."""
+"""Parts of the benchmark of designs."""

@@ -10,6 +10,7 @@ import numpy as np
 from control_cases.baselines.cost_evaluator import DIVERGED_COST
 from control_cases.baselines.fast_physics import threads
 from control_cases.baselines.run_baseline import population
+from identification_cases.recordings import Recording
 from jaxtyping import Array, Float
 
 import neuroanimator as na
@@ -17,6 +18,7 @@ from neuroanimator.control import Periodic
 from neuroanimator.control.descent.descend import start_of_body
 from neuroanimator.control.descent.problem import VariedParameters
 from neuroanimator.control.objective.objective import Trajectory
+from neuroanimator.data.sampling import sample_controls
 from neuroanimator.state.pose import read_pose
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import SINGLE_LANES, c_twin
@@ -35,6 +37,12 @@ EFFORT = 5.0
 
 STRENGTH = 0.7
 """First guesses are the gait at this strength, as for the tasks of swimmers."""
+
+RECORDED = 4.0
+"""Length of a recording [s]."""
+
+NOISE = 0.0005
+"""Standard deviation of the noise of recorded places [m]."""
 
 VARIED = ("length", "stiffness")
 """Parameters that are searched for, beside the gait."""
@@ -146,6 +154,22 @@ def first_guess(problem: Problem, varied: VariedParameters) -> Float[np.ndarray,
     values = problem.start[list(varied.entries)]
     shares = (values - np.asarray(varied.middle)) / np.asarray(varied.half)
     return np.concatenate([problem.parametrisation.guess(problem.first), np.arctanh(shares)])
+
+
+def record_fish(system: na.System, dt: float, seed: int) -> Recording:
+    """Return a motion of a random fish: places of its mass points at the start and after each super step."""
+    rng = np.random.default_rng(seed)
+    values = {p.name: float(rng.uniform(p.low, p.high)) for p in system.parameters}
+    fish = system.at(**values)
+    assert fish.gait is not None
+    assert fish.structure.cloud is not None
+    steps = round(RECORDED / dt)
+    gait = fish.gait.controls(steps, dt, fish.bounds)
+    controls = 0.5 * gait + 0.5 * sample_controls(rng, steps, dt, fish.bounds)
+    states = fish.simulate_fastest(fish.rest[None], controls[None], dt).states[0]
+    places = states[:, : 3 * fish.structure.cloud.count]
+    measured = places + NOISE * rng.normal(size=places.shape)
+    return Recording(np.array(list(values.values())), measured, controls, dt)
 
 
 class Swim(NamedTuple):

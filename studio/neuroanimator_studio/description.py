@@ -55,7 +55,8 @@ def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
     facts["title"] = _title(emulator)
     facts["latent"] = latent_size(emulator)
     facts["goals"] = describe_goals(emulator, system)
-    facts["parameters"] = describe_parameters(emulator)
+    if emulator.parameters:
+        facts["parameters"] = describe_parameters(emulator)
     facts["verdict"] = describe_verdict(emulator.verdict)
     return facts
 

@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 from families import parameter_lines, write_arm
 
-from neuroanimator import Emulator, NeuroAnimatorError, TrainingConfig, set_backend
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    TrainingConfig,
+    load_emulator,
+    load_system,
+    set_backend,
+)
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.super_step import rollout
@@ -112,3 +119,23 @@ def test_a_body_outside_of_the_family_stays_one_and_is_not_trusted(family: Emula
     motion, scores = family.rollout_trusted(start, controls(family))
     np.testing.assert_array_equal(motion[:, entry], 9.0)
     assert (scores > 1).all()
+
+
+def test_an_emulator_of_mass_points_knows_the_shape_of_each_body(tmp_path: Path) -> None:
+    fishes = load_emulator("fishes")
+    system = load_system("fishes")
+    assert [parameter.name for parameter in fishes.parameters] == ["density", "length", "stiffness"]
+    long = fishes.at(length=0.32, density=0.8)
+    np.testing.assert_allclose(long.rest, system.at(length=0.32, density=0.8).rest, atol=1e-6)
+    # Modes are what is left beside the growth: at rest there is as much of them as in the nominal fish.
+    layout = fishes.encoding.layout
+    modes = [layout.part(np.asarray(one.encode(one.rest)), "modes") for one in (fishes, long)]
+    np.testing.assert_allclose(modes[1], modes[0], atol=1e-6)
+    motion = long.rollout(long.rest, controls(fishes))
+    np.testing.assert_array_equal(motion[:, -3:], np.tile(motion[0, -3:], (7, 1)))
+    length = np.ptp(motion[:, :69:3], axis=1)
+    assert (length > 0.29).all()
+    long.save(tmp_path / "long.emulator.safetensors")
+    again = Emulator.load(tmp_path / "long.emulator.safetensors")
+    assert again.parameters == long.parameters
+    np.testing.assert_array_equal(again.rollout(again.rest, controls(fishes)), motion)

@@ -105,6 +105,22 @@ class Spline(Parametrisation):
         return _least_squares(basis, _raw(self, controls)).ravel()
 
 
+WIDEST_TEMPO = 3.0
+"""Largest number of a frequency that a guess is tried at: nearly the slowest and the fastest there are."""
+
+TEMPOS = 24
+"""Number of frequencies tried in each round of a guess."""
+
+TEMPO_ROUNDS = 4
+"""Number of rounds, each about the best of the one before."""
+
+MISFIT_DIGITS = 9
+"""Digits of the share of controls that a wave leaves: less is rounding."""
+
+TINY = 1e-12
+"""Added to the squares of controls: idle ones are met by any wave."""
+
+
 class Periodic(Parametrisation):
     """A pattern as animals move by: per control an offset and a wave, all of one frequency.
 
@@ -149,10 +165,30 @@ class Periodic(Parametrisation):
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
             return np.zeros(self.size)
-        phases = 2 * np.pi / float(self.period) * (np.arange(self.steps) + 0.5) * self.dt
-        waves = np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=1)
-        weights = _least_squares(waves, _raw(self, controls))
-        return np.concatenate([[0.0], weights.ravel()])
+        raw = _raw(self, controls)
+        number = 0.0
+        width = WIDEST_TEMPO
+        for _ in range(TEMPO_ROUNDS):
+            # The middle comes first, and stays where no other is better.
+            numbers = number + width * np.concatenate([[0.0], np.linspace(-1, 1, TEMPOS)])
+            number = float(numbers[np.argmin(self._misfits(numbers, raw))])
+            width *= 2 / TEMPOS
+        weights = _least_squares(self._waves(np.array([number]))[0], raw)
+        return np.concatenate([[number], weights.ravel()])
+
+    def _waves(self, numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K T 3"]:
+        """Return what offset, sine and cosine are at the frequency that each of `numbers` stands for."""
+        phases = np.asarray(self.phases(numbers[:, None]), float)
+        return np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=-1)
+
+    def _misfits(
+        self, numbers: Float[np.ndarray, " K"], raw: Float[np.ndarray, "T C"]
+    ) -> Float[np.ndarray, " K"]:
+        """Return the share of the squares of `raw` that waves of each frequency leave; rounding counts as nothing."""
+        waves = self._waves(numbers)
+        products = waves.mT @ raw
+        met = np.sum(products * np.linalg.solve(waves.mT @ waves, products), axis=(1, 2))
+        return np.round(1 - met / (np.sum(raw**2) + TINY), MISFIT_DIGITS)
 
     def gait(self, z: np.ndarray) -> Gait:
         """Return the pattern of z as a gait; offsets and the rounding of strong waves are left out."""
