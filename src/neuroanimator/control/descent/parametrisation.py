@@ -178,7 +178,7 @@ class Periodic(Parametrisation):
 
     def _waves(self, numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K T 3"]:
         """Return what offset, sine and cosine are at the frequency that each of `numbers` stands for."""
-        phases = np.asarray(self.phases(numbers[:, None]), float)
+        phases = np.stack([np.asarray(self.phases(np.asarray(number))) for number in numbers])
         return np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=-1)
 
     def _misfits(
