@@ -19,7 +19,7 @@ from neuroanimator import load_emulator, load_system
 from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_training import train_policy
+from neuroanimator.control.policies.policy_training import PolicyTraining, train_policy
 from neuroanimator.control.policies.steering import (
     SteeringTarget,
     command_toward,
@@ -35,6 +35,10 @@ from neuroanimator.files.zoo import POLICIES, find_policy, shipped_policy
 from neuroanimator.state.pose import Pose
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
+
+TRAININGS = {"dolphin": PolicyTraining(), "fish": PolicyTraining(updates=8000, seed=3)}
+"""How each is trained. A fish comes to its speed slowly: with the usual 5,000 updates it swam at 0.09 to 0.13 m/s on the physics
+where 0.08 was asked for. Of two seeds with 8,000 one left its tank by more than its length for a moment."""
 
 WORKPLACE = Path("out/policies")
 """Training writes its files to this folder."""
@@ -288,7 +292,7 @@ def spread_out(
 def train(name: str) -> None:
     """Train the policy of a system and put it where the package ships it."""
     out = WORKPLACE / shipped_policy(name).name
-    train_policy(load_emulator(name), load_system(name), out, on_report=print)
+    train_policy(load_emulator(name), load_system(name), out, TRAININGS[name], on_report=print)
     shipped_policy(name).write_bytes(out.read_bytes())
 
 
