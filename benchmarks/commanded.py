@@ -30,7 +30,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from contact_sheets import tile
+from contact_sheets import tile_motion
 from following import HUMAN, PROGRAM, RESULTS, seconds_of_children, slip
 from jaxtyping import Array, Float
 
@@ -282,10 +282,7 @@ def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, floa
 def draw_sheet(policy: StatePolicy, states: Float[np.ndarray, "K S"], out: Path) -> None:
     """Lay pictures of a motion side by side, and keep its film beside them."""
     clip = na.make_clip(policy.emulator, states)
-    film = out.with_suffix(".mp4")
-    na.write_video(clip, film, size=(640, 640), camera="side")
-    chosen = np.linspace(0, len(clip.times) - 1, IMAGES).round().astype(int)
-    tile(film, chosen.tolist(), IMAGES // 2, 2, 320, out)
+    tile_motion(clip, out.with_suffix(".mp4"), IMAGES, out)
 
 
 def main() -> None:
@@ -326,7 +323,8 @@ def main() -> None:
             draw_sheet(policy, walked(policy, task, system, told), arguments.sheet)
     if not arguments.dry:
         write_csv(RESULTS / "commanded.csv", rows)
-        write_csv(RESULTS / "commanded_curves.csv", curves)
+        if curves:
+            write_csv(RESULTS / "commanded_curves.csv", curves)
 
 
 if __name__ == "__main__":

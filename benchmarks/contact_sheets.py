@@ -19,6 +19,7 @@ import imageio_ffmpeg
 import numpy as np
 
 import neuroanimator as na
+from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.motion import default_motion
 from neuroanimator.export.film.options import read_film
 
@@ -47,6 +48,13 @@ def main() -> None:
     else:
         for name in options.only:
             write_sheet(name, options.out, options.size, options.camera)
+
+
+def tile_motion(clip: Clip, film: Path, images: int, out: Path) -> None:
+    """Draw the film of a motion seen from the side, and lay `images` of its pictures in two rows."""
+    na.write_video(clip, film, size=(640, 640), camera="side")
+    chosen = np.linspace(0, len(clip.times) - 1, images).round().astype(int)
+    tile(film, chosen.tolist(), images // 2, 2, 320, out)
 
 
 def write_sheet(name: str, out: Path, size: str, camera: str) -> None:

@@ -28,7 +28,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from contact_sheets import tile
+from contact_sheets import tile_motion
 from human_clips import HUMAN, soles
 from jaxtyping import Float
 
@@ -153,10 +153,7 @@ def draw_sheet(policy: StatePolicy, task: PolicyTask, system: MujocoSystem, out:
     states = motion_of(policy, stepper, task.rules, 4 * motion.lap, 1)[2 * motion.lap :]
     clip = na.make_clip(policy.emulator, states)
     with TemporaryDirectory() as place:
-        film = Path(place) / "film.mp4"
-        na.write_video(clip, film, size=(640, 640), camera="side")
-        chosen = np.linspace(0, len(clip.times) - 1, IMAGES).round().astype(int)
-        tile(film, chosen.tolist(), IMAGES // 2, 2, 320, out)
+        tile_motion(clip, Path(place) / "film.mp4", IMAGES, out)
 
 
 def kept(file: str, renewed: list[str]) -> Rows:

@@ -55,7 +55,12 @@ export class App implements Workplace {
   constructor() {
     this.#canvas.tabIndex = 0;
     this.#canvas.setAttribute("aria-label", "The stage");
-    this.#pointer = new Pointer(this.#canvas, () => this.showing?.grabbables ?? [], (isHeld) => this.#held(isHeld));
+    this.#pointer = new Pointer(
+      this.#canvas,
+      () => this.showing?.grabbables ?? [],
+      (isHeld) => this.#held(isHeld),
+      (x, y) => this.showing?.session.feed(x, y),
+    );
     this.#stageBox = element("main", "stage", [this.#canvas, this.#hud.element, this.#loading, this.#banners.element]);
     document.body.append(this.#bar.element, this.#stageBox, this.#side, this.#help);
     followTheme(() => this.#redecorate());

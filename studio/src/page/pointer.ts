@@ -9,8 +9,6 @@ export interface Grabbable {
   /** The wheel was turned by so many pixels, toward the user, while it was held. */
   wheel?(pixels: number): void;
   release(): void;
-  /** The pointer was pressed and let go of at one place, where nothing had its drag. */
-  tap?(x: number, y: number): void;
 }
 
 /** A pointer that moves no further between press and release taps [pixels]. */
@@ -20,11 +18,12 @@ export class Pointer {
   #held: Grabbable | null = null;
   #pressed: readonly [x: number, y: number] | null = null;
 
-  /** `candidates` are asked in order; `onHold` is told whether one of them has the pointer. */
+  /** `candidates` are asked in order; `onHold` is told whether one of them has the pointer, `onTap` where it tapped and none had it. */
   constructor(
     private readonly canvas: HTMLCanvasElement,
     private readonly candidates: () => readonly Grabbable[],
     private readonly onHold: (isHeld: boolean) => void,
+    private readonly onTap: (x: number, y: number) => void,
   ) {
     // Before the camera's own listeners: what takes hold of a body does not turn the camera.
     canvas.addEventListener("pointerdown", (event) => this.#down(event), { capture: true });
@@ -64,7 +63,7 @@ export class Pointer {
     const pressed = this.#pressed;
     this.#pressed = null;
     if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < STILL) {
-      this.candidates().forEach((candidate) => candidate.tap?.(...this.#place(event)));
+      this.onTap(...this.#place(event));
     }
   }
 

@@ -127,6 +127,16 @@ export class Session {
     world.showLife(this.life);
   }
 
+  /** Drop food where the pointer is, if small fish live here. */
+  feed(x: number, y: number): void {
+    const { life, world } = this;
+    const place = life && world.dragPoint(x, y, world.middle, false);
+    if (place) {
+      place[2] = Math.max(place[2], world.room.low + 0.1 * world.size);
+      life.feed(place);
+    }
+  }
+
   /** Show so many more soft bodies of its kind around the body; none takes them away. */
   async keepCrowd(count: number): Promise<void> {
     this.world.showCrowd(null);

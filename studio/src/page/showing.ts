@@ -14,7 +14,6 @@ import { Twin } from "../physics/twin";
 import type { Live } from "../server/live";
 import type { KeySteering } from "../steering/keys";
 import { MoverDrag } from "../steering/drag";
-import { FeedingHand } from "../steering/feeding";
 import { BodyPull } from "../steering/pull";
 import { SwimTarget } from "../steering/target";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
@@ -92,7 +91,7 @@ export class Showing {
       banners,
       body: goal.body,
     });
-    this.grabbables = [this.#synthesis, this.#target, this.#hand, new FeedingHand(session)];
+    this.grabbables = [this.#synthesis, this.#target, this.#hand];
     const about = element("div", "about", [element("h1", "", [facts.id]), element("p", "", [facts.about])]);
     const elements = [about, steer?.element, parameters?.element, goal.details, controls.element, this.#measure.element, take.element];
     this.side = elements.filter((one) => one !== undefined);

@@ -90,7 +90,8 @@ export class Life implements Guide {
     if (shark && distance(shark, pose.position) < CATCH * this.length) {
       this.#lost.add(number);
     }
-    const { force, pace } = mind.think(pose, this.#surroundings, this.dt);
+    const others = this.#surroundings.others.filter((_, other) => other !== number);
+    const { force, pace } = mind.think(pose, { ...this.#surroundings, others }, this.dt);
     return { force: this.#keptHome(force, pose.position), pace };
   }
 
