@@ -64,9 +64,9 @@ def commanded_motion(
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, the states of a body told `commands`, SECONDS,SPEED,TURN each, on the true physics)."""
     policy, system, _ = _loaded(path, toml)
-    pilot = Pilot(policy, system)
-    states = [pilot.reset().state]
     with phase("simulating"):
+        pilot = Pilot(policy, system)
+        states = [pilot.reset().state]
         for text in commands:
             seconds, speed, turn = _read_command(text)
             for _ in range(max(round(seconds / policy.dt), 1)):

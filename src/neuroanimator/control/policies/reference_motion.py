@@ -145,7 +145,7 @@ class ReferenceMotion(eqx.Module):
         state = np.zeros(self.frames.shape[-1])
         state[self.phase] = phase
         state[self.commands.clock_rate] = self.commands.own_rate
-        return np.asarray(self.frame(jnp.asarray(state, jnp.float32)), float)
+        return np.asarray(_frame(self, jnp.asarray(state, jnp.float32)), float)
 
     def target(self, states: Float[Array, "*B S"]) -> Float[Array, "*B C"]:
         """Return what each servo is to aim at so that it comes to the motion's next pose: the angle there, and a lead."""
@@ -226,6 +226,11 @@ class ReferenceMotion(eqx.Module):
             if len(driven) != controls:
                 raise ValueError(f"reference: wanted {controls} angles that controls drive")
         return motion
+
+
+@eqx.filter_jit
+def _frame(motion: ReferenceMotion, states: Float[Array, "*B S"]) -> Float[Array, "*B S"]:
+    return motion.frame(states)
 
 
 def _from_heading(

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.emulator.artifact import FAULTS, check_arrays, check_format, first_line
@@ -175,6 +176,7 @@ def _describe(policy: StatePolicy) -> dict[str, Any]:
 
 def load_state_policy(path: Path) -> StatePolicy:
     """Return the policy in the file at `path`; BadFileError says what is wrong with it."""
+    keep_programs()
     tensors, metadata = read_tensors(path, KIND)
     check_format(path, metadata.get("format"), FORMAT, MAKER)
     emulator = metadata.get("emulator")
