@@ -211,6 +211,28 @@ def test_what_nobody_needs_is_dropped():
     assert [operation.name for operation in program.operations] == ["mul"]
 
 
+def test_what_is_asked_for_twice_is_computed_once():
+    program = trace(lambda _, x: jnp.sin(x) * jnp.cos(x) + jnp.sin(x), None, Input((9,)))
+    assert [operation.name for operation in program.operations] == ["sin", "cos", "mul", "add"]
+
+
+def test_a_choice_that_is_known_leaves_no_code():
+    program = trace(lambda _, x: jnp.where(np.arange(9) < 4, x, x[::-1]), None, Input((9,)))
+    assert not program.operations
+    (output,) = program.outputs
+    np.testing.assert_array_equal(output, [0, 1, 2, 3, 4, 3, 2, 1, 0])
+
+
+def test_a_long_chain_of_values_takes_the_room_of_two():
+    def chain(_: None, x: jax.Array) -> jax.Array:
+        for _step in range(30):
+            x = jnp.tanh(x)
+        return x
+
+    text = c_function("chain", chain, None, [Input((40,))], Constants()).text
+    assert f"float w[{2 * 48}];" in text
+
+
 def test_adding_and_multiplying_by_zeros_and_ones_of_the_definition_leaves_no_code():
     def function(_: None, x: jax.Array) -> jax.Array:
         mask = jnp.array([0.0, 1.0] * 3)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any, NamedTuple
 
-from neuroanimator.codegen.c_text import Writer, fused
+from neuroanimator.codegen.c_text import Writer, fused, with_gathered_rows
+from neuroanimator.codegen.placement import placed
 from neuroanimator.codegen.program import (
     EARLY,
     FLOAT_BYTES,
@@ -116,11 +117,23 @@ class _Part:
 
     def write(self, declared: str, tapes: tuple[str, ...]) -> list[str]:
         """Return the function's lines."""
-        body = list(fused(self._body(Writer(self.program))))  # it may take more room
+        part = placed(
+            self.program,
+            list(with_gathered_rows(self.program, self._operations())),
+            [self.program.inputs[number].ravel() for number in self.own_inputs],
+            [self.program.outputs[number].ravel() for number in self.outputs],
+            self._spaces(),
+        )
+        body = list(fused(self._body(part)))  # it may take more room
         names = [*("k", "t", "tv")[: 1 + len(tapes)], *self._empty()]
         unused = "".join(f"(void){name}; " for name in names)
         head = f"{declared}({', '.join(self._parameters(tapes))}) {{"
-        return [head, *self._arrays(), unused, *body, "}"]
+        return [head, *self._arrays(part.sizes), unused, *body, "}"]
+
+    def _spaces(self) -> list[int]:
+        """Return the spaces of what it works on."""
+        lateness = LATE if self.is_late else EARLY
+        return [lateness, lateness | WIDE]
 
     def _empty(self) -> list[str]:
         """Return the parameters that have no numbers, such as the control of what nothing drives."""
@@ -135,16 +148,15 @@ class _Part:
         between = [*tapes, *xs] if self.is_late else [*xs, *tapes]
         return ["const float *NA_RESTRICT k", *between, *ys]
 
-    def _arrays(self) -> list[str]:
+    def _arrays(self, sizes: dict[int, int]) -> list[str]:
         declared = []
         scratch = 0
-        for space in (EARLY, WIDE):
-            number = space | (LATE if self.is_late else EARLY)
-            size = self.program.sizes.get(number, 0)
+        for space in self._spaces():
+            size = sizes.get(space, 0)
             if size:
-                lanes = "LANES * " if space else ""
-                declared.append(f"NA_ALIGNED float {SPACES[number]}[{lanes}{size}];")
-                scratch += FLOAT_BYTES * size * (WIDTH if space else 1)
+                lanes = "LANES * " if space & WIDE else ""
+                declared.append(f"NA_ALIGNED float {SPACES[space]}[{lanes}{size}];")
+                scratch += FLOAT_BYTES * size * (WIDTH if space & WIDE else 1)
         if scratch > MAX_STACK:
             declared = [f"static __thread {array}" for array in declared]
         return declared
@@ -156,13 +168,13 @@ class _Part:
             operations = self.program.needed_by([self.program.outputs[n] for n in self.outputs])
         return [operation for operation in operations if operation.is_late == self.is_late]
 
-    def _body(self, writer: Writer) -> Iterator[str]:
+    def _body(self, part: Program) -> Iterator[str]:
         """Yield what loads the inputs, computes, and stores the outputs."""
-        for number in self.own_inputs:
-            yield from writer.loaded(f"x{number}", self.program.inputs[number].ravel())
-        for operation in self._operations():
+        writer = Writer(part)
+        for number, addresses in zip(self.own_inputs, part.inputs, strict=True):
+            yield from writer.loaded(f"x{number}", addresses)
+        for operation in part.operations:
             yield from writer.write(operation)
         is_wide = any(self.inputs[number].is_wide for number in self.own_inputs)
-        for number in self.outputs:
-            output = self.program.outputs[number].ravel()
-            yield from writer.stored(output, f"y{number}", is_wide=is_wide)
+        for number, addresses in zip(self.outputs, part.outputs, strict=True):
+            yield from writer.stored(addresses, f"y{number}", is_wide=is_wide)

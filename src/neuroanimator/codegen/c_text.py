@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +18,13 @@ from neuroanimator.codegen.program import (
     Addresses,
     Operation,
     Program,
+    free_axes,
     ordered_axes,
 )
 from neuroanimator.codegen.trace import UnsupportedError
 
 ELEMENTWISE = {
-    "neg": "-{0}", "sqrt": "sqrtf({0})", "rsqrt": "1.0f / sqrtf({0})", "exp": "na_exp({0})", "log": "na_log({0})",
+    "copy": "{0}", "neg": "-{0}", "sqrt": "sqrtf({0})", "rsqrt": "1.0f / sqrtf({0})", "exp": "na_exp({0})", "log": "na_log({0})",
     "tanh": "na_tanh({0})", "logistic": "na_logistic({0})", "sin": "na_sin({0})", "cos": "na_cos({0})",
     "abs": "fabsf({0})", "square": "{0} * {0}", "not": "(float)({0} == 0.0f)",
     "sign": "(float)({0} > 0.0f) - (float)({0} < 0.0f)", "floor": "floorf({0})", "ceil": "ceilf({0})",
@@ -109,12 +110,10 @@ class Writer:
     """Writes the operations of one program."""
 
     program: Program
-    _gathered: dict[bytes, Addresses] = field(default_factory=dict)
-    """Where entries from all over have been put side by side; every address is written once, so they stay true."""
 
     def write(self, operation: Operation) -> Iterator[str]:
         """Yield the lines of C that do `operation`; UnsupportedError if there is no C for it."""
-        if operation.name == "div" and self._are_weights(operation.inputs[1]):
+        if operation.name == "div" and are_weights(self.program, operation.inputs[1]):
             numerator, divisor = operation.inputs
             constants = self.program.constants
             inverse = constants.add(1 / constants.values(divisor))
@@ -165,13 +164,6 @@ class Writer:
         offset = int(target[0]) % SPACE
         lanes = "LANES * " if space & WIDE else ""
         yield f"memcpy({SPACES[space]} + {lanes}{offset}, {name}, {lanes}{len(target)} * sizeof(float));"
-
-    def _are_weights(self, addresses: Addresses) -> bool:
-        """Return whether all of `addresses` are constants, and none of them is in the text."""
-        literals = self.program.constants.literals
-        if not (addresses < 0).all():
-            return False
-        return not any(int(address) in literals for address in np.unique(addresses))
 
     def _each(self, formula: str, operation: Operation) -> Iterator[str]:
         shape = operation.output.shape
@@ -433,9 +425,11 @@ class Writer:
         outputs = operation.output.reshape(len(left), left.shape[1], right.shape[2])
         rest: list[tuple[Addresses, Addresses, Addresses]] = []
         for left_matrix, right_matrix, output in zip(left, right, outputs, strict=True):
-            if self._are_weights(left_matrix) and not self._are_weights(right_matrix):
+            if are_weights(self.program, left_matrix) and not are_weights(
+                self.program, right_matrix
+            ):
                 left_matrix, right_matrix, output = right_matrix.T, left_matrix.T, output.T
-            if self._are_weights(right_matrix) and right_matrix.shape[1] > FEW:
+            if are_weights(self.program, right_matrix) and right_matrix.shape[1] > FEW:
                 weights = self.program.constants.values(right_matrix)
                 for row, sums in zip(left_matrix, output, strict=True):
                     yield from self._weighted(row, weights, sums)
@@ -463,11 +457,8 @@ class Writer:
         """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in their order."""
         vector = row
         if not _is_a_run(row):
-            key = row.tobytes()
-            if key not in self._gathered:
-                self._gathered[key] = self.program.room_for_result(row.shape, (row, sums))
-                yield from self.copied(row, self._gathered[key])
-            vector = self._gathered[key]
+            vector = self.program.room_for_result(row.shape, (row, sums))
+            yield from self.copied(row, vector)
         if is_any_wide(vector):
             yield from self._weighted_lanes(vector, weights, sums)
             return
@@ -537,33 +528,56 @@ class Writer:
     ) -> Iterator[str]:
         """Yield the product for all lanes: a weight is read once for sixteen of them, in the order it lies in memory."""
         count, columns = weights.shape
-        room = -(-columns // WIDTH) * WIDTH
-        tile = next(size for size in LANE_TILES if -(-columns // size) * size <= room)
-        tiles = -(-columns // tile)
-        padded = np.zeros((count, tiles * tile), np.float32)
+        tiles = -(-columns // LANE_TILE)
+        padded = np.zeros((count, tiles * LANE_TILE), np.float32)
         padded[:, :columns] = weights
-        block = padded.reshape(count, tiles, tile).swapaxes(0, 1)
+        block = padded.reshape(count, tiles, LANE_TILE).swapaxes(0, 1)
         base = -int(self.program.constants.add(block).flat[0]) - 1
         total = sums
-        if not _is_a_run(sums) or len(sums) <= FEW:
-            total = self.program.room_for_result((room,), (sums,))
-        source = int(vector[0])
-        target = int(total[0])
-        names = ", ".join(f"s{j}" for j in range(tile))
-        yield f"for (int c = 0; c < {tiles}; c++) {{"
-        yield f"na_wide {names};"
-        yield " ".join(f"NA_ZERO(s{j});" for j in range(tile))
-        yield f"const float *r = k + {base} + c * {count * tile};"
-        yield f"const na_wide *x = (const na_wide *)({SPACES[source // SPACE]} + LANES * {source % SPACE});"
-        yield f"for (int q = 0; q < {count}; q++, x++, r += {tile}) {{"
-        yield " ".join(f"NA_MULTIPLY_ADD(s{j}, *x, r[{j}]);" for j in range(tile))
-        yield "}"
-        space = SPACES[target // SPACE]
-        yield f"na_wide *y = (na_wide *)({space} + LANES * ({target % SPACE} + c * {tile}));"
-        yield " ".join(f"y[{j}] = s{j};" for j in range(tile))
-        yield "}"
+        if not _is_a_run(sums) or sums[0] % WIDTH or columns <= FEW:
+            # Whole tiles are written, for which only what is aligned has room.
+            total = self.program.room_for_result((tiles * LANE_TILE,), (sums,))
+        x = _register(int(vector[0]))
+        y = _register(int(total[0]))
+        yield f"na_lane_products({tiles}, {count}, k + {base}, {x}, {y});"
         if total is not sums:
             yield from self.copied(total[: len(sums)], sums)
+
+
+def are_weights(program: Program, addresses: Addresses) -> bool:
+    """Return whether all of `addresses` are constants, and none of them is in the text."""
+    literals = program.constants.literals
+    if not (addresses < 0).all():
+        return False
+    return not any(int(address) in literals for address in np.unique(addresses))
+
+
+def with_gathered_rows(program: Program, operations: Iterable[Operation]) -> Iterator[Operation]:
+    """Yield `operations`, before products with weights what puts rows side by side whose entries come from all over.
+
+    Rows that several products read are gathered once.
+    """
+    gathered: dict[bytes, Addresses] = {}
+    for operation in operations:
+        inputs = operation.inputs
+        if operation.name != "dot_general" or not any(are_weights(program, one) for one in inputs):
+            yield operation
+            continue
+        axes = operation.params["dimension_numbers"]
+        changed = list(inputs)
+        for side, value in enumerate(inputs):
+            summed, batch = axes[0][side], axes[1][side]
+            order = [*batch, *free_axes(value, batch, summed), *summed]
+            rows = value.transpose(order).reshape(-1, math.prod(value.shape[n] for n in summed))
+            if are_weights(program, value) or all(_is_a_run(row) for row in rows):
+                continue
+            key = rows.tobytes()
+            if key not in gathered:
+                gathered[key] = program.room_for_result(rows.shape, (rows, operation.output))
+                yield Operation("copy", (rows,), gathered[key], {})
+            shape = [value.shape[axis] for axis in order]
+            changed[side] = gathered[key].reshape(shape).transpose(np.argsort(order))
+        yield replace(operation, inputs=tuple(changed))
 
 
 EACH_LANE = "NA_EACH_LANE "
@@ -572,8 +586,8 @@ EACH_LANE = "NA_EACH_LANE "
 STATEMENTS_PER_LOOP = 24
 """Number of statements in a loop over the lanes: between them numbers stay in registers, and compilers see fewer loops."""
 
-LANE_TILES = (6, 5, 4)
-"""Columns of weights whose products with all lanes are summed in one pass: the most that leave no column over."""
+LANE_TILE = 8
+"""`NA_TILE` of the prelude."""
 
 OUTSIDE = len(SPACES)
 """Number of the space of what is no space: an argument of the function."""
@@ -618,6 +632,11 @@ def _ahead(address: int | np.integer) -> int:
 def _name(address: int) -> str:
     """Return how C names an entry without lanes, but for the closing bracket."""
     return f"{SPACES[address // SPACE]}[{address % SPACE}"
+
+
+def _register(address: int) -> str:
+    """Return how C points to an entry with lanes."""
+    return f"(na_wide *)({SPACES[address // SPACE]} + LANES * {address % SPACE})"
 
 
 def _index(loop: Loop, column: int) -> str:

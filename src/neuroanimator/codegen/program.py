@@ -122,11 +122,16 @@ def ordered_axes(
     value: Addresses, batch: tuple, summed: tuple, *, ends_with_sum: bool
 ) -> Addresses:
     """Return a factor of `dot_general` as matrices: (B, M, K) if it `ends_with_sum`, or else (B, K, N)."""
-    free = [axis for axis in range(value.ndim) if axis not in (*batch, *summed)]
+    free = free_axes(value, batch, summed)
     groups = (batch, free, summed) if ends_with_sum else (batch, summed, free)
     shape = [math.prod(value.shape[axis] for axis in axes) for axes in groups]
     order = [*groups[0], *groups[1], *groups[2]]
     return value.transpose(order).reshape(shape)
+
+
+def free_axes(value: Addresses, batch: tuple, summed: tuple) -> tuple[int, ...]:
+    """Return the axes of a factor of `dot_general` that its product keeps, but for those of the batch."""
+    return tuple(axis for axis in range(value.ndim) if axis not in (*batch, *summed))
 
 
 @dataclass
@@ -215,7 +220,7 @@ class Program:
                 inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)]
                 is_kept[inside - space * SPACE] = True
             # Whole blocks, so that neighbours stay neighbours.
-            starts = np.array(self._blocks.get(space, [0]))
+            starts = self.block_starts(space)
             if size:
                 lengths = np.diff(np.append(starts, size))
                 is_kept = np.repeat(np.logical_or.reduceat(is_kept, starts), lengths)
@@ -224,9 +229,15 @@ class Program:
             target[is_kept] = (TAPE + space) * SPACE + np.arange(count)
             self.sizes[TAPE + space] = count
             moved[space] = target
-        self._rename(moved)
+        self.rename(moved)
 
-    def _rename(self, moved: dict[int, np.ndarray]) -> None:
+    def block_starts(self, space: int) -> np.ndarray:
+        """Return where the values begin that lie side by side in `space`, in order."""
+        return np.array(self._blocks.get(space, [0]))
+
+    def rename(self, moved: dict[int, np.ndarray]) -> None:
+        """Give every address of the spaces in `moved` another: the one at its offset there."""
+
         def renamed(addresses: Addresses) -> Addresses:
             result = np.array(addresses)
             for space, target in moved.items():

@@ -101,6 +101,8 @@ class _Tracer:
 
     def __init__(self, program: Program) -> None:
         self.program = program
+        self._results: dict[tuple[Any, ...], Addresses] = {}
+        """Where the result of each operation is, so that what is asked for again is not computed again."""
         self._special: dict[str, Callable[[jaxprs.JaxprEqn, list[Any]], list[Any]]] = {
             "convert_element_type": self._converted,
             "dynamic_slice": self._picked,
@@ -110,6 +112,7 @@ class _Tracer:
             "pad": self._padded,
             "scatter": self._scattered,
             "scatter-add": self._scattered,
+            "select_n": self._selected,
         }
 
     def run(self, closed: jaxprs.ClosedJaxpr, weights: list[_Known]) -> None:
@@ -178,6 +181,15 @@ class _Tracer:
         chosen = np.asarray(picked)
         is_inside = (chosen >= 0) & (chosen < addresses.size)
         return [np.asarray(flat[np.where(is_inside, chosen, addresses.size)])]
+
+    def _selected(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+        """Return the entries chosen; where each comes from is settled now if it is known."""
+        which, *cases = inputs
+        if not isinstance(which, _Known):
+            return [self._computed(eqn, inputs)]
+        entries = np.stack([self._addresses(case) for case in cases])
+        number = np.broadcast_to(which.numbers.astype(int), entries.shape[1:])
+        return [np.take_along_axis(entries, number[None], axis=0)[0]]
 
     def _padded(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
         source = self._addresses(inputs[0])
@@ -253,9 +265,7 @@ class _Tracer:
         if name in OF_NOTHING and not inputs[0].size:
             return np.full(shape, self.program.constants.literal(OF_NOTHING[name]))
         if name not in SIMPLE:
-            output = self.program.room_for_result(shape, inputs)
-            self.program.operations.append(Operation(name, inputs, output, params))
-            return output
+            return self._result(name, inputs, shape, params)
         columns = [np.broadcast_to(addresses, shape).ravel() for addresses in inputs]
         literals = self.program.constants
         result = SIMPLE[name](columns, literals.literal(0.0), literals.literal(1.0))
@@ -265,10 +275,24 @@ class _Tracer:
         elif not len(rest):
             return result.reshape(shape)
         inputs = tuple(column[rest] for column in columns)
-        output = self.program.room_for_result(inputs[0].shape, inputs)
-        self.program.operations.append(Operation(name, inputs, output, params))
-        result[rest] = output
+        result[rest] = self._result(name, inputs, inputs[0].shape, params)
         return result.reshape(shape)
+
+    def _result(
+        self,
+        name: str,
+        inputs: tuple[Addresses, ...],
+        shape: tuple[int, ...],
+        params: dict[str, Any],
+    ) -> Addresses:
+        """Return where the result of an operation goes; where it is already, if the same was asked for before."""
+        operands = [(entry.shape, entry.tobytes()) for entry in inputs]
+        key = (name, *operands, shape, str(params))
+        if key not in self._results:
+            self._results[key] = self.program.room_for_result(shape, inputs)
+            operation = Operation(name, inputs, self._results[key], params)
+            self.program.operations.append(operation)
+        return self._results[key]
 
     def _addresses(self, value: Any) -> Addresses:
         if not isinstance(value, _Known):

@@ -252,8 +252,8 @@ class ShapeModes(Encoding):
         size = modes**2
         is_position = self.is_position_mode()
         return (
-            xp.mean(size, axis=-1, where=is_position),
-            xp.mean(size, axis=-1, where=~is_position),
+            xp.mean(size[..., np.flatnonzero(is_position)], axis=-1),
+            xp.mean(size[..., np.flatnonzero(~is_position)], axis=-1),
             xp.sum(velocity**2, axis=-1),
             xp.sum(angular_velocity**2, axis=-1),
         )

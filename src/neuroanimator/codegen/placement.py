@@ -1,0 +1,123 @@
+"""Where the values of a program lie: room of those that nobody reads any more is given to later ones.
+
+So that what a super step works on stays in the first cache, with sixteen lanes too.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from neuroanimator.codegen.program import SPACE, Addresses, Operation, Program, spaces_of
+
+ALWAYS = np.iinfo(np.int64).max
+"""When a value is read for the last time that callers get."""
+
+
+def placed(
+    program: Program,
+    operations: Sequence[Operation],
+    inputs: Sequence[Addresses],
+    outputs: Sequence[Addresses],
+    spaces: Sequence[int],
+) -> Program:
+    """Return the program of `operations` alone, in order, its values in as little room of `spaces` as is found.
+
+    Values stay whole, side by side and aligned as they are. `inputs` are there from the start, `outputs` to the end.
+    """
+    moved = {}
+    sizes = {}
+    for space in spaces:
+        if space in program.sizes:
+            starts = program.block_starts(space)
+            lives = _lives(space, starts, operations, inputs, outputs)
+            lengths = np.diff(np.append(starts, program.sizes[space]))
+            places, sizes[space] = _places(lives, lengths)
+            offsets = np.arange(program.sizes[space]) - np.repeat(starts, lengths)
+            moved[space] = space * SPACE + np.repeat(places, lengths) + offsets
+    part = Program(program.constants, list(inputs), list(outputs), list(operations), sizes)
+    part.rename(moved)
+    return part
+
+
+@dataclass
+class _Lives:
+    """For each value of a space the first operation that writes it and the last that reads it; -1 before all."""
+
+    first: np.ndarray
+    last: np.ndarray
+
+
+def _lives(
+    space: int,
+    starts: np.ndarray,
+    operations: Sequence[Operation],
+    inputs: Sequence[Addresses],
+    outputs: Sequence[Addresses],
+) -> _Lives:
+    lives = _Lives(np.full(len(starts), ALWAYS), np.full(len(starts), -1))
+
+    def values_at(addresses: Addresses) -> np.ndarray:
+        inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)] % SPACE
+        return np.searchsorted(starts, inside, side="right") - 1
+
+    for addresses in inputs:
+        lives.first[values_at(addresses)] = -1
+    for number, operation in enumerate(operations):
+        written = values_at(operation.output)
+        lives.first[written] = np.minimum(lives.first[written], number)
+        for addresses in (operation.output, *operation.inputs):
+            lives.last[values_at(addresses)] = number
+    for addresses in outputs:
+        lives.last[values_at(addresses)] = ALWAYS
+    return lives
+
+
+def _places(lives: _Lives, lengths: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return where each value begins, and the size of the whole: the lowest gap that is free as long as it lives."""
+    room = _Room()
+    places = np.zeros(len(lengths), int)
+    ends: list[tuple[int, int]] = []
+    for value in np.argsort(lives.first, kind="stable"):
+        if lives.first[value] == ALWAYS:
+            break  # nobody writes it
+        while ends and ends[0][0] < lives.first[value]:
+            _, ended = heapq.heappop(ends)
+            room.release(int(places[ended]), int(lengths[ended]))
+        places[value] = room.take(int(lengths[value]))
+        heapq.heappush(ends, (int(lives.last[value]), int(value)))
+    return places, room.size
+
+
+@dataclass
+class _Room:
+    """Stretches of memory, taken and released."""
+
+    size: int = 0
+    _free: list[tuple[int, int]] = field(default_factory=list)
+    """(Begin, length) of each gap, in order."""
+
+    def take(self, length: int) -> int:
+        """Return where `length` floats begin that nobody has."""
+        for number, (first, free) in enumerate(self._free):
+            if free >= length:
+                rest = [(first + length, free - length)] if free > length else []
+                self._free[number : number + 1] = rest
+                return first
+        first = self.size
+        self.size += length
+        return first
+
+    def release(self, first: int, length: int) -> None:
+        """Give a stretch back; gaps side by side become one."""
+        gaps = sorted([*self._free, (first, length)])
+        self._free = gaps[:1]
+        for begin, free in gaps[1:]:
+            before, so_far = self._free[-1]
+            if before + so_far == begin:
+                self._free[-1] = (before, so_far + free)
+            else:
+                self._free.append((begin, free))
