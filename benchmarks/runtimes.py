@@ -8,6 +8,7 @@ nanoseconds a super step: the median and the 99th percentile of all rounds, comp
 steps, a gradient is J and its gradient over 100, as a descent asks for it (of node: what the last state says of all
 before), and motions in batches make ten each. What is exported, and what is
 written by hand, has agreed with JAX before it is timed. `emulator.step` and `emulator.rollout` are as users call them.
+share_of_roofline is the time that the products of its weights take alone, in float32 from where they lie, over that of C.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from runtimes_cases import (
     jax_compiled,
     onnx_in_onnxruntime,
     physics_in_c,
+    roofline,
     wasm_in_node,
 )
 from runtimes_cases.case import Case, Motion
@@ -68,6 +70,7 @@ def cases_of(motion: Motion, folder: Path, stack: ExitStack) -> Iterator[Case]:
     yield from wasm_in_node.cases(motion, folder, stack)
     yield from onnx_in_onnxruntime.cases(motion, folder / "it.onnx")
     yield from physics_in_c.cases(motion)
+    yield from roofline.cases(motion)
 
 
 def timed(name: str, cases: list[Case], rounds: int) -> list[dict[str, Any]]:
@@ -87,6 +90,10 @@ def timed(name: str, cases: list[Case], rounds: int) -> list[dict[str, Any]]:
         row["p50_ns"] = float(np.percentile(nanoseconds, 50))
         row["p99_ns"] = float(np.percentile(nanoseconds, 99))
         rows.append(row)
+    least = {row["task"]: row["p50_ns"] for row in rows if row["runtime"] == roofline.NAME}
+    for row in rows:
+        has_roof = row["runtime"] == generated_c.NAME and row["task"] in least
+        row["share_of_roofline"] = least[row["task"]] / row["p50_ns"] if has_roof else ""
     return sorted(rows, key=lambda row: row["task"])
 
 
