@@ -70,6 +70,22 @@ def test_a_body_that_was_driven_comes_to_rest(name: str):
     assert np.linalg.norm(last[:, -1] - last[:, 0], axis=-1).max() < 0.02
 
 
+def test_a_body_that_crashes_stays_on_the_ground():
+    emulator = emulator_called("lander-50")
+    rng = np.random.default_rng(0)
+    starts = np.tile(emulator.rest, (64, 1))
+    starts[:, 2] = rng.uniform(5, 20, 64)
+    starts[:, 4:7] = rng.normal(0, 0.15, (64, 3))
+    starts[:, 3:7] /= np.linalg.norm(starts[:, 3:7], axis=1, keepdims=True)
+    falling = emulator.state.index("root.velocity").start + 2
+    starts[:, falling] = -rng.uniform(10, 20, 64)
+    controls = np.tile(idle(emulator), (64, 60, 1))
+    states = np.asarray(emulator.rollout(starts, controls), float)
+    resting = emulator.rest[2]
+    assert states[:, :, 2].min() > resting - 0.3
+    assert np.median(np.abs(states[:, -1, 2] - resting)) < 0.02
+
+
 def test_some_runs_cease_to_be_controlled():
     bounds = Bounds((1.0, -2.0), (3.0, 2.0))
     controls = np.full((1000, 40, 2), 2.0)

@@ -147,7 +147,7 @@ class SuperStep(eqx.Module):
         """Return `step` of a latent state under a latent control: those of `encode` and `encode_control`.
 
         A deformable body's shape and speed, and the numbers a network is shown of any other state, are kept within
-        what training showed.
+        what training showed; a free body sinks no deeper into the ground.
         """
         following = self.step_latent_unbounded(latent, control)
         return self._bounded(following)
@@ -196,6 +196,9 @@ class SuperStep(eqx.Module):
     def _bounded(self, following: Float[Array, " I"]) -> Float[Array, " I"]:
         """Return a latent state within bounds, but for its parameters: a body outside of the family stays one, and scores so."""
         bounded = self.encoding.bounded(following, self.features, self.domain)
+        first = len(self.features.plain)
+        local = slice(first, first + self.frame.local_size)
+        bounded = self.frame.kept_above_ground(bounded, self.domain.low[local])
         if not self.parameter_entries:
             return bounded
         parts = []

@@ -17,6 +17,7 @@ from neuroanimator.state.contacts import (
     Contacts,
     below_ceiling,
     depth,
+    height_below_ceiling,
 )
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import cross, rotate_back, upward
@@ -176,23 +177,56 @@ class Frame(eqx.Module):
         Depths have a kink at the ground, as contact forces have; without
         them the network must make its own, and errors at touchdown are half as large again.
         """
-        xp = state.__array_namespace__()
         root = first_of_each(self.segments)
-        position = state[..., root[Position].entries]
-        quaternion = state[..., root[Quaternion].entries]
         velocity = state[..., root[Velocity].entries]
         rate = root[Quaternion].segment.rate
         angular_velocity = state[..., rate : rate + 3]
-        up = upward(quaternion)
-        probes = xp.asarray(self.probes, dtype=state.dtype)
-        centres = probes[:, :3].T
-        radii = probes[:, 3]
-        height = position[..., 2:] + up @ centres - radii
-        rising = velocity[..., 2:] + cross(up, angular_velocity) @ centres
+        up = upward(state[..., root[Quaternion].entries])
+        height = self._heights(state)
+        rising = velocity[..., 2:] + cross(up, angular_velocity) @ self._centres(state)
         later = height + self.dt * rising
         in_range = _near_surface if self.is_immersed else below_ceiling
         depths = [depth(height, GROUND_SOFTNESS), depth(later, GROUND_SOFTNESS)]
         return [in_range(height), in_range(later), *depths]
+
+    def _heights(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "... P"]:
+        """Return how high each probe is over the ground, or over the surface of water [m]."""
+        root = first_of_each(self.segments)
+        position = state[..., root[Position].entries]
+        up = upward(state[..., root[Quaternion].entries])
+        radii = state.__array_namespace__().asarray(self.probes, dtype=state.dtype)[:, 3]
+        return position[..., 2:] + up @ self._centres(state) - radii
+
+    def _centres(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "3 P"]:
+        """Return the middles of the probes in the body's frame [m], as numbers of the kind `state` is of."""
+        return state.__array_namespace__().asarray(self.probes, dtype=state.dtype)[:, :3].T
+
+    def kept_above_ground(
+        self, state: Float[AnyArray, " S"], local_low: Float[AnyArray, " L"]
+    ) -> Float[AnyArray, " S"]:
+        """Return `state` (S,), lifted so that no probe is deeper in the ground than in training; lifted, it sinks no more.
+
+        `local_low` (L,) are the lowest values that `local` had there.
+        """
+        if not self._shows_probes or self.is_immersed:
+            return state
+        xp = state.__array_namespace__()
+        shown = self.local_size - (0 if self.contacts is None else self.contacts.size)
+        first = shown - PROBE_FEATURES * len(self.probes)
+        lowest = height_below_ceiling(local_low[first : first + len(self.probes)])
+        lift = xp.maximum(xp.max(lowest - self._heights(state)), 0)
+        root = first_of_each(self.segments)
+        height = root[Position].entries.start + 2
+        rising = root[Velocity].entries.start + 2
+        speed = state[rising]
+        kept = [
+            state[:height],
+            (state[height] + lift)[None],
+            state[height + 1 : rising],
+            xp.where(lift > 0, xp.maximum(speed, 0), speed)[None],
+            state[rising + 1 :],
+        ]
+        return xp.concat(kept)
 
     def control_size(self, controls: int) -> int:
         """Return how many numbers `felt_control` makes of so many controls."""

@@ -283,6 +283,12 @@ def below_ceiling(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
     return height / xp.sqrt(1 + (height / CEILING) ** 2)
 
 
+def height_below_ceiling(shown: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
+    """Return the height [m] for which `below_ceiling` is `shown`."""
+    xp = shown.__array_namespace__()
+    return shown / xp.sqrt(1 - (shown / CEILING) ** 2)
+
+
 def depth(height: Float[AnyArray, " ..."], softness: float) -> Float[AnyArray, " ..."]:
     """Return how far below zero `height` is, its kink rounded over `softness`, at most the ceiling."""
     xp = height.__array_namespace__()
