@@ -21,7 +21,7 @@ from neuroanimator.systems.system import System
 CORRECTIONS = 16
 """Replays whose defects may be added to the emulator, at most."""
 
-RESTARTS = 2
+RESTARTS = 6
 """Maximum number of new beginnings from random controls where the physics has not done it."""
 
 TRIALS = 5
