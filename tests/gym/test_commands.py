@@ -23,7 +23,7 @@ from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.disturbances import pushed
 from neuroanimator.gym.following import Following
-from neuroanimator.gym.learner import Learner
+from neuroanimator.gym.learner import CRITIC_FIRST, Learner
 from neuroanimator.gym.policy_task import FOLLOWING, PolicyTask, follow_table, task_to_learn
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, rotation_between
@@ -147,6 +147,20 @@ def test_on_the_motion_all_is_earned_at_every_command_and_wherever_the_body_is(
     assert following.is_lost(frames.at[:, 2].add(-0.26)).all()
 
 
+def test_feet_that_slide_earn_less_and_feet_in_the_air_do_not_slide(
+    motion: ReferenceMotion, system: MujocoSystem, table: FollowTable, starts: np.ndarray
+):
+    following = Following.of(motion, system, table)
+    states = motion.frame(jnp.asarray(starts, jnp.float32))
+    moved = states.at[:, 0].add(0.03)
+    aloft = jnp.array([0.0, 0.0, 0.3])
+    lifted = states.at[:, POSITION].add(aloft)
+    np.testing.assert_allclose(following.sliding(states, states, 0.03), 0, atol=1e-5)
+    assert (following.sliding(states, moved, 0.03) > 0.1).all()
+    gone = lifted.at[:, 0].add(0.03)
+    np.testing.assert_allclose(following.sliding(lifted, gone, 0.03), 0, atol=1e-3)
+
+
 def test_what_is_shown_is_the_same_whichever_way_it_is_told_to_go(
     motion: ReferenceMotion, commands: Commands, starts: np.ndarray
 ):
@@ -206,6 +220,34 @@ def test_learning_begins_with_what_a_policy_can_do(
     np.testing.assert_allclose(
         learner.policy.control_of(states), policy.control_of(states), atol=1e-3
     )
+
+
+def test_with_a_longer_reach_it_begins_with_the_same_controls(
+    policy: StatePolicy, system: MujocoSystem, emulator: Emulator, task: PolicyTask
+):
+    motion = task.motion
+    assert motion is not None
+    longer = replace(motion, reach=2 * motion.reach)
+    learner = Learner(system, emulator, task.rules, SMALL, longer, policy)
+    states = motion.frame(jnp.asarray(learner.bodies.states, jnp.float32))
+    np.testing.assert_allclose(
+        learner.policy.control_of(states), policy.control_of(states), atol=2e-3
+    )
+
+
+def test_a_policy_that_learning_begins_with_is_kept_until_the_critic_knows_it(
+    policy: StatePolicy, system: MujocoSystem, emulator: Emulator, task: PolicyTask
+):
+    learner = Learner(system, emulator, task.rules, SMALL, task.motion, policy)
+    before = learner.progress
+    learner.advance()
+    after = learner.progress
+    np.testing.assert_array_equal(after.actor.network.weights[0], before.actor.network.weights[0])
+    assert (after.critic.network.weights[0] != before.critic.network.weights[0]).any()
+    learner.numbers = learner.numbers._replace(update=CRITIC_FIRST)
+    learner.advance()
+    moved = learner.progress.actor.network.weights[0]
+    assert (moved != before.actor.network.weights[0]).any()
 
 
 @pytest.mark.parametrize("ending", [".h", ".onnx"])

@@ -77,7 +77,7 @@ class FollowTable(Table):
     reset_noise: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Episodes begin off the motion by up to this in the angle of every joint [rad]."""
     feet: Annotated[tuple[PartName, ...], Field(max_length=100)] = ()
-    """Bodies that are to be lifted, set down and tilted as the motion's; none: they count as other parts do."""
+    """Bodies that are to be lifted, set down and tilted as the motion's, and not to slide; none: they count as other parts do."""
     pushes: PushesTable | None = None
     """If None, nothing pushes the body."""
     commands: CommandsTable | None = None

@@ -3,15 +3,18 @@
 What a step pays are exponentials of how far the body is off the motion, as in DeepMimic (Peng and others, SIGGRAPH 2018):
 
     r = Σ w exp(−k e),  e: squared errors of angles, of their velocities, of the parts' places about the root, of the root
-                           and of its velocity
+                           and of its velocity; how fast feet slide, where the task names them
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -56,6 +59,15 @@ ROOT_VELOCITY = Term(0.1, 1.0)
 FEET = Term(0.15, 300.0)
 """Of the sum of squared errors of the feet's heights [m²], where the task names feet: the other terms count for the rest."""
 
+SLIDING = Term(0.2, 8.0)
+"""Of the sum of the feet's sliding speeds [m/s], likewise."""
+
+FLOOR = 0.01
+"""Height over which a point of a foot counts less and less as one on the floor [m]."""
+
+TINY = 1e-12
+"""Keeps the slope of a speed of zero finite [m²/s²]."""
+
 FOOT = 0.15
 """Distance of a foot's ends from its joint, by which its tilt counts as a height [m]."""
 
@@ -76,6 +88,8 @@ class Following(eqx.Module):
     """Number of the link whose tilt counts."""
     feet: tuple[int, ...] = eqx.field(static=True)
     """Numbers of the links that are lifted and set down."""
+    soles: Float[Array, "F P 3"]
+    """Points of these links that may touch the floor, each in the frame of its link [m]."""
     lost_distance: float = eqx.field(static=True)
     lost_tilt: float = eqx.field(static=True)
 
@@ -97,6 +111,7 @@ class Following(eqx.Module):
             kinematics,
             names.index(table.trunk),
             tuple(names.index(foot) for foot in table.feet),
+            as_jax(_soles(system.model, table.feet)),
             table.lost_distance,
             table.lost_tilt,
         )
@@ -134,6 +149,26 @@ class Following(eqx.Module):
         levers = jnp.asarray([FOOT, FOOT, 0, 1], following.dtype)
         error = ((levers * lifted) ** 2).sum(axis=(-2, -1))
         return (1 - FEET.weight) * earned + _paid(FEET, error)
+
+    def sliding(
+        self, states: Float[Array, "*B S"], following: Float[Array, "*B S"], dt: float
+    ) -> Float[Array, " *B"]:
+        """Return the sum over feet of the mean speed along the floor [m/s], `dt` seconds lying between the states.
+
+        Points count by how near they are to the floor, before and after.
+        """
+        before = self._placed_soles(states)
+        after = self._placed_soles(following)
+        moved = (after - before)[..., :2] / dt
+        speeds = jnp.sqrt((moved**2).sum(axis=-1) + TINY)
+        heights = jnp.maximum(before[..., 2], after[..., 2])
+        is_down = jnp.exp(-jnp.maximum(heights, 0) / FLOOR)
+        return (is_down * speeds).mean(axis=-1).sum(axis=-1)
+
+    def _placed_soles(self, states: Float[Array, "*B S"]) -> Float[Array, "*B F P 3"]:
+        feet = link_poses(self.kinematics, states)[..., np.array(self.feet), :3, :]
+        turned = (feet[..., None, :, :3] * self.soles[:, :, None, :]).sum(axis=-1)
+        return turned + feet[..., None, :, 3]
 
     def distance(self, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
         """Return how far the root is from the motion's [m]."""
@@ -173,6 +208,7 @@ def following_rules(
     """Return the rules of following `motion`. ArgumentError for a trunk that is none of the body's parts."""
     following = Following.of(motion, system, table)
     frames = np.asarray(motion.frames, float)
+    kept = replace(motion, frames=frames)
     # A motion that is not repeated has a last pose, after which nothing is said.
     starts = motion.lap
     steps = table.laps * motion.lap
@@ -185,7 +221,8 @@ def following_rules(
         after: Float[AnyArray, "... S"],
         dt: float,
     ) -> Float[AnyArray, " ..."]:
-        return _rewards(following, jnp.asarray(after, jnp.float32))
+        before = jnp.asarray(states, jnp.float32)
+        return _rewards(following, before, jnp.asarray(after, jnp.float32), dt)
 
     def is_over(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
         return np.asarray(_lost(following, as_jax(states)))
@@ -199,7 +236,7 @@ def following_rules(
         start = frames[rng.integers(0, starts)].copy()
         if motion.commands is not None:
             told = motion.commands.draw(rng, start[None])
-            start = np.asarray(_frames(motion, as_jax(told)), float)[0]
+            start = kept.frame(told)[0]
         hinges = list(motion.hinges)
         start[hinges] += rng.uniform(-table.reset_noise, table.reset_noise, len(hinges))
         start[ORIENTATION] /= np.linalg.norm(start[ORIENTATION])
@@ -216,13 +253,14 @@ def following_rules(
 
 
 @eqx.filter_jit
-def _frames(motion: ReferenceMotion, states: Float[Array, "B S"]) -> Float[Array, "B S"]:
-    return motion.frame(states)
-
-
-@eqx.filter_jit
-def _rewards(following: Following, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
-    return following.reward(states)
+def _rewards(
+    following: Following, states: Float[Array, "*B S"], after: Float[Array, "*B S"], dt: float
+) -> Float[Array, " *B"]:
+    earned = following.reward(after)
+    if not following.feet:
+        return earned
+    sliding = _paid(SLIDING, following.sliding(states, after, dt))
+    return (1 - SLIDING.weight) * earned + sliding
 
 
 @eqx.filter_jit
@@ -232,6 +270,26 @@ def _lost(following: Following, states: Float[Array, "B S"]) -> Bool[Array, " B"
 
 def _paid(term: Term, error: Float[Array, " *B"]) -> Float[Array, " *B"]:
     return term.weight * jnp.exp(-term.sharpness * error)
+
+
+def _soles(model: mujoco.MjModel, feet: tuple[str, ...]) -> Float[np.ndarray, "F P 3"]:
+    """Return the corners of the boxes around the shapes of each foot; of a foot with fewer than others some are there twice."""
+    if not feet:
+        return np.zeros((0, 0, 3))
+    corners = np.array(list(product((-1.0, 1.0), repeat=3)))
+    soles = []
+    for foot in feet:
+        points = []
+        body = model.body(foot)
+        for geom in range(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0])):
+            centre, half = np.split(model.geom_aabb[geom], 2)
+            rotation = np.zeros(9)
+            mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+            corner = (centre + half * corners) @ rotation.reshape(3, 3).T
+            points.append(model.geom_pos[geom] + corner)
+        soles.append(np.concatenate(points or [np.zeros((1, 3))]))
+    most = max(len(points) for points in soles)
+    return np.array([np.resize(points, (most, 3)) for points in soles])
 
 
 def _about_root(

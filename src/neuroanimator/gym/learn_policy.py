@@ -29,8 +29,8 @@ from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import read_tree, write_tree
 from neuroanimator.training.train import METRICS, trim_metrics
 
-EVALUATED = 16
-"""Number of episodes that judge a policy on the way."""
+EVALUATED = 8
+"""Number of bodies to each episode that judges a policy on the way."""
 
 MAX_UPDATES = 10_000_000
 """Largest number of updates in a checkpoint."""
@@ -153,7 +153,8 @@ class _Run:
         learner = self.learner
         learning = learner.learning
         policy = learner.policy
-        returns = returns_of(policy, self.stepper, learner.rules, EVALUATED, learning.seed)
+        episodes = learning.bodies // EVALUATED
+        returns = returns_of(policy, self.stepper, learner.rules, episodes, learning.seed)
         learner.judge(float(returns.mean()))
         numbers = learner.numbers
         report = LearningReport(

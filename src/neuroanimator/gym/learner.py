@@ -9,7 +9,7 @@ Random numbers follow from the seed and the update's number alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -79,6 +79,9 @@ MEMORY = 200_000
 STARTS = 500
 """Number of starts by whose mean and deviation a view knows what its first policy was not shown."""
 
+CRITIC_FIRST = 10
+"""Number of updates in which the policy that learning begins with is kept: the critic first learns what it earns."""
+
 MAX_SEEN = 2e6
 """Number of states after which the view's mean and deviation change no slower."""
 
@@ -105,7 +108,7 @@ class PolicyLearning:
     divergence: float = 0.01
     """Kullback-Leibler divergence by which a policy is to change in an update."""
     policy_rate: float = 1e-3
-    """Learning rate of the policy at first."""
+    """Learning rate of the policy at first, if learning does not begin with another."""
     critic_rate: float = 1e-3
     policy_widths: tuple[int, ...] = (128, 64)
     critic_widths: tuple[int, ...] = (128, 128)
@@ -134,7 +137,7 @@ class Progress(NamedTuple):
     ages: Int[np.ndarray, " N"]
     """Number of steps of their episodes so far."""
     transitions: tuple[np.ndarray, np.ndarray, np.ndarray]
-    """States, controls and following states: a ring."""
+    """States, controls and following states: a ring, empty where no slopes count."""
     best: tuple[Perceptron, View, Any]
     """Policy, view and emulator's network."""
 
@@ -151,6 +154,18 @@ class Numbers(NamedTuple):
     """Mean return of the best policy; None before the first is judged."""
     seconds: float = 0.0
     """Time it has taken [s]."""
+
+
+class Reading(NamedTuple):
+    """What networks make of B states, those of a body one after another."""
+
+    shown: Float[Array, "B O"]
+    values: Float[Array, " B"]
+    means: Float[Array, "B C"]
+    """Outputs of the policy's network, without noise."""
+    mean: Float[Array, " O"]
+    """Mean over the states of each number shown, in its own unit."""
+    variance: Float[Array, " O"]
 
 
 class Learner:
@@ -186,7 +201,12 @@ class Learner:
         sizes = (count, *learning.policy_widths, controls)
         network = Perceptron.fresh(sizes, policy_key, FIRST_GAIN)
         numbers = Numbers()
+        rate = learning.policy_rate
+        self.critic_first = 0
         if start is not None:
+            self.critic_first = CRITIC_FIRST
+            # One too large would undo in an update what the policy can do.
+            rate = RATES[0]
             check_start(start, emulator, view)
             view, network = started(start, view, self._starts())
             numbers = Numbers(seen=int(MAX_SEEN))
@@ -200,21 +220,24 @@ class Learner:
         first, second, third = self.optimizers
         memories = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
         stepper = physics_stepper(system, system.scheme, emulator.dt)
-        self.bodies = Bodies(stepper, rules, emulator, self._rng(-1), learning.bodies)
+        # Rewards are those of whole rollouts at once: `advantages`.
+        moving = replace(rules, reward=_unpaid)
+        self.bodies = Bodies(stepper, moving, emulator, self._rng(-1), learning.bodies)
         size = system.state.size
+        remembered = MEMORY if self._has_slopes else 0
         self.progress = Progress(
             actor=actor,
             critic=Critic(values, jnp.ones(())),
             network=emulator.network,
             view=view,
-            rate=as_jax(learning.policy_rate),
+            rate=as_jax(rate),
             memories=memories,
             states=self.bodies.states,
             ages=self.bodies.ages,
             transitions=(
-                np.zeros((MEMORY, size), np.float32),
-                np.zeros((MEMORY, controls), np.float32),
-                np.zeros((MEMORY, size), np.float32),
+                np.zeros((remembered, size), np.float32),
+                np.zeros((remembered, controls), np.float32),
+                np.zeros((remembered, size), np.float32),
             ),
             best=(network, view, emulator.network),
         )
@@ -281,12 +304,13 @@ class Learner:
                 "rules.reward: wanted finite numbers, came others in states that bodies went through. Bound what it divides by, "
                 "takes the root of or raises to a power."
             )
-        shown = _by_body(policy.view(rollouts.states))
-        values = _by_body(earned) + critic(shown)
-        told = self._told(policy, rollouts, shown, _by_body(earned))
-        self._fit_policy(rng, told)
-        self._fit_critic(rng, shown, values)
-        self._see(np.asarray(rollouts.states))
+        reading = _read(policy, critic, rollouts.states)
+        values = _by_body(earned) + reading.values
+        if self.numbers.update >= self.critic_first:
+            told = self._told(policy, rollouts, reading, _by_body(earned))
+            self._fit_policy(rng, told)
+        self._fit_critic(rng, reading.shown, values)
+        self._see(reading)
         if self._has_slopes:
             self._remember(rollouts)
             self._fit_emulator(rng)
@@ -315,7 +339,7 @@ class Learner:
         self,
         policy: StatePolicy,
         rollouts: Rollouts,
-        shown: Float[Array, "B O"],
+        reading: Reading,
         earned: Float[Array, " B"],
     ) -> Told:
         """Return what the policy learns from, in units of the advantages' deviation."""
@@ -329,7 +353,8 @@ class Learner:
                 learning.slope_trace,
             )  # fmt: skip
             slopes = _by_body(slopes) / unit
-        return Told(shown, noise, policy.network(shown), (earned - earned.mean()) / unit, slopes)
+        gained = (earned - earned.mean()) / unit
+        return Told(reading.shown, noise, reading.means, gained, slopes)
 
     def _fit_policy(self, rng: np.random.Generator, told: Told) -> None:
         actor = self.progress.actor
@@ -363,16 +388,17 @@ class Learner:
             critic=Critic(network, unit), memories=(of_actor, memory, of_leaps)
         )
 
-    def _see(self, states: Float[np.ndarray, "T N S"]) -> None:
+    def _see(self, reading: Reading) -> None:
         """Let what networks are shown of a state keep to what states there are."""
         view = self.progress.view
-        shown = np.asarray(_shown(view, as_jax(states))).reshape(-1, len(view.mean)).astype(float)
+        count = len(reading.shown)
         seen = self.numbers.seen
-        share = len(shown) / (seen + len(shown))
+        share = count / (seen + count)
         mean = np.asarray(view.mean, float)
-        away = shown.mean(axis=0) - mean
+        away = np.asarray(reading.mean, float) - mean
         square = np.asarray(view.deviation, float) ** 2
-        square += share * (shown.var(axis=0) - square) + share * (1 - share) * away**2
+        variance = np.asarray(reading.variance, float)
+        square += share * (variance - square) + share * (1 - share) * away**2
         renewed = View(
             jnp.asarray(mean + share * away, jnp.float32),
             jnp.asarray(np.sqrt(square), jnp.float32),
@@ -380,7 +406,7 @@ class Learner:
             view.reference,
         )
         self.progress = self.progress._replace(view=renewed)
-        self.numbers = self.numbers._replace(seen=min(seen + len(shown), int(MAX_SEEN)))
+        self.numbers = self.numbers._replace(seen=min(seen + count, int(MAX_SEEN)))
 
     def _remember(self, rollouts: Rollouts) -> None:
         count = rollouts.is_last.size
@@ -403,6 +429,15 @@ class Learner:
         self.emulator_error = float(np.sqrt(loss))
 
 
+def _unpaid(
+    states: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B C"],
+    following: Float[np.ndarray, "B S"],
+    dt: float,
+) -> Float[np.ndarray, " B"]:
+    return np.zeros(len(states))
+
+
 def _clipped_adam(rate: float) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optax.adam(rate))
 
@@ -423,8 +458,10 @@ def _batches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
 
 
 @eqx.filter_jit
-def _shown(view: View, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
-    return view.of(states)
+def _read(policy: StatePolicy, critic: Critic, states: Float[Array, "T N S"]) -> Reading:
+    own = policy.view.of(states).reshape(-1, len(policy.view.mean))
+    shown = _by_body(policy.view(states))
+    return Reading(shown, critic(shown), policy.network(shown), own.mean(axis=0), own.var(axis=0))
 
 
 @eqx.filter_jit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,9 +29,12 @@ FOLLOWING = PolicyLearning(
     policy_widths=(256, 128),
     critic_widths=(256, 128),
     divergence=0.015,
-    spread=0.12,
+    reports=12,
 )
-"""Settings of learning to follow a motion."""
+"""Settings of learning to follow a motion, but for `spread`."""
+
+EXPLORATION = 0.06
+"""Standard deviation of the noise at first in what servos aim at [rad]."""
 
 
 class FirstEmulator(NamedTuple):
@@ -114,4 +118,5 @@ def _following(table: FollowTable, motion: ReferenceMotion, system: System) -> P
     if not isinstance(system, MujocoSystem):
         raise ArgumentError("follow: wanted a MuJoCo model.")
     rules = following_rules(table, motion, system)
-    return PolicyTask(rules, table.hold, rules.steps or 1, FOLLOWING, FOR_NO_SLOPES, motion=motion)
+    learning = replace(FOLLOWING, spread=EXPLORATION / table.reach)
+    return PolicyTask(rules, table.hold, rules.steps or 1, learning, FOR_NO_SLOPES, motion=motion)

@@ -28,7 +28,8 @@ def started(start: StatePolicy, view: View, states: Float[Array, "B S"]) -> tupl
     """Return (view, network) that act as those of `start`, which was shown the first of the numbers that `view` shows.
 
     Means and deviations of the others are those in `states`, in which episodes begin; so are means of numbers that are the same
-    in all of them, since they no longer say what they did.
+    in all of them, since they no longer say what they did. With another reach the last weights are scaled, so what is far from
+    its end is kept.
     """
     known = len(start.view.mean)
     shown = np.asarray(view.of(states), float)
@@ -44,7 +45,14 @@ def started(start: StatePolicy, view: View, states: Float[Array, "B S"]) -> tupl
         view.entries,
         view.reference,
     )
-    first, *others = start.network.weights
+    first, *others, last = start.network.weights
     unknown = jnp.zeros((len(mean) - known, first.shape[1]))
-    weights = (jnp.concatenate([first, unknown]), *others)
-    return begun, Perceptron(weights, start.network.biases)
+    scale = _reach(start.view) / _reach(view)
+    weights = (jnp.concatenate([first, unknown]), *others, scale * last)
+    biases = (*start.network.biases[:-1], scale * start.network.biases[-1])
+    return begun, Perceptron(weights, biases)
+
+
+def _reach(view: View) -> float:
+    """Return the largest angle by which a control differs from a motion's [rad]; 1 where no motion is followed."""
+    return 1.0 if view.reference is None else view.reference.reach

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from neuroanimator.control.policies.commands import Commands
 from neuroanimator.files.numbers import entries, listed, number, whole
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.rotation import (
     conjugate,
     facing,
@@ -52,7 +53,7 @@ COMMAND_NUMBERS = 2
 class ReferenceMotion(eqx.Module):
     """States of a body with a free root, one super step apart, by the angle of a clock among them."""
 
-    frames: Float[Array, "K S"]
+    frames: Float[AnyArray, "K S"]
     """All laps, one after another; with commands one lap, without its last state, from a root that stands at the origin and whose
     heading is zero."""
     lap: int = eqx.field(static=True)
@@ -97,29 +98,33 @@ class ReferenceMotion(eqx.Module):
             steps = jnp.mod(steps, self.lap)
         return jnp.clip(steps, 0, len(self.frames) - 1).astype(jnp.int32)
 
-    def frame(self, states: Float[Array, "*B S"], later: int = 0) -> Float[Array, "*B S"]:
+    def frame(self, states: Float[AnyArray, "*B S"], later: int = 0) -> Float[AnyArray, "*B S"]:
         """Return the state that the motion has when the clock stands as it does, or some super steps `later`.
 
         Between two frames it is interpolated, as a product of weights and frames, which generated C has, too.
+
+        NumPy and JAX alike.
         """
         if self.commands is not None:
             return self._commanded(self.commands, states, later)
+        xp = states.__array_namespace__()
         last = len(self.frames) - 1
         steps = states[..., self.phase] * (self.lap / TURN) + later
-        away = jnp.clip(steps, 0, last)[..., None] - jnp.arange(len(self.frames), dtype=jnp.float32)
-        weights = jnp.maximum(1 - jnp.abs(away), 0)
-        return weights @ jnp.asarray(self.frames)
+        away = xp.clip(steps, 0, last)[..., None] - xp.arange(len(self.frames), dtype=xp.float32)
+        weights = xp.maximum(1 - xp.abs(away), 0)
+        return weights @ xp.asarray(self.frames)
 
     def _commanded(
-        self, commands: Commands, states: Float[Array, "*B S"], later: int
-    ) -> Float[Array, "*B S"]:
+        self, commands: Commands, states: Float[AnyArray, "*B S"], later: int
+    ) -> Float[AnyArray, "*B S"]:
         """Return `frame` at the commanded speed and heading, where the body is."""
+        xp = states.__array_namespace__()
         pace = commands.pace(states)[..., None]
         steps = states[..., self.phase, None] * (self.lap / TURN) + later * pace
-        away = steps - jnp.arange(self.lap, dtype=jnp.float32)
-        away = away - self.lap * jnp.floor(away / self.lap + 0.5)
-        weights = jnp.maximum(1 - jnp.abs(away), 0)
-        own = weights @ jnp.asarray(self.frames)
+        away = steps - xp.arange(self.lap, dtype=xp.float32)
+        away = away - self.lap * xp.floor(away / self.lap + 0.5)
+        weights = xp.maximum(1 - xp.abs(away), 0)
+        own = weights @ xp.asarray(self.frames)
         dt = TURN / (commands.own_rate * self.lap)
         turning = states[..., commands.turning]
         turned = facing(states[..., commands.heading] + later * dt * turning)
@@ -137,7 +142,7 @@ class ReferenceMotion(eqx.Module):
         ]
         beside = np.zeros(states.shape[-1], bool)
         beside[[self.phase, commands.clock_rate, commands.heading, commands.turning]] = True
-        return jnp.where(beside, states, jnp.concatenate(parts, axis=-1))
+        return xp.where(beside, states, xp.concat(parts, axis=-1))
 
     def begun(self, phase: float) -> Float[np.ndarray, " S"]:
         """Return the state at the motion's own speed, its clock at `phase` [rad], of a motion that takes commands."""
