@@ -293,4 +293,6 @@ def depth(height: Float[AnyArray, " ..."], softness: float) -> Float[AnyArray, "
     """Return how far below zero `height` is, its kink rounded over `softness`, at most the ceiling."""
     xp = height.__array_namespace__()
     near = xp.clip(height, -CEILING, CEILING)
-    return (xp.sqrt(near * near + softness**2) - near) / 2
+    # (root - near) / 2; high above, where the two are nearly alike, as a quotient.
+    half = (xp.sqrt(near * near + softness**2) + xp.abs(near)) / 2
+    return xp.where(near > 0, softness**2 / 4 / half, half)
