@@ -43,8 +43,11 @@ DOUBTS = 10
 BORDERLINE = 0.01
 """Share of answers yes or no that may differ: a number at its border is rounded to either side."""
 
-UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+UNOPTIMISED: dict[str, bool | int] = {"xla_backend_optimization_level": 0}
 """Options of XLA, with which it compiles in a fifth of the time: what runs once is not worth optimising."""
+
+if jax.__version_info__ < (0, 11):
+    UNOPTIMISED["xla_cpu_use_fusion_emitters"] = False  # later versions have no such option, and refuse it
 
 
 def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
