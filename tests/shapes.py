@@ -20,10 +20,13 @@ from numpy.typing import ArrayLike
 NESTED = [part for part in get_args(ArrayLike) if "NestedSequence" in str(get_origin(part))]
 """What NumPy calls a list of lists in `ArrayLike`, a protocol that a tuple does not fulfil at run time."""
 
+ANYTHING = NESTED or [ArrayLike]
+"""Hints that anything fulfils; since NumPy 2.5 `ArrayLike` is a name of its own, and no longer its parts."""
+
 RULES = BeartypeConf(
     is_pep484_tower=True,
     violation_type=TypeError,
-    hint_overrides=FrozenDict(dict.fromkeys(NESTED, object)),
+    hint_overrides=FrozenDict(dict.fromkeys(ANYTHING, object)),
 )
 """A whole number may stand where a `float` is asked for, and anything where an `ArrayLike` is: what users give
 is checked by the function itself, whose message they read. A violation is a TypeError, which readers of strangers' files

@@ -26,9 +26,10 @@ from neuroanimator.codegen.trace import UnsupportedError
 ELEMENTWISE = {
     "copy": "{0}", "neg": "-{0}", "sqrt": "sqrtf({0})", "rsqrt": "1.0f / sqrtf({0})", "exp": "na_exp({0})", "log": "na_log({0})",
     "tanh": "na_tanh({0})", "logistic": "na_logistic({0})", "sin": "na_sin({0})", "cos": "na_cos({0})",
-    "abs": "fabsf({0})", "square": "{0} * {0}", "not": "(float)({0} == 0.0f)",
+    "abs": "fabsf({0})", "square": "{0} * {0}", "one_minus_square": "1.0f - {0} * {0}",
+    "not": "(float)({0} == 0.0f)",
     "sign": "(float)({0} > 0.0f) - (float)({0} < 0.0f)", "floor": "floorf({0})", "ceil": "ceilf({0})",
-    "exp2": "exp2f({0})", "expm1": "expm1f({0})", "log1p": "log1pf({0})",
+    "exp2": "exp2f({0})", "log2": "log2f({0})", "expm1": "expm1f({0})", "log1p": "log1pf({0})",
     "asin": "asinf({0})", "acos": "acosf({0})", "atan": "na_atan2({0}, 1.0f)", "tan": "na_sin({0}) / na_cos({0})",
     "sinh": "sinhf({0})", "cosh": "coshf({0})", "cbrt": "cbrtf({0})",
     "is_finite": "(float)({0} - {0} == 0.0f)",

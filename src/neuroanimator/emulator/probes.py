@@ -47,7 +47,9 @@ UNOPTIMISED: dict[str, bool | int] = {"xla_backend_optimization_level": 0}
 """Options of XLA, with which it compiles in a fifth of the time: what runs once is not worth optimising."""
 
 if jax.__version_info__ < (0, 11):
-    UNOPTIMISED["xla_cpu_use_fusion_emitters"] = False  # later versions have no such option, and refuse it
+    UNOPTIMISED["xla_cpu_use_fusion_emitters"] = (
+        False  # later versions have no such option, and refuse it
+    )
 
 
 def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
