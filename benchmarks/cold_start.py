@@ -1,5 +1,7 @@
 """Seconds from typing to result, each in a process of its own, with nothing compiled and with everything kept.
 
+Beside them the CPU time of all processes, which other work on the machine changes less.
+
 python benchmarks/cold_start.py                       this tree: a table, and results/cold_start.csv
 python benchmarks/cold_start.py --src OTHER/src       and another tree, in turn with this one: before and after
 
@@ -13,6 +15,7 @@ import argparse
 import itertools
 import math
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -98,14 +101,25 @@ class Tree:
         shutil.rmtree(self.cache, ignore_errors=True)
 
 
-def seconds_of(tree: Tree, task: str, folder: Path) -> float:
-    """Return how long `task` takes [s]."""
+@dataclass(frozen=True)
+class Duration:
+    """How long a task took."""
+
+    wall: float
+    """[s]"""
+    cpu: float
+    """Of the process and those it started [s]."""
+
+
+def duration_of(tree: Tree, task: str, folder: Path) -> Duration:
+    """Return how long `task` takes."""
     command = [sys.executable, "-c"]
     if task in CALLS:
         command += [STEPS, str(CALLS[task])]
     else:
         command += [RUN_VERB, *VERBS[task]]
     began = time.perf_counter()
+    cpu_began = children_seconds()
     done = subprocess.run(
         command,
         cwd=folder,
@@ -114,13 +128,20 @@ def seconds_of(tree: Tree, task: str, folder: Path) -> float:
         text=True,
         timeout=PATIENCE,
     )
-    took = time.perf_counter() - began
+    wall = time.perf_counter() - began
+    cpu = children_seconds() - cpu_began
     if done.returncode:
         raise SystemExit(f"{tree.name}: {task}: {done.stderr.strip()[-MAX_SHOWN:]}")
     is_later_call = CALLS.get(task, 1) > 1
     if is_later_call:
-        return float(done.stdout)
-    return took
+        wall = float(done.stdout)
+    return Duration(wall, cpu)
+
+
+def children_seconds() -> float:
+    """Return the CPU time of the processes that have ended which this one started [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def rows_of(
@@ -133,24 +154,27 @@ def rows_of(
         for task in tasks:
             least: dict[str, float] = {}  # by column, in the table's order
             for state, tree in itertools.product(STATES, trees):
-                least[column_of(tree, state)] = math.inf
+                least[column_of(tree, state, "s")] = math.inf
+                least[column_of(tree, state, "CPU s")] = math.inf
             for _, tree in itertools.product(range(rounds), trees):
                 tree.forget()
                 for state in STATES:
-                    seconds = seconds_of(tree, task, folder)
-                    column = column_of(tree, state)
-                    least[column] = min(seconds, least[column])
+                    duration = duration_of(tree, task, folder)
+                    wall = column_of(tree, state, "s")
+                    cpu = column_of(tree, state, "CPU s")
+                    least[wall] = min(duration.wall, least[wall])
+                    least[cpu] = min(duration.cpu, least[cpu])
                     done += 1
-                    bar.advance_to(done, f"{tree.name}: {task}, {state}: {seconds:.3g} s")
+                    bar.advance_to(done, f"{tree.name}: {task}, {state}: {duration.wall:.3g} s")
             row: dict[str, object] = {"task": task}
             row.update(least)
             rows.append(row)
     return rows
 
 
-def column_of(tree: Tree, state: str) -> str:
-    """Return the name of the table's column of a tree, `cold` or `warm`."""
-    return f"{tree.name}, {state} s"
+def column_of(tree: Tree, state: str, unit: str) -> str:
+    """Return the name of the table's column of a tree, `cold` or `warm`, in seconds or seconds of CPU time."""
+    return f"{tree.name}, {state} {unit}"
 
 
 def main() -> None:

@@ -7,21 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from neuroanimator import (
-    Clip,
-    DatasetConfig,
-    Emulator,
-    TrainingConfig,
-    generate,
-    read_transitions,
-    train,
-)
+from neuroanimator import Clip, DatasetConfig, Emulator, TrainingConfig
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
+from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import Placement
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.soft.soft_system import SoftSystem
+from neuroanimator.training.initialise import build_emulator
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -96,14 +90,12 @@ def moving_states(system: SoftSystem) -> np.ndarray:
 
 
 def hasty_emulator(toml: Path, folder: Path, substeps: int | None = None) -> Emulator:
-    """Return an emulator of the system of a TOML file after a few updates, read back from its file."""
+    """Return an emulator of the system of a TOML file with the weights that training begins with, read back from its file."""
     name, text, usual = resolve(str(toml))
     config = DatasetConfig(
         system=name, definition=text, substeps=substeps or usual, count=200, samples_per_run=12
     )
-    generate(config, folder / "data")
-    settings = TrainingConfig(updates=250, batch=16, widths=(16, 16), unroll=1)
-    trained = train(read_transitions(folder / "data"), settings, folder / "run")
+    transitions = simulate_transitions(config)
     file = folder / f"{name}.emulator.safetensors"
-    trained.save(file)
+    build_emulator(transitions, TrainingConfig(widths=(16, 16))).save(file)
     return Emulator.load(file)

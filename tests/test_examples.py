@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,10 @@ LONG = ("02_learn_your_own", "05_park", "07_turn_about", "08_swim_fast", "09_lea
 and reports by the functions the second lesson does."""
 
 
+OWN_PROCESS = ("12_record_episodes",)
+"""Minari leaves a folder to be removed at the end of its process."""
+
+
 def lessons() -> list[Any]:
     """Return every lesson; the long ones run in `make endurance`."""
     marks = dict.fromkeys(LONG, (pytest.mark.endurance,))
@@ -24,11 +29,15 @@ def lessons() -> list[Any]:
 
 
 @pytest.mark.parametrize("path", lessons())
-def test_the_example_runs(path: Path, tmp_path: Path):
-    result = subprocess.run(
-        [sys.executable, str(path)], cwd=tmp_path, capture_output=True, text=True, timeout=300
-    )
-    assert result.returncode == 0, result.stderr
+def test_the_example_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    if path.stem in OWN_PROCESS:
+        result = subprocess.run(
+            [sys.executable, str(path)], capture_output=True, text=True, timeout=300
+        )
+        assert result.returncode == 0, result.stderr
+    else:
+        runpy.run_path(str(path), run_name="__main__")
     assert len(path.read_text().splitlines()) <= 80
     kinds = {made.suffix for made in tmp_path.rglob("*")}
     assert kinds & {".glb", ".html", ".hdf5"}

@@ -64,6 +64,7 @@ def interrupt(report: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.endurance  # tests/gym/test_policy_gradient.py kills the same learner without a motion to follow
 def test_a_run_that_was_killed_ends_with_the_same_bytes(
     system: System, emulator: Emulator, task: PolicyTask, tmp_path: Path
 ):

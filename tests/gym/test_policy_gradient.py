@@ -164,7 +164,9 @@ def test_slopes_count_the_more_the_truer_they_are_and_the_noisier_returns_are(le
     assert weight(0.0, 5.0) > weight(-1.0, 1.0) > weight(-3.0, 0.1)
 
 
-def test_a_run_that_was_killed_ends_with_the_same_bytes(emulator: Emulator, tmp_path: Path):
+def test_a_run_that_was_killed_ends_with_the_same_bytes_and_files_keep_it(
+    emulator: Emulator, tmp_path: Path
+):
     system = load_system("pendulum")
     files = []
     for name, stops in (("whole", False), ("killed", True)):
@@ -178,6 +180,10 @@ def test_a_run_that_was_killed_ends_with_the_same_bytes(emulator: Emulator, tmp_
     assert files[0].read_bytes() == files[1].read_bytes()
     lines = [(path.parent / "metrics.jsonl").read_text().count("\n") for path in files]
     assert lines == [LEARNING.reports] * 2
+    states = jnp.asarray(np.random.default_rng(3).normal(size=(4, 6)), jnp.float32)
+    read = load_state_policy(files[0])
+    assert np.array_equal(policy.control_of(states), read.control_of(states))
+    assert eqx.tree_equal(policy.emulator.network, read.emulator.network)
     with pytest.raises(NeuroAnimatorError, match="other data or settings"):
         learn_policy(system, emulator, RULES, replace(LEARNING, seed=1), folder=folder)
 
@@ -196,20 +202,6 @@ def test_a_reward_that_is_no_number_is_refused(emulator: Emulator):
 
 def interrupt(report: object) -> None:
     raise KeyboardInterrupt
-
-
-def test_the_same_seed_learns_the_same_policy_and_files_keep_it(emulator: Emulator, tmp_path: Path):
-    files = []
-    for name in ("first", "second"):
-        policy = learn_policy(load_system("pendulum"), emulator, RULES, LEARNING)
-        path = tmp_path / f"{name}.policy.safetensors"
-        policy.save(path)
-        files.append(path)
-    assert files[0].read_bytes() == files[1].read_bytes()
-    states = jnp.asarray(np.random.default_rng(3).normal(size=(4, 6)), jnp.float32)
-    read = load_state_policy(files[0])
-    assert np.array_equal(policy.control_of(states), read.control_of(states))
-    assert eqx.tree_equal(policy.emulator.network, read.emulator.network)
 
 
 def test_an_environment_that_a_file_names_is_none_but_gymnasiums_own_of_this_body(

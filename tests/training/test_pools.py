@@ -229,13 +229,13 @@ def test_resident_memory_is_bounded_by_the_limit_and_not_by_the_dataset(tmp_path
     config = DatasetConfig(system="pendulum", substeps=5, count=9216, samples_per_run=36)
     generate(config, folder, threads=1)
     processes = []
-    for shards in (1, 150):
+    for shards in (1, 50):
         out = tmp_path / f"{shards}.safetensors"
         command = [sys.executable, "-c", MEASURE, str(folder), str(out), str(shards)]
         processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
     printed = [process.communicate()[0].split() for process in processes]
     (_, small_peak), (times_the_limit, large_peak) = [map(float, line) for line in printed]
-    assert times_the_limit > 30
+    assert times_the_limit > 10
     assert large_peak - small_peak < 1
 
 

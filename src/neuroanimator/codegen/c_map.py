@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -15,10 +15,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.extend.core as jaxprs
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import CFunction, LatePart, c_function, prelude
+from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, aligned
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, constant_array
@@ -255,32 +257,28 @@ class CMap:
             self.tape,
         )
 
-    def check(
-        self,
-        points: Float[np.ndarray, "16 X"],
-        of_y: Lanes,
-        values: Float[np.ndarray, "16 Y"],
-        pulled: Float[np.ndarray, "16 X 16"],
-    ) -> None:
-        """Raise WrongProgramError unless y at sixteen points, and what `of_y` say of x, are `values` and `pulled`.
+    def check(self, reference: MapReference) -> None:
+        """Raise WrongProgramError unless y at the points of `reference`, and what its cotangents say of x, are JAX's.
 
         Tangents are held against the cotangents, of which they are the transpose, and lanes against the values.
         """
         tangents = random_lanes(np.random.default_rng(0), self.inputs)
-        for point, value, expected in zip(points, values, pulled, strict=True):
+        of_y = reference.of_y
+        one_of_y = np.ascontiguousarray(of_y[:, 0])
+        rows = zip(reference.points, reference.values, reference.pulled, strict=True)
+        for point, value, expected in rows:
             y, tape = self.forward(point)
             of_x = self.backward(tape, of_y)
             self._compare(y, value)
             self._compare(of_x, expected)
-            one_of_y = np.ascontiguousarray(of_y[:, 0])
             self._compare(self.slope(tape, one_of_y), of_x[:, 0])
             pushed = self.push(tape, tangents)
             self._compare(_products(of_y, pushed), _products(of_x, tangents))
-        self._compare(self.of_rows(points), values)
+        self._compare(self.of_rows(reference.points), reference.values)
 
-    def _compare(self, found: np.ndarray, expected: np.ndarray | Array) -> None:
+    def _compare(self, found: np.ndarray, expected: np.ndarray) -> None:
         size = float(np.abs(expected).max(initial=1e-6))
-        off = np.abs(found - np.asarray(expected)).max(initial=0)
+        off = np.abs(found - expected).max(initial=0)
         if not off <= TOLERANCE * size:
             raise WrongProgramError(
                 f"Generated C has another '{self.name}', or other derivatives of it, than JAX."
@@ -297,37 +295,48 @@ class CMap:
         return ctypes.cast(function, ctypes.c_void_p).value
 
 
-Judge = Callable[..., list[tuple[Array, Array]]]
-"""(Points of each function, cotangents of each) → (values, what the cotangents say of x) of each, in JAX."""
+@dataclass(frozen=True, eq=False)
+class MapReference:
+    """What a map does at some points, as JAX computes it."""
+
+    points: Float[np.ndarray, "N X"]
+    of_y: Lanes
+    """Sixteen cotangents of y."""
+    values: Float[np.ndarray, "N Y"]
+    """y at each point."""
+    pulled: Float[np.ndarray, "N X 16"]
+    """What the cotangents say of x at each point."""
 
 
-def judge_of(functions: list[Callable[[Array], Array]]) -> Judge:
-    """Return the judge of maps that should be `functions` of x; to be compiled."""
+def map_references(
+    functions: Sequence[Callable[[Array], Array]], points: Sequence[Float[np.ndarray, "N _"]]
+) -> list[MapReference]:
+    """Return what maps must do that are `functions` of x, each at its `points`: one program of JAX computes all."""
+    rng = np.random.default_rng(0)
+    cotangents = []
+    for function, some in zip(functions, points, strict=True):
+        (outputs,) = jax.eval_shape(function, some[0]).shape
+        cotangents.append(random_lanes(rng, outputs))
 
-    def judge(points: list[Array], cotangents: list[Array]) -> list[tuple[Array, Array]]:
+    def compute(points: list[Array], cotangents: list[Array]) -> list[tuple[Array, Array]]:
         cases = zip(functions, points, cotangents, strict=True)
         return [_values_and_pulled(*case) for case in cases]
 
-    return judge
+    computed = compiled_quickly(compute)(points, cotangents)
+    references = []
+    for some, of_y, (values, pulled) in zip(points, cotangents, computed, strict=True):
+        references.append(MapReference(some, of_y, np.asarray(values), np.asarray(pulled)))
+    return references
 
 
 def _values_and_pulled(
-    function: Callable[[Array], Array], points: Array, of_y: Array
-) -> tuple[Array, Array]:
-    def at(x: Array) -> tuple[Array, Array]:
-        value, pull = jax.vjp(function, x)
-        return value, jax.vmap(pull, in_axes=-1, out_axes=-1)(of_y)[0]
-
-    return jax.vmap(at)(points)
-
-
-def check_maps(maps: list[CMap], judge: Judge, points: list[np.ndarray]) -> None:
-    """Raise WrongProgramError unless each of `maps` does at its sixteen `points` what the `judge` says."""
-    rng = np.random.default_rng(0)
-    cotangents = [random_lanes(rng, one.outputs) for one in maps]
-    expected = judge(points, cotangents)
-    for one, at, of_y, (values, pulled) in zip(maps, points, cotangents, expected, strict=True):
-        one.check(at, of_y, np.asarray(values), np.asarray(pulled))
+    function: Callable[[Array], Array], points: Float[Array, "N X"], of_y: Float[Array, "Y 16"]
+) -> tuple[Float[Array, "N Y"], Float[Array, "N X 16"]]:
+    # Each point sixteen times over, so that JAX transforms the function once: the forward part is cheap, tracing is not.
+    count, size = points.shape
+    values, pull = jax.vjp(jax.vmap(function), jnp.repeat(points, WIDTH, axis=0))
+    (pulled,) = pull(jnp.tile(of_y.T, (count, 1)))
+    return values[::WIDTH], pulled.reshape(count, WIDTH, size).transpose(0, 2, 1)
 
 
 def _products(left: Lanes, right: Lanes) -> Float[np.ndarray, "16 16"]:

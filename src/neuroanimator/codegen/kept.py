@@ -9,11 +9,12 @@ from __future__ import annotations
 import ctypes
 import hashlib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -60,6 +61,9 @@ SUFFIXES = (".py", ".c", ".h")
 RECORD = "program"
 """The kind of file a record is."""
 
+Reference = TypeVar("Reference")
+"""What a program is compared with, computed by JAX."""
+
 
 class WrongProgramError(NeuroAnimatorError):
     """A program that does not do what JAX does."""
@@ -86,22 +90,29 @@ class LoadedProgram:
 
 
 def load_program(
-    about: str, make: Callable[[], CProgram], check: Callable[[LoadedProgram], None]
+    about: str,
+    make: Callable[[], CProgram],
+    refer: Callable[[], Reference],
+    check: Callable[[Reference, LoadedProgram], None],
 ) -> LoadedProgram | None:
     """Return the program that `about` says all of, made by `make` and passed by `check` once on this machine.
 
-    None where nothing can be compiled. `check` raises WrongProgramError for a program that is wrong: such a one is not
-    kept, which is said once. What `make` raises goes through, such as UnsupportedError.
+    None where nothing can be compiled. `refer` returns what the program is compared with, which JAX computes while the
+    compiler works. `check` raises WrongProgramError for a program that does something else: such a one is not kept, which
+    is said once. What `make` raises goes through, such as UnsupportedError.
     """
     try:
-        return _load(about, make, check)
+        return _load(about, make, refer, check)
     except WrongProgramError as error:
         warn_once(f"{error} JAX is used instead of C.")
         return None
 
 
 def _load(
-    about: str, make: Callable[[], CProgram], check: Callable[[LoadedProgram], None]
+    about: str,
+    make: Callable[[], CProgram],
+    refer: Callable[[], Reference],
+    check: Callable[[Reference, LoadedProgram], None],
 ) -> LoadedProgram | None:
     facts = compiler_facts()
     if facts is None:
@@ -112,18 +123,12 @@ def _load(
         return _loaded[folder, key]
     record = None if folder is None else folder / f"{key}.safetensors"
     kept = None if record is None else _read(record)
-    program = _made(make) if kept is None else kept
-    with phase("compiling C"):
-        library = compiled_library(program.text, FLAGS)
-    if library is None:
-        return None
-    loaded = LoadedProgram(library, aligned(program.constants), program.sizes)
     if kept is None:
-        with phase("comparing C with JAX"):
-            check(loaded)
-        if record is not None:
-            _write(record, program)
-    _loaded[folder, key] = loaded
+        loaded = _made_and_checked(make, refer, check, record)
+    else:
+        loaded = _compiled(kept)
+    if loaded is not None:
+        _loaded[folder, key] = loaded
     return loaded
 
 
@@ -131,9 +136,34 @@ _loaded: dict[tuple[Path | None, str], LoadedProgram] = {}
 """What this process has loaded, by the folder of records and the name of its record: reading takes longer than a descent."""
 
 
-def _made(make: Callable[[], CProgram]) -> CProgram:
+def _made_and_checked(
+    make: Callable[[], CProgram],
+    refer: Callable[[], Reference],
+    check: Callable[[Reference, LoadedProgram], None],
+    record: Path | None,
+) -> LoadedProgram | None:
+    """Return the program of `make` once it has passed `check`, kept in `record`; None where it cannot be compiled."""
     with phase("generating C"):
-        return make()
+        program = make()
+    # The compiler is a process that this thread waits for, and kills if it is interrupted.
+    with ThreadPoolExecutor(1) as pool:
+        reference = pool.submit(refer)
+        loaded = _compiled(program)
+    if loaded is None:
+        return None
+    with phase("comparing C with JAX"):
+        check(reference.result(), loaded)
+    if record is not None:
+        _write(record, program)
+    return loaded
+
+
+def _compiled(program: CProgram) -> LoadedProgram | None:
+    with phase("compiling C"):
+        library = compiled_library(program.text, FLAGS)
+    if library is None:
+        return None
+    return LoadedProgram(library, aligned(program.constants), program.sizes)
 
 
 def aligned(numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:

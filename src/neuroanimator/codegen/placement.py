@@ -67,10 +67,11 @@ def _lives(
     for addresses in inputs:
         lives.first[values_at(addresses)] = -1
     for number, operation in enumerate(operations):
-        written = values_at(operation.output)
-        lives.first[written] = np.minimum(lives.first[written], number)
-        for addresses in (operation.output, *operation.inputs):
-            lives.last[values_at(addresses)] = number
+        touched = [addresses.ravel() for addresses in (operation.output, *operation.inputs)]
+        if operation.space == space:
+            written = values_at(operation.output)
+            lives.first[written] = np.minimum(lives.first[written], number)
+        lives.last[values_at(np.concatenate(touched))] = number
     for addresses in outputs:
         lives.last[values_at(addresses)] = ALWAYS
     return lives

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -110,12 +111,38 @@ class Operation:
     @property
     def is_late(self) -> bool:
         """Whether it depends on a late input."""
-        return bool((spaces_of(self.output[self.output >= 0]) & LATE).any())
+        return bool(self.space & LATE)
+
+    @property
+    def space(self) -> int:
+        """The space of its output, all of which lies in one."""
+        return int(self.output.flat[0]) // SPACE
 
 
 def spaces_of(addresses: Addresses) -> np.ndarray:
     """Return the space each address lies in; constants' are negative."""
     return np.asarray(addresses // SPACE)
+
+
+class Numbering:
+    """The addresses of all spaces counted one behind the other, so that one array can say something of each."""
+
+    def __init__(self, sizes: dict[int, int]):
+        """`sizes` are those of the spaces."""
+        self.count = 0
+        """Numbers in all; the last one is that of all constants."""
+        # One more than there are spaces: that of constants is -1, the last.
+        self._begins = np.zeros(len(SPACES) + 1, int)
+        for space, size in sizes.items():
+            self._begins[space] = self.count
+            self.count += size
+        self._begins[-1] = self.count
+        self.count += 1
+
+    def of(self, addresses: Addresses) -> np.ndarray:
+        """Return the number of each address."""
+        offsets = np.where(addresses < 0, 0, addresses % SPACE)
+        return np.asarray(self._begins[addresses // SPACE] + offsets)
 
 
 def ordered_axes(
@@ -191,20 +218,14 @@ class Program:
 
     def _needed_by(self, outputs: list[Addresses]) -> Iterator[Operation]:
         """Yield them, the last one first."""
-        needed = {space: np.zeros(size, bool) for space, size in self.sizes.items()}
-
-        def mark(addresses: Addresses) -> None:
-            for space, wanted in needed.items():
-                inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)]
-                wanted[inside - space * SPACE] = True
-
+        numbering = Numbering(self.sizes)
+        is_needed = np.zeros(numbering.count, bool)
         for output in outputs:
-            mark(output)
+            is_needed[numbering.of(output)] = True
         for operation in reversed(self.operations):
-            space = int(spaces_of(operation.output.ravel()[:1])[0])
-            if needed[space][operation.output - space * SPACE].any():
+            if is_needed[numbering.of(operation.output)].any():
                 for addresses in operation.inputs:
-                    mark(addresses)
+                    is_needed[numbering.of(addresses)] = True
                 yield operation
 
     def keep_tape(self) -> None:
@@ -237,19 +258,25 @@ class Program:
 
     def rename(self, moved: dict[int, np.ndarray]) -> None:
         """Give every address of the spaces in `moved` another: the one at its offset there."""
-
-        def renamed(addresses: Addresses) -> Addresses:
-            result = np.array(addresses)
-            for space, target in moved.items():
-                is_inside = (addresses >= 0) & (spaces_of(addresses) == space)
-                result[is_inside] = target[addresses[is_inside] - space * SPACE]
-            return result
-
-        self.inputs = [renamed(addresses) for addresses in self.inputs]
-        self.outputs = [renamed(addresses) for addresses in self.outputs]
+        sizes = {space: len(target) for space, target in moved.items()}
+        numbering = Numbering(sizes)
+        targets = np.concatenate([*moved.values(), [0]])
+        is_moved = np.zeros(len(SPACES) + 1, bool)
+        is_moved[list(moved)] = True
+        # All at once: there are thousands of small arrays.
+        before = [*self.inputs, *self.outputs]
+        for operation in self.operations:
+            before += [*operation.inputs, operation.output]
+        addresses = np.concatenate([some.ravel() for some in before])
+        is_inside = is_moved[addresses // SPACE]
+        addresses[is_inside] = targets[numbering.of(addresses[is_inside])]
+        ends = np.cumsum([some.size for some in before])
+        parts = np.split(addresses, ends[:-1])
+        after = iter([part.reshape(some.shape) for part, some in zip(parts, before, strict=True)])
+        self.inputs = list(islice(after, len(self.inputs)))
+        self.outputs = list(islice(after, len(self.outputs)))
         operations = []
         for operation in self.operations:
-            inputs = tuple(renamed(addresses) for addresses in operation.inputs)
-            output = renamed(operation.output)
-            operations.append(Operation(operation.name, inputs, output, operation.params))
+            inputs = tuple(islice(after, len(operation.inputs)))
+            operations.append(replace(operation, inputs=inputs, output=next(after)))
         self.operations = operations

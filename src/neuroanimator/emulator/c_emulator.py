@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.compiler import find_compiler
-from neuroanimator.codegen.kept import CProgram, LoadedProgram, load_program
+from neuroanimator.codegen.kept import CProgram, LoadedProgram, Reference, load_program
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
@@ -285,7 +285,7 @@ def c_emulator(emulator: SuperStep) -> CEmulator | None:
         return known
     if is_traced(emulator):
         return None
-    program = load_checked(emulator, c_program, _check)
+    program = load_checked(emulator, c_program, probes_of, _check)
     result = None
     if program is not None:
         lanes = _lanes_of(weakref.ref(emulator))
@@ -301,7 +301,7 @@ def _lanes_of(emulator: weakref.ref[SuperStep]) -> Callable[[], LoadedProgram | 
         living = emulator()
         if living is None:
             return None
-        return load_checked(living, c_program_of_lanes, _check_lanes)
+        return load_checked(living, c_program_of_lanes, probes_of, _check_lanes)
 
     return load
 
@@ -316,21 +316,22 @@ def facts_of_emulator(emulator: SuperStep) -> list[str]:
 
 
 def load_checked(
-    emulator: SuperStep, write: Program, check: Callable[[Probes, LoadedProgram], None]
+    emulator: SuperStep,
+    write: Program,
+    refer: Callable[[Any], Reference],
+    check: Callable[[Reference, LoadedProgram], None],
 ) -> LoadedProgram | None:
-    """Return what `write` writes, compiled, and checked on its first use on this machine.
+    """Return what `write` writes for `emulator`, compiled, and on its first use on this machine checked: see `load_program`.
 
     None where that cannot be; that a program is wrong is said once.
     """
     if find_compiler() is None or emulator.normaliser.change_scale.dtype != np.float32:
         return None
     facts = [write.__name__, *facts_of_emulator(emulator)]
-
-    def check_it(program: LoadedProgram) -> None:
-        check(probes_of(emulator), program)
-
     try:
-        return load_program("\n".join(facts), partial(write, emulator), check_it)
+        return load_program(
+            "\n".join(facts), partial(write, emulator), partial(refer, emulator), check
+        )
     except UnsupportedError:
         return None
 

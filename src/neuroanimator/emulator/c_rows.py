@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -19,13 +20,14 @@ from jaxtyping import Array, Float, Shaped
 
 from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_function import c_function, prelude
+from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
 from neuroanimator.emulator.compiled import call_compiled, is_traced, of_rows
-from neuroanimator.emulator.probes import BORDERLINE, Expected, compiled_quickly, rounded
+from neuroanimator.emulator.probes import BORDERLINE, Expected, rounded
 from neuroanimator.executor.cores import in_parts
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 
@@ -93,11 +95,11 @@ def c_rows(
     def make() -> CProgram:
         return _program(function, module, [array.shape[1] for array in inputs()])
 
-    def check(program: LoadedProgram) -> None:
-        _check(function, module, inputs(), CRows(program))
+    def refer() -> RowsReference:
+        return RowsReference.of(function, module, inputs())
 
     try:
-        program = load_program("\n".join([name, *about()]), make, check)
+        program = load_program("\n".join([name, *about()]), make, refer, _check)
     except UnsupportedError:
         program = None
     return _known.keep(None if program is None else CRows(program), module, name)
@@ -158,29 +160,52 @@ def _in_floats(function: Function) -> Function:
     return in_floats
 
 
-def _check(
-    function: Function, module: Any, inputs: Sequence[Float[np.ndarray, "N _"]], in_c: CRows
-) -> None:
+@dataclass(frozen=True)
+class RowsReference:
+    """What JAX makes of rows of inputs, and of the same `rounded`."""
+
+    name: str
+    """Of the function."""
+    inputs: list[Float[np.ndarray, "N _"]]
+    exact: list[Shaped[np.ndarray, "N ..."]]
+    rerun: list[Shaped[np.ndarray, "N ..."]]
+
+    @classmethod
+    def of(
+        cls, function: Function, module: Any, inputs: Sequence[Float[np.ndarray, "N _"]]
+    ) -> RowsReference:
+        """Return what `function` of `module` makes of those `inputs` of which it makes finite numbers.
+
+        Raises WrongProgramError where these are too few to try a program on.
+        """
+        in_jax = compiled_quickly(of_rows(function))
+        exact = [np.asarray(output) for output in in_jax(module, *inputs)]
+        rerun = [np.asarray(output) for output in in_jax(module, *map(rounded, inputs))]
+        are_sound = np.ones(len(inputs[0]), bool)
+        for values in (*exact, *rerun):
+            are_sound &= np.isfinite(_as_rows(values)).all(axis=1)
+        name = function.__name__
+        if are_sound.mean() < SOUND_SHARE:
+            raise WrongProgramError(f"{name}: too few of the inputs it is tried on are sound.")
+        return cls(
+            name,
+            [array[are_sound] for array in inputs],
+            [values[are_sound] for values in exact],
+            [values[are_sound] for values in rerun],
+        )
+
+
+def _check(reference: RowsReference, program: LoadedProgram) -> None:
     """Raise WrongProgramError unless C does to every row what JAX does, to within rounding."""
-    in_jax = compiled_quickly(of_rows(function))
-    nearby = [rounded(array) for array in inputs]
-    exact = [np.asarray(output) for output in in_jax(module, *inputs)]
-    rerun = [np.asarray(output) for output in in_jax(module, *nearby)]
-    are_sound = np.ones(len(inputs[0]), bool)
-    for values in (*exact, *rerun):
-        are_sound &= np.isfinite(_as_rows(values)).all(axis=1)
-    name = function.__name__
-    if are_sound.mean() < SOUND_SHARE:
-        raise WrongProgramError(f"{name}: too few of the inputs it is tried on are sound.")
-    computed = in_c(*[array[are_sound] for array in inputs])
-    for values, expected, otherwise in zip(computed, exact, rerun, strict=True):
-        wanted = _as_rows(expected[are_sound])
+    computed = CRows(program)(*reference.inputs)
+    for values, expected, otherwise in zip(computed, reference.exact, reference.rerun, strict=True):
+        wanted = _as_rows(expected)
         if expected.dtype == bool:
             agrees = np.mean((values > 0) != wanted) <= BORDERLINE
         else:
-            agrees = Expected.of(wanted, _as_rows(otherwise[are_sound])).agrees(values)
+            agrees = Expected.of(wanted, _as_rows(otherwise)).agrees(values)
         if not agrees:
-            raise WrongProgramError(f"Generated C does not do what {name} does in JAX.")
+            raise WrongProgramError(f"Generated C does not do what {reference.name} does in JAX.")
 
 
 def _as_rows(values: Shaped[np.ndarray, "N ..."]) -> Shaped[np.ndarray, "N M"]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import WrongProgramError
-from neuroanimator.emulator.super_step import SuperStep, rollout, step, trust
+from neuroanimator.emulator.super_step import SuperStep, rollout
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import as_rows
 
@@ -42,19 +42,6 @@ DOUBTS = 10
 
 BORDERLINE = 0.01
 """Share of answers yes or no that may differ: a number at its border is rounded to either side."""
-
-UNOPTIMISED: dict[str, bool | int] = {"xla_backend_optimization_level": 0}
-"""Options of XLA, with which it compiles in a fifth of the time: what runs once is not worth optimising."""
-
-if jax.__version_info__ < (0, 11):
-    UNOPTIMISED["xla_cpu_use_fusion_emitters"] = (
-        False  # later versions have no such option, and refuse it
-    )
-
-
-def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function` compiled by JAX without optimising it."""
-    return jax.jit(function, compiler_options=UNOPTIMISED)
 
 
 def rounded(numbers: Float[np.ndarray, "N ..."], draw: int = 0) -> Float[np.ndarray, "N ..."]:
@@ -114,24 +101,22 @@ class Probes:
         bounds = emulator.bounds
         held = np.asarray(bounds.middle + shares * bounds.half, np.float32)
         rest = np.asarray(emulator.rest, np.float32)
-        motions = compiled_quickly(jax.vmap(rollout, (None, None, 0)))(emulator, rest, held)
+        rollouts = compiled_quickly(jax.vmap(partial(rollout, unroll=1), (None, None, 0)))
+        motions = rollouts(emulator, rest, held)
         stretch = np.resize(STRETCHES, MOTIONS).astype(np.float32)[:, None, None]
         stretched = rest + stretch * (np.array(motions)[:, :-1] - rest)
         states = stretched.reshape(-1, len(rest))
         controls = as_rows(held)
-        steps = compiled_quickly(jax.vmap(step, (None, 0, 0)))
-        expected = np.asarray(steps(emulator, states, controls))
-        otherwise = np.asarray(steps(emulator, rounded(states), controls))
+        steps = compiled_quickly(jax.vmap(_step_trusted, (None, 0, 0)))
+        expected, scores = map(np.asarray, steps(emulator, states, controls))
+        otherwise, other_scores = map(np.asarray, steps(emulator, rounded(states), controls))
         is_sound = np.isfinite(expected).all(axis=1) & np.isfinite(otherwise).all(axis=1)
         is_sound &= (np.abs(states) < LARGEST).all(axis=1)
-        scores = compiled_quickly(jax.vmap(trust, (None, 0, 0)))
-        expected_scores = np.asarray(scores(emulator, states, controls))[is_sound, None]
-        other_scores = np.asarray(scores(emulator, rounded(states), controls))[is_sound, None]
         return cls(
             states=states[is_sound],
             controls=controls[is_sound],
             expected=Expected.of(expected[is_sound], otherwise[is_sound]),
-            trust=Expected.of(expected_scores, other_scores),
+            trust=Expected.of(scores[is_sound, None], other_scores[is_sound, None]),
         )
 
     def compare(self, computed: Float[np.ndarray, "N S"]) -> None:
@@ -143,6 +128,15 @@ class Probes:
         """Raise WrongProgramError unless the scores are the expected ones."""
         if not self.trust.agrees(computed[:, None]):
             raise WrongProgramError("Generated C trusts other states than the emulator in JAX.")
+
+
+def _step_trusted(
+    emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> tuple[Float[Array, " S"], Float[Array, ""]]:
+    """Return (the state one super step later, how far its input lies from what training showed)."""
+    latent = emulator.encode(state)
+    following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
+    return emulator.decode(following), score
 
 
 _known: Remembered[Probes] = Remembered()

@@ -40,8 +40,8 @@ def family(tmp_path_factory: pytest.TempPathFactory) -> tuple[Emulator, System]:
     toml = write_arm(folder, {}, parameter_lines(("damping", "gear", "mass")))
     trust_files(toml)
     name, definition, substeps = resolve(str(toml))
-    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=12_000)
-    settings = TrainingConfig(updates=1200, widths=(48, 32))
+    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=6_000)
+    settings = TrainingConfig(updates=500, widths=(48, 32))
     emulator = train(simulate_transitions(config), settings, folder / "arm.emulator.safetensors")
     return emulator, load_system(str(toml))
 

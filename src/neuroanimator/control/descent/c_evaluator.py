@@ -18,13 +18,13 @@ from jaxtyping import Array, Float
 from neuroanimator.codegen.c_map import (
     CMap,
     MapDefinition,
+    MapReference,
     MapStruct,
     WorkspacePool,
     callers,
-    check_maps,
     facts_computed,
     facts_of,
-    judge_of,
+    map_references,
     program_of_maps,
 )
 from neuroanimator.codegen.compiler import compiled_library
@@ -49,7 +49,6 @@ from neuroanimator.control.objective.c_objective import (
 )
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.probes import compiled_quickly
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.terminal import warn_once
 
@@ -241,7 +240,7 @@ def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | 
         else:
             facts = facts_computed(definition, len(NO_NUMBERS))
         about = "\n".join([CONTROLS, *facts])
-        program = load_program(about, make, partial(_check_controls, definition))
+        program = load_program(about, make, partial(_controls_reference, definition), _check)
     except UnsupportedError as error:
         name = type(parametrisation).__name__
         warn_once(f"{name}: {error} JAX is used instead of C, which takes longer.")
@@ -278,12 +277,15 @@ def _controls(
     return controls
 
 
-def _check_controls(definition: MapDefinition, program: LoadedProgram) -> None:
-    """Compare controls and their derivatives about random z with JAX."""
-    in_c = CMap(program, CONTROLS, NO_NUMBERS)
+def _controls_reference(definition: MapDefinition) -> MapReference:
+    """Return controls and their derivatives about random z, by JAX."""
     zs = np.random.default_rng(0).normal(size=(WIDTH, definition.inputs)).astype(np.float32)
-    judge = compiled_quickly(judge_of([definition.with_numbers(NO_NUMBERS)]))
-    check_maps([in_c], judge, [zs])
+    (reference,) = map_references([definition.with_numbers(NO_NUMBERS)], [zs])
+    return reference
+
+
+def _check(reference: MapReference, program: LoadedProgram) -> None:
+    CMap(program, CONTROLS, NO_NUMBERS).check(reference)
 
 
 def controls_in_c(

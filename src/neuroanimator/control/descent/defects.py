@@ -8,8 +8,7 @@ added, the emulator gives exactly that motion for its controls, and still says h
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -19,14 +18,19 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.codegen.backend import backend
-from neuroanimator.codegen.c_map import CMap, MapDefinition, check_maps, judge_of, program_of_maps
+from neuroanimator.codegen.c_map import (
+    CMap,
+    MapDefinition,
+    MapReference,
+    map_references,
+    program_of_maps,
+)
 from neuroanimator.codegen.kept import CProgram, LoadedProgram
-from neuroanimator.codegen.program import WIDTH
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.c_emulator import load_checked
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.probes import Probes, compiled_quickly
+from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import AnyArray
@@ -143,23 +147,39 @@ def link_of(emulator: Emulator) -> CMap | None:
         return known
     if is_traced(emulator):
         return None
-    program = load_checked(emulator, chain_program, partial(_check, emulator))
+    program = load_checked(emulator, chain_program, LinkReference.of, LinkReference.check)
     if program is None:
         return _known.keep(None, emulator)
     in_c = CMap(program, LINK, _no_defect(emulator))
     return _known.keep(in_c, emulator)
 
 
-def _check(emulator: Emulator, probes: Probes, program: LoadedProgram) -> None:
-    """Compare a super step from each probe, sixteen at a time, and the gradients of some, with a random defect."""
-    no_defect = _no_defect(emulator)
-    in_c = CMap(program, LINK, no_defect)
-    latents = np.asarray(emulator.encode(probes.states), np.float32)
-    xs = np.concatenate([latents, probes.controls], axis=1)
-    probes.compare(np.asarray(emulator.decode(in_c.of_rows(xs))))
-    defect = 0.01 * np.random.default_rng(1).normal(size=no_defect.shape).astype(np.float32)
-    with_defect = replace(in_c, numbers=defect)
-    judge = compiled_quickly(judge_of([partial(link, emulator, jax.device_put(defect))]))
-    chosen = np.linspace(0, len(xs) - 1, CHECKED_GRADIENTS).astype(int)
-    for some in chosen.reshape(-1, WIDTH):
-        check_maps([with_defect], judge, [xs[some]])
+@dataclass(frozen=True, eq=False)
+class LinkReference:
+    """What the map `link` of an emulator must do: super steps from probes, and with a random defect the gradients of some."""
+
+    emulator: Emulator
+    probes: Probes
+    xs: Float[np.ndarray, "N X"]
+    """A latent state and a control of each probe."""
+    defect: Float[np.ndarray, " V"]
+    with_defect: MapReference
+
+    @classmethod
+    def of(cls, emulator: Emulator) -> LinkReference:
+        """Return the reference of `emulator`, computed by JAX."""
+        probes = probes_of(emulator)
+        latents = np.asarray(emulator.encode(probes.states), np.float32)
+        xs = np.concatenate([latents, probes.controls], axis=1)
+        rng = np.random.default_rng(1)
+        defect = 0.01 * rng.normal(size=_no_defect(emulator).shape).astype(np.float32)
+        chosen = np.linspace(0, len(xs) - 1, CHECKED_GRADIENTS).astype(int)
+        definition = link_definition(emulator)
+        (with_defect,) = map_references([definition.with_numbers(defect)], [xs[chosen]])
+        return cls(emulator, probes, xs, defect, with_defect)
+
+    def check(self, program: LoadedProgram) -> None:
+        """Raise WrongProgramError unless the map of `program` does the same."""
+        in_c = CMap(program, LINK, _no_defect(self.emulator))
+        self.probes.compare(np.asarray(self.emulator.decode(in_c.of_rows(self.xs))))
+        replace(in_c, numbers=self.defect).check(self.with_defect)

@@ -21,13 +21,13 @@ from jaxtyping import Array, Float, Int
 from neuroanimator.codegen.c_map import (
     CMap,
     MapDefinition,
+    MapReference,
     MapStruct,
     WorkspacePool,
     callers,
-    check_maps,
     facts_computed,
     facts_of,
-    judge_of,
+    map_references,
     program_of_maps,
 )
 from neuroanimator.codegen.compiler import compiled_library
@@ -52,7 +52,6 @@ from neuroanimator.control.objective.objective import (
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
-from neuroanimator.emulator.probes import compiled_quickly
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import warn_once
@@ -412,28 +411,44 @@ class ObjectiveForm:
         """Return the program of all maps."""
         return program_of_maps(self.definitions(), sum(self.sizes))
 
-    def check(self, program: LoadedProgram) -> None:
-        """Compare all maps with JAX: at states about rest, what is observed of them, and random controls."""
+    def refer(self) -> dict[str, MapReference]:
+        """Return what each map does in JAX: at states about rest, what is observed of them, and random controls."""
         rng = np.random.default_rng(0)
-        numbers = self.numbers(self.objective, as_float32(self.emulator.bounds.magnitude))
-        definitions = self.definitions()
-        maps = {name: CMap(program, name, numbers) for name in definitions}
         noise = rng.normal(size=(WIDTH, self.shape.state))
         states = (self.emulator.rest + NOISE * noise).astype(np.float32)
         latents = np.asarray(self.emulator.encode(states), np.float32)
-        controls = rng.normal(size=(WIDTH, maps["efforts"].inputs)).astype(np.float32)
-        observed = []
-        points = {"efforts": controls}
-        for number, view in enumerate(self.views):
+        points = {}
+        for number in range(len(self.views)):
             points[f"state_{number}"] = states
-            points[f"latent_{number}"] = latents
-            seen = maps[f"state_{number}"].of_rows(states)
+            if self.encoding is not None:
+                points[f"latent_{number}"] = latents
+        references = self._references(points)
+        controls = self.shape.steps * self.shape.control
+        efforts = rng.normal(size=(WIDTH, controls)).astype(np.float32)
+        observed = []
+        for number, view in enumerate(self.views):
             for _ in view.rows:
-                observed.append(rng.permutation(seen))
-        points["residuals"] = np.concatenate([*observed, controls[:, : self.controls]], axis=1)
-        functions = [one.with_numbers(numbers) for one in definitions.values()]
-        judge = compiled_quickly(judge_of(functions))
-        check_maps(list(maps.values()), judge, [points[name] for name in maps])
+                observed.append(rng.permutation(references[f"state_{number}"].values))
+        residuals = np.concatenate([*observed, efforts[:, : self.controls]], axis=1)
+        return references | self._references({"residuals": residuals, "efforts": efforts})
+
+    def _references(self, points: dict[str, Float[np.ndarray, "16 _"]]) -> dict[str, MapReference]:
+        """Return what the maps of these names do in JAX at their `points`."""
+        definitions = self.definitions()
+        functions = [definitions[name].with_numbers(self._typical) for name in points]
+        references = map_references(functions, list(points.values()))
+        return dict(zip(points, references, strict=True))
+
+    @property
+    def _typical(self) -> Float[np.ndarray, " P"]:
+        """Numbers that the maps are checked with."""
+        return self.numbers(self.objective, as_float32(self.emulator.bounds.magnitude))
+
+    def check(self, references: dict[str, MapReference], program: LoadedProgram) -> None:
+        """Raise WrongProgramError unless every map does what it does in JAX."""
+        numbers = self._typical
+        for name, reference in references.items():
+            CMap(program, name, numbers).check(reference)
 
     def load(self, program: LoadedProgram, numbers: Float[np.ndarray, " P"]) -> CObjective | None:
         """Return the objective that calls `program` with these numbers; None where its caller cannot be compiled."""
@@ -533,7 +548,7 @@ def _prepared(form: ObjectiveForm) -> tuple[ObjectiveForm, LoadedProgram] | None
     try:
         if not form.views:
             return None
-        program = load_program(form.about(), form.write, form.check)
+        program = load_program(form.about(), form.write, form.refer, form.check)
     except UnsupportedError as error:
         warn_once(f"{form.objective}: {error} JAX is used instead of C, which takes longer.")
         return None
