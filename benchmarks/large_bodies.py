@@ -4,7 +4,8 @@ python benchmarks/large_bodies.py equal_error [cape flag jelly]   emulators that
 python benchmarks/large_bodies.py physics                         a cloth in C, by mesh and small steps: time, convergence
 python benchmarks/large_bodies.py sheet [cape flag jelly]         docs/images/soft-bodies.png: physics and emulators
 python benchmarks/large_bodies.py flex [cape flag jelly]          the same meshes as flexes of MuJoCo, whole and reduced
-python benchmarks/large_bodies.py fidelity [cape flag jelly]      emulators that ship: gradients, wrinkles, a million super steps
+python benchmarks/large_bodies.py fidelity [cape flag jelly]      emulators that ship: wrinkles, a million super steps
+python benchmarks/large_bodies.py gradients [cape flag jelly]     emulators that ship: their gradients, and what limits them
 python benchmarks/large_bodies.py fidelity jelly --quick          one path, short runs; writes nothing
 python benchmarks/large_bodies.py own_flex [cloth jelly]          flexes of one's own, from `new` on; --folder keeps what is made
 
@@ -19,11 +20,15 @@ Physics: a cloth of 1 m hangs by its upper edge from a bar that is moved, and a 
 from rest. Times are of one core in float32: of one cloth, and of one of sixteen side by side. Differences are of all
 nodes, root mean square, from the same mesh in the most small steps, and from the finest mesh in as many, at the nodes both have.
 
-Fidelity: along the same paths as equal error, for 5 s. Gradients are those of the squared distance of one node (a cloth's
-lowest corner, the top of the jelly), or of the mean of all, from a point, after 0.5 s, by all controls and by six knots of
-splines. Told are cosines of the angle between the emulator's, as descents have it, and central differences of the physics
-with all nodes, by a step of 2 % of a control's largest rate, of some runs by 10 %, too. Beside them stands the gradient of a
-body that is carried along as it is. Spectra, by octaves, are of where nodes are from their rest: by cosines over the mesh's
+Gradients: along the same paths as equal error. They are those of the squared distance of one node (a cloth's lowest corner,
+the top of the jelly), of the mean of the patch within 0.1 sizes of it, or of all nodes, from a point, after 0.5 s, by all
+controls and by six knots of splines. Told are cosines of the angle between the emulator's, as descents have it, and central
+differences of the physics with all nodes, by a step of 2 % of a control's largest rate, of some runs by 10 %, too. Beside
+them stand the gradient of a body that is carried along as it is, differences of where the physics has the node as the shapes
+tell it at the end, and of physics that starts every super step from what the shapes tell: what an emulator without an error
+would say.
+
+Fidelity: along the same paths, for 5 s. Spectra, by octaves, are of where nodes are from their rest: by cosines over the mesh's
 grid after 1 s, and in time. A million super steps go along random paths. Penetration is by how much a node, or the middle of
 a face, must be moved to be out of what strikes it: of the physics, the emulator, and the emulator as it is drawn. Also writes
 results/large_bodies_spectra.csv and docs/images/soft-spectra.png.
@@ -70,7 +75,7 @@ from neuroanimator.terminal import print_table, progress_bar
 
 Rows = list[dict[str, Any]]
 
-PARTS = ("physics", "equal_error", "sheet", "flex", "own_flex", "fidelity")
+PARTS = ("physics", "equal_error", "sheet", "flex", "own_flex", "fidelity", "gradients")
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -231,7 +236,6 @@ def fidelity_of(name: str, extent: Extent) -> tuple[Columns, dict[str, Spectrum]
     system, emulator = shipped(name)
     test = unseen(system, emulator.dt, length=extent.length)
     columns: Columns = {}
-    columns |= gradient_columns(test, emulator, extent.paths)
     columns |= endurance_columns(test, emulator, extent.super_steps)
     columns |= penetration_columns(test, emulator)
     return columns, spectra_of(test, emulator)
@@ -256,15 +260,32 @@ def fidelity_tables(
     found: dict[str, Columns], spectra: dict[str, dict[str, Spectrum]]
 ) -> tuple[Rows, Rows]:
     """Return (a row per quantity with a column for each body, a row per body and octave)."""
+    bands: Rows = []
+    for name, of_body in spectra.items():
+        bands += band_rows(name, of_body)
+    return quantity_rows(found), bands
+
+
+def gradients(names: list[str], paths: int) -> None:
+    """Print each body's cosines, of so many runs; write those of all."""
+    found: dict[str, Columns] = {}
+    for name in names:
+        system, emulator = shipped(name)
+        found[name] = gradient_columns(unseen(system, emulator.dt), emulator, paths)
+    rows = quantity_rows(found)
+    print_table(rows)
+    if len(names) == len(FAMILIES) and paths == THOROUGH.paths:
+        write_csv(RESULTS / "large_bodies_gradients.csv", rows)
+
+
+def quantity_rows(found: dict[str, Columns]) -> Rows:
+    """Return a row per quantity with a column for each body."""
     rows: Rows = []
     for quantity in next(iter(found.values())):
         row: dict[str, Any] = {"quantity": quantity}
         row |= {name: columns[quantity] for name, columns in found.items()}
         rows.append(row | {"bar": BARS.get(quantity, "")})
-    bands: Rows = []
-    for name, of_body in spectra.items():
-        bands += band_rows(name, of_body)
-    return rows, bands
+    return rows
 
 
 def own_flex(names: list[str], folder: Path | None, *, is_quick: bool) -> None:
@@ -288,7 +309,7 @@ def main() -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="of flex, own_flex and fidelity: little, writes no file",
+        help="of flex, own_flex, fidelity and gradients: little, writes no file",
     )
     parser.add_argument("--folder", type=Path, help="of own_flex: for data and emulators")
     arguments = parser.parse_args()
@@ -299,6 +320,10 @@ def main() -> None:
     arguments.names = arguments.names or list(FAMILIES)
     if arguments.part == "sheet":
         draw_sheet(arguments.names, PICTURE)
+        return
+    if arguments.part == "gradients":
+        extent = QUICK if arguments.quick else THOROUGH
+        gradients(arguments.names, extent.paths)
         return
     if arguments.part == "fidelity":
         fidelity(arguments.names, QUICK if arguments.quick else THOROUGH)

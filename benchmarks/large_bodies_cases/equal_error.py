@@ -16,6 +16,7 @@ from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.speed import interleaved
 from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.state.parameters import draw_parameters
 from neuroanimator.systems.soft.program import LANES
 from neuroanimator.systems.soft.scene import Motion, Scene
 from neuroanimator.systems.soft.soft_system import SoftSystem
@@ -51,6 +52,8 @@ class Test(NamedTuple):
     """Positions [m] and headings [rad] of movers, the start included."""
     given: Float[np.ndarray, "D L"]
     """Their rates before the start."""
+    parameters: Float[np.ndarray, "Q L"]
+    """Those of each run, random."""
     start: Motion
     truth: Float[np.ndarray, "T N 3 L"]
     """Positions of nodes [m]."""
@@ -68,6 +71,8 @@ def unseen(system: SoftSystem, dt: float, lead: int = 60, length: int = STEPS) -
     """Return `LANES` runs of `length` super steps along smooth random paths, by the teacher's physics, `lead` after rest."""
     rng = np.random.default_rng(TEST_SEED)
     starts = np.repeat(system.rest[None], LANES, axis=0)
+    starts[:, system.parameter_entries] = draw_parameters(system.parameters, rng, LANES)
+    parameters = starts[:, system.parameter_entries].T
     controls = system.sample_paths(rng, LANES, lead + length, dt)
     changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
     movers = starts[:, None, : system.control.size] + np.cumsum(changes, axis=1)
@@ -75,19 +80,21 @@ def unseen(system: SoftSystem, dt: float, lead: int = 60, length: int = STEPS) -
     steps = system.truth.steps(dt)
     rest = system.motion(starts)
     at_rest = Motion(rest.positions + rest.origin, rest.velocities)
-    before, velocities = system.scene.play(at_rest, paths[: lead + 1], dt, steps)
+    play = system.scene.play
+    before, velocities = play(at_rest, paths[: lead + 1], dt, steps, parameters)
     start = Motion(before[-1].copy(), velocities[-1].copy())
-    truth, velocities = system.scene.play(start, paths[lead:], dt, steps)
+    truth, velocities = play(start, paths[lead:], dt, steps, parameters)
     end = Motion(truth[-1].copy(), velocities[-1].copy())
     given = (paths[lead] - paths[lead - 1]) / dt
-    return Test(system, dt, paths[lead:], given, start, truth, end)
+    return Test(system, dt, paths[lead:], given, parameters, start, truth, end)
 
 
 def known_states(test: Test) -> Float[np.ndarray, "L S"]:
     """Return the states at the test's start, as the emulator knows them."""
     positions = np.moveaxis(test.start.positions, -1, 0)
     velocities = np.moveaxis(test.start.velocities, -1, 0)
-    return test.system.encode(positions, velocities, test.paths[0].T, test.given.T)
+    moving = (positions, velocities, test.paths[0].T, test.given.T)
+    return test.system.encode(*moving, parameters=test.parameters.T)
 
 
 def controls_of(test: Test) -> Float[np.ndarray, "L T D"]:
@@ -215,7 +222,7 @@ def _add_one(race: Race, family: Family, scene: Scene, shape: tuple[int, ...], s
     parts = [np.asarray(part, float) for part in test.start[:2]]
     start = Motion(*(resampled(part, family.shape, shape) for part in parts))
     dt = test.dt
-    found, _ = scene.play(start, test.paths, dt, steps)
+    found, _ = scene.play(start, test.paths, dt, steps, test.parameters)
     what = f"{' x '.join(map(str, shape))} nodes, {steps} small steps"
     if not np.isfinite(found).all():
         race.rows.append({"what": f"{what}: diverges"})

@@ -115,7 +115,8 @@ def physics_from_rest(test: Test) -> float:
     motion = test.end
     for _ in range(0, SETTLING, BLOCK):
         paths = np.repeat(test.paths[-1:], BLOCK + 1, axis=0)
-        positions, velocities = system.scene.play(motion, paths, test.dt, steps)
+        played = system.scene.play(motion, paths, test.dt, steps, test.parameters)
+        positions, velocities = played
         motion = Motion(positions[-1], velocities[-1])
     every = np.arange(len(system.shapes.mean))
     ended = test._replace(truth=motion.positions[None], paths=test.paths[-2:])

@@ -103,8 +103,11 @@ def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
             pool.submit(_compile_descent, emulator, system, folder),
             pool.submit(write_physics_beside, system, emulator.dt, folder),
         ]
-        emulator_wasm = checked_wasm(emulator, definition_of(emulator, licence), "emulator").content
-        write_whole(folder / EMULATOR_WASM, emulator_wasm)
+        # Descents have programs of their own; the page asks for no other gradient.
+        module = checked_wasm(
+            emulator, definition_of(emulator, licence), "emulator", has_gradient=False
+        )
+        write_whole(folder / EMULATOR_WASM, module.content)
         for other in others:
             other.result()
 

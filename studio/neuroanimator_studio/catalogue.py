@@ -25,7 +25,7 @@ PROGRAMS = (EMULATOR_WASM, "policy.wasm", PHYSICS_WASM)
 SHIPPED_BUNDLES = tuple(
     emulator_name(name, system.substeps[0])
     for name, system in SHIPPED_SYSTEMS.items()
-    if system.substeps and system.has_bundle
+    if system.substeps
 )
 """The emulators that ship as bundles, in the order in which the page shows them."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from neuroanimator import Emulator, NeuroAnimatorError, is_reached
 from neuroanimator.animation.motion import Drive, random_drive, shipped_drive
@@ -26,6 +26,12 @@ TURN = 0.15
 
 WAVES = (1, 2, 3)
 """How often the waves of swaying come in `PERIOD`."""
+
+SHAKE = 0.25
+"""How far what holds a solid is shaken with each of its waves, at most, over its size: carried slowly, none wobbles."""
+
+SHAKES = (4, 7, 11)
+"""How often these waves come in `PERIOD`."""
 
 MIXTURE = 1.9
 """Difference between axes in what they have of each wave, so that no two move alike [rad]."""
@@ -73,16 +79,28 @@ def wander(emulator: Emulator) -> Drive:
     nearness = (1 - np.cos(VISITS * turns)) / 2
     striking = {collider.mover for collider in (*contacts.capsules, *contacts.boxes)}
     paths = np.zeros((steps + 1, contacts.mover_size))
+    is_solid = _is_closed(shapes.faces)
     for number, mover in enumerate(contacts.movers):
         axes = mover.entry + np.arange(mover.size)
-        reach = np.full(mover.size, SWAY * size)
+        is_shaken = is_solid and number == contacts.anchor
+        reach = np.full(mover.size, (SHAKE if is_shaken else SWAY) * size)
         reach[3:] = TURN
-        for waves in WAVES:
+        for waves in SHAKES if is_shaken else WAVES:
             paths[:, axes] += reach * np.cos(MIXTURE * axes + waves) * np.sin(waves * turns)
+        if is_shaken:
+            # From rest to rest: it wobbles on after each time.
+            paths[:, axes] *= np.sin(turns / 2) ** 2
         if number in striking and number != contacts.anchor:
             paths[:, axes[:3]] += nearness * (middle - rest[axes[:3]])
     velocities = np.diff(paths, axis=0) / emulator.dt
     return Drive(rest, _well_within(emulator, velocities))
+
+
+def _is_closed(faces: Int[np.ndarray, "F 3"]) -> bool:
+    """Return whether a surface is that of a solid: each edge is one of two triangles."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    return bool((counts == 2).all())
 
 
 def _well_within(

@@ -252,6 +252,8 @@ class Writer:
         """Yield the statements over `columns` (N,), those that are alike as one."""
         if not len(columns[0]):
             return
+        for column in columns:
+            self.program.constants.mark_read(column)
         runs = list(self._runs(columns))
         number = 0
         while number < len(runs):
@@ -473,10 +475,16 @@ class Writer:
             yield from self._summed(int(vector[0]), columns, int(total[0]) + first)
         for last in range(whole, weights.shape[1]):
             # The last few columns are summed one by one: most of a register would be empty.
-            column = self.program.constants.add(weights[:, last])
+            column = self._laid_out(weights[:, last])
             yield from self._dot(vector, column, int(total[last]))
         if total is not sums:
             yield from self.copied(total, sums)
+
+    def _laid_out(self, weights: np.ndarray) -> Addresses:
+        """Return the addresses of weights in the order in which a loop reads them."""
+        addresses = self.program.constants.add(weights)
+        self.program.constants.mark_read(addresses)
+        return addresses
 
     def _dot(self, vector: Addresses, column: Addresses, target: int) -> Iterator[str]:
         """Yield the product of a vector (K,) and constants (K,), summed sixteen side by side."""
@@ -502,7 +510,7 @@ class Writer:
         stride = wide * WIDTH
         block = np.zeros((count, stride), np.float32)
         block[:, : weights.shape[1]] = weights
-        base = -self.program.constants.add(block)[:, 0] - 1
+        base = -self._laid_out(block)[:, 0] - 1
         cells = [(part, j) for part in range(parts) for j in range(wide)]
         names = ", ".join(f"s{part}_{j}" for part, j in cells)
         zeros = " ".join(f"NA_ZERO(s{part}_{j});" for part, j in cells)
@@ -533,7 +541,7 @@ class Writer:
         padded = np.zeros((count, tiles * LANE_TILE), np.float32)
         padded[:, :columns] = weights
         block = padded.reshape(count, tiles, LANE_TILE).swapaxes(0, 1)
-        base = -int(self.program.constants.add(block).flat[0]) - 1
+        base = -int(self._laid_out(block).flat[0]) - 1
         total = sums
         if not _is_a_run(sums) or sums[0] % WIDTH or columns <= FEW:
             # Whole tiles are written, for which only what is aligned has room.

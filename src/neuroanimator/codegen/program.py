@@ -9,7 +9,7 @@ is *wide* if it has sixteen lanes, one for each of sixteen motions or cotangents
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
@@ -58,6 +58,8 @@ class Constants:
     literals: dict[int, float] = field(default_factory=dict)
     """Numbers of the definition itself, by address: zeros, ones and the like, which are written into the text."""
     _of_literal: dict[float, int] = field(default_factory=dict)
+    _read: set[int] = field(default_factory=set)
+    """Numbers of the blocks that programs read: weights are laid out anew for their loops, and not read as they were."""
 
     def add(self, numbers: ArrayLike) -> Addresses:
         """Return the addresses of these numbers, in their shape; the first one is aligned."""
@@ -87,14 +89,25 @@ class Constants:
 
     def values(self, addresses: Addresses) -> np.ndarray:
         """Return the constants at `addresses`, all of which must be constants."""
-        return self.data()[-addresses - 1]
+        return self._laid_out(range(len(self.blocks)))[-addresses - 1]
+
+    def mark_read(self, addresses: Addresses) -> None:
+        """Keep the constants among `addresses`: a program reads them."""
+        places = -addresses[addresses < 0] - 1
+        blocks = np.searchsorted(self.starts, places, side="right") - 1
+        self._read.update(np.unique(blocks).tolist())
 
     def data(self) -> np.ndarray:
-        """Return all numbers as one float32 array, aligned for the widest register."""
+        """Return all numbers that programs read as one float32 array, aligned for the widest register; others are zero."""
+        return self._laid_out(sorted(self._read))
+
+    def _laid_out(self, blocks: Iterable[int]) -> np.ndarray:
         raw = np.zeros(self.size + WIDTH, np.float32)
         first = -(raw.ctypes.data // FLOAT_BYTES) % WIDTH
         aligned = raw[first : first + self.size]
-        for start, block in zip(self.starts, self.blocks, strict=True):
+        for number in blocks:
+            start = self.starts[number]
+            block = self.blocks[number]
             aligned[start : start + len(block)] = block
         return aligned
 

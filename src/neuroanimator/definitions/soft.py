@@ -21,6 +21,7 @@ from pydantic import Field, field_validator, model_validator
 
 from neuroanimator.appearance.shapes import MAX_NODES, MAX_SHAPES
 from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parameter import Parameters
 from neuroanimator.files.names import FileName, PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Step, Table
 
@@ -148,6 +149,8 @@ class SoftDefinition(Table):
     ground: GroundTable | None = None
     movers: dict[PartName, MoverTable] = Field(min_length=1, max_length=8)
     """By name; in a state they come in the order of their names."""
+    parameters: Parameters = Field(default={})
+    """What varies from run to run, and what it sets: `air/wind_x`, `air/wind_y` or `air/wind_z` [m/s]."""
     goals: dict[SystemName, GoalTable] = Field(default={})
 
     @property

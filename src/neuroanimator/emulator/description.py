@@ -192,7 +192,8 @@ def blank(
     if "contacts" in metadata:
         frame = replace(frame, contacts=_contacts(metadata["contacts"], frame, spec))
     if "shape_contacts" in metadata:
-        frame = replace(frame, shape_contacts=_shape_contacts(metadata["shape_contacts"], spec))
+        contacts = _shape_contacts(metadata["shape_contacts"], frame, spec)
+        frame = replace(frame, shape_contacts=contacts)
     others = frame.local_size + frame.control_size(controls)
     changes = frame.change_size(latent_size)
     features = _features(metadata["features"], latent_size, others)
@@ -393,13 +394,14 @@ def _placement(described: Any) -> Placement:
     return Placement(entries["position"], entries["heading"], entries["orientation"])
 
 
-def _shape_contacts(described: Any, spec: EmulatorSpec) -> ShapeContacts:
+def _shape_contacts(described: Any, frame: Frame, spec: EmulatorSpec) -> ShapeContacts:
     """Return the contacts of the skeleton's surface."""
     shapes = spec.skeleton.shapes
     if shapes is None:
         raise ValueError("shape contacts: of no shapes")
+    constant = sum(one.size for one in frame.segments if isinstance(one, Constant))
     return ShapeContacts.from_json(
-        described, shapes.mean, shapes.modes, spec.state.size, spec.control.size
+        described, shapes.mean, shapes.modes, spec.state.size - constant, spec.control.size
     )
 
 

@@ -29,8 +29,6 @@ class ShippedSystem:
     scenery: str = "plain"
     """Surroundings in the studio, where they are no water."""
     has_policy: bool = False
-    has_bundle: bool = True
-    """Whether the studio's wheel has it, which is to stay small."""
     is_soft: bool = False
     """Whether it is of thousands of nodes, emulated by the amplitudes of shapes."""
     recipe: Mapping[str, Any] = field(default_factory=dict)

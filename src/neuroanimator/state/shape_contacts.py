@@ -2,7 +2,7 @@
 
 A state is, with M movers of which some turn and K shapes,
 
-    movers' positions and headings | their rates | root of a free body | amplitudes of the shapes | their rates
+    movers' positions and headings | their rates | root of a free body | amplitudes of the shapes | their rates | parameters
 
 The shapes are those of the body's own frame: it goes and turns with the mover that holds the body, its anchor, or with
 the root of a body that nothing holds. All that is shown is seen from there, so that moving and turning the world
@@ -469,7 +469,10 @@ class ShapeContacts:
         state_size: int,
         controls: int,
     ) -> ShapeContacts:
-        """Return what `to_json` wrote, of a body with this mean and these modes; ValueError says what none has."""
+        """Return what `to_json` wrote, of a body with this mean and these modes; ValueError says what none has.
+
+        `state_size` is without parameters.
+        """
         turning = listed(described["turning"], "shape contacts: turning", flag)
         if not 1 <= len(turning) <= MAX_MOVERS:
             raise ValueError(f"shape contacts: wanted 1 to {MAX_MOVERS} movers")

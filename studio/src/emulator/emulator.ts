@@ -1,4 +1,4 @@
-// An emulator in WebAssembly: one super step, rollouts, gradients, trust and batches of bodies.
+// An emulator in WebAssembly: one super step, rollouts, trust and batches of bodies.
 
 import { checkLength, exportedAddress, exportedFunction, Heap, startModule, type ModuleExports } from "./instance";
 
@@ -19,12 +19,6 @@ export interface TrustedStep {
   readonly next: Float32Array;
   /** How far its start and its control lie from what training showed: 1 is the edge. */
   readonly score: number;
-}
-
-/** Gradients of a number by a state and a control. */
-export interface Gradients {
-  readonly byState: Float32Array;
-  readonly byControl: Float32Array;
 }
 
 /** Bodies that the module keeps, sixteen of them computed side by side. */
@@ -76,16 +70,6 @@ export class Emulator {
     checkLength(controls, steps * this.sizes.control, "controls");
     const [states] = this.#call("rollout", [state, controls], [(steps + 1) * this.sizes.state], steps);
     return states!;
-  }
-
-  /** Return the gradients by state and control of a number, from its gradient by the next state (S). */
-  vjp(state: ArrayLike<number>, control: ArrayLike<number>, cotangent: ArrayLike<number>): Gradients {
-    checkLength(state, this.sizes.state, "state");
-    checkLength(control, this.sizes.control, "control");
-    checkLength(cotangent, this.sizes.state, "cotangent");
-    const sizes = [this.sizes.state, this.sizes.control];
-    const [byState, byControl] = this.#call("vjp", [state, control, cotangent], sizes);
-    return { byState: byState!, byControl: byControl! };
   }
 
   /** Return `step` and its score. A module of true physics has none: 0. */

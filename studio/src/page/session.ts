@@ -150,6 +150,8 @@ export class Session {
     // Another one may have been asked for since.
     if (count === this.#wantedCrowd) {
       this.crowd = new Crowd(emulator, this.facts, this.movers.path, count);
+      const state = this.player.state();
+      this.facts.parameters?.forEach(({ entry }) => this.crowd!.keep(entry, state[entry]!));
       this.world.showCrowd(this.crowd);
     }
   }

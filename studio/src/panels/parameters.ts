@@ -5,6 +5,9 @@ import type { Session } from "../page/session";
 import { reshape } from "../steering/reshape";
 import type { Panel } from "./controls";
 
+const BODY = "Another body of the family, while it moves. Physics as a ghost changes with it.";
+const WIND = "It freshens and dies down while the body moves. Physics as a ghost feels it, too.";
+
 /** Return the panel of a family; null for a single body. */
 export function parameterPanel(session: Session, goLive: () => void): Panel | null {
   const { facts, player } = session;
@@ -12,7 +15,9 @@ export function parameterPanel(session: Session, goLive: () => void): Panel | nu
   if (parameters.length === 0) {
     return null;
   }
-  const { details, body } = panel("Body", true);
+  // The one thing that varies of a soft body is the wind it is in.
+  const isWind = facts.surface !== null && facts.surface !== undefined;
+  const { details, body } = panel(isWind ? "Wind" : "Body", true);
   const rows = parameters.map((parameter) =>
     slider({
       label: parameter.name.replaceAll("_", " "),
@@ -24,11 +29,12 @@ export function parameterPanel(session: Session, goLive: () => void): Panel | nu
         goLive();
         const { motion } = player;
         motion.pushLast(reshape(facts, motion.state(motion.steps), parameter, value));
+        session.crowd?.keep(parameter.entry, value);
       },
     }),
   );
   body.append(
-    element("p", "", ["Another body of the family, while it moves. Physics as a ghost changes with it."]),
+    element("p", "", [isWind ? WIND : BODY]),
     ...rows.map((row) => row.row),
   );
   return {

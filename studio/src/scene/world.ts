@@ -361,8 +361,14 @@ export class World {
     return nearest;
   }
 
-  // Where a ray comes nearest to a bone's spheres and capsules, or to the bone if it has none; null if that is beside them.
+  // Where a ray hits what is drawn of a bone, or else comes nearest to its spheres and capsules, or to the bone if it has none;
+  // null if that is beside them.
   #pointOfMover(ray: Raycaster, bone: number): Vector3 | null {
+    const drawn = this.#body.object.getObjectByName(this.facts.skeleton[bone]!.name);
+    const [hit] = drawn ? ray.intersectObject(drawn) : [];
+    if (hit) {
+      return hit.point;
+    }
     const colliders = this.#colliders.filter((collider) => collider.bone === bone);
     const itself: Collider = { bone, ends: [[0, 0, 0], [0, 0, 0]], radius: 0 };
     for (const collider of colliders.length > 0 ? colliders : [itself]) {

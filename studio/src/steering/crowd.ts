@@ -73,6 +73,18 @@ export class Crowd {
     }
   }
 
+  /** Give every body this value of a parameter, by its state entry. */
+  keep(entry: number, value: number): void {
+    const size = this.#state.length;
+    for (const { batch } of this.#groups) {
+      const { states } = batch;
+      for (let body = 0; body < batch.count; body++) {
+        states[body * size + entry] = value;
+      }
+      batch.encode();
+    }
+  }
+
   #makeGroup(batch: Batch, first: number, share: number): Group {
     const size = this.#state.length;
     for (let body = 0; body < batch.count; body++) {

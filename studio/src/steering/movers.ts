@@ -6,7 +6,10 @@ import type { Pilot } from "../motion/player";
 import { clamp } from "./pilots";
 
 /** A mover goes to where it is led in about this time, if it is quick enough [s]. */
-const RESPONSE = 0.12;
+const RESPONSE = 0.2;
+
+/** Time constant at which a mover takes up a velocity [s]: that of the paths emulators are trained on (systems/soft/movers.py). */
+const INERTIA = 0.1;
 
 /** Left alone for so long, movers wander again [s]. */
 const REST = 4;
@@ -72,6 +75,8 @@ export class MoverPilot implements Pilot {
   chosen = 0;
   readonly #movers: readonly MoverFacts[];
   readonly #control: Float32Array;
+  /** The control of the super step before. */
+  readonly #before: Float32Array;
   /** Where a mover is led to [m]. */
   #target: Place | null = null;
   #velocity: Place | null = null;
@@ -86,6 +91,7 @@ export class MoverPilot implements Pilot {
   ) {
     this.#movers = facts.movers ?? [];
     this.#control = new Float32Array(facts.control_low.length);
+    this.#before = this.#control.slice();
   }
 
   /** Lead a mover to a place [m], as fast as it may go. */
@@ -115,18 +121,28 @@ export class MoverPilot implements Pilot {
   }
 
   control(state: Float32Array): Float32Array {
+    this.#before.set(this.#control);
     this.#control.fill(0);
     if (this.#target || this.#velocity) {
       this.#alone = 0;
       this.#step = null;
       this.#obey(state);
-      return this.#control;
+    } else {
+      this.#alone += this.facts.dt;
+      if (this.isWandering && this.path.steps > 0) {
+        this.#follow(state);
+      }
     }
-    this.#alone += this.facts.dt;
-    if (this.isWandering && this.path.steps > 0) {
-      this.#follow(state);
+    if (this.#step === null) {
+      this.#ease();
     }
     return this.#control;
+  }
+
+  // A jolt is nothing that training has shown.
+  #ease(): void {
+    const share = 1 - Math.exp(-this.facts.dt / INERTIA);
+    this.#before.forEach((before, i) => (this.#control[i] = before + share * (this.#control[i]! - before)));
   }
 
   #obey(state: Float32Array): void {

@@ -209,3 +209,19 @@ def test_wind_blows_a_cloth_along_and_leaves_it_alone_edge_on():
     edge_on = replace(cloth(), air=Air(drag=0.0, density=1.2, wind=(4.0, 0.0, 0.0)))
     assert play(aside)[0][-1, :, 1].max() > 0.01
     assert np.abs(play(edge_on)[0][-1, :, 1]).max() < 1e-9
+
+
+def test_a_cloth_in_the_wind_moves_as_one_carried_through_still_air():
+    """Each of several side by side has a wind of its own."""
+    winds = np.random.default_rng(0).uniform(-4, 4, (3, LANES))
+    body = replace(cloth(), air=Air(drag=0.5, density=1.2, wind=(1.0, 1.0, 1.0)))
+    still = np.repeat(0 * body.positions[..., None], LANES, axis=-1)
+    places = np.repeat(body.positions[..., None], LANES, axis=-1)
+    times = np.arange(21) / 30
+    movers = np.zeros((21, 1, 4, LANES))
+    carried = movers.copy()
+    carried[:, 0, :3] = -times[:, None, None] * winds
+    program = SoftProgram(body, LANES, np.float64)
+    here, _ = program.play(places, still, movers, 1 / 30, 20, winds)
+    there, _ = program.play(places, still - winds, carried, 1 / 30, 20, 0 * winds)
+    np.testing.assert_allclose(there + times[1:, None, None, None] * winds, here, atol=1e-9)

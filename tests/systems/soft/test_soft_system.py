@@ -373,13 +373,52 @@ within = 0.5
         read_objective(file, cloth)
 
 
+def test_the_wind_of_a_flag_is_a_parameter_that_no_motion_changes():
+    flag, emulator = na.load_system("flag"), na.load_emulator("flag")
+    starts = flag.sample_starts(np.random.default_rng(0), 3)
+    winds = starts[:, flag.parameter_entries]
+    assert len(np.unique(winds)) == 3
+    idle = np.zeros((3, 20, flag.control.size))
+    runs = flag.simulate(starts, idle, emulator.dt).states
+    rollouts = np.asarray(emulator.rollout(starts.astype(np.float32), idle.astype(np.float32)))
+    for states in (runs, rollouts):
+        held = np.broadcast_to(winds[:, None], (3, 21, 1))
+        np.testing.assert_array_equal(
+            states[..., flag.parameter_entries], held.astype(states.dtype)
+        )
+    nodes = [flag.shapes.unplaced(states[:, -1]) for states in (runs, rollouts)]
+    gap = np.sqrt(((nodes[0] - nodes[1]) ** 2).sum(axis=-1).mean(axis=-1))
+    assert gap.max() < 0.02 * flag.scene.size
+    assert list(np.argsort(nodes[1][:, 59, 2])) == list(np.argsort(winds[:, 0]))  # it lifts the tip
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (
+            'breeze = { sets = "air/wind", range = [0.0, 1.0] }',
+            r"parameters.breeze.sets: wanted one of air/wind_x, air/wind_y, air/wind_z, came 'air/wind'",
+        ),
+        ('breeze = { sets = "air/wind_y", range = [1.0, 2.0] }', "own value, 0 m/s, came 1 to 2"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_refused(
+    toml: Path, tmp_path: Path, table: str, message: str
+):
+    path = tmp_path / toml.name
+    (tmp_path / "cloth.obj").write_bytes((toml.parent / "cloth.obj").read_bytes())
+    path.write_text(f"{toml.read_text()}\n[parameters]\n{table}\n")
+    with pytest.raises(NeuroAnimatorError, match=message):
+        na.load_system(str(path))
+
+
 def test_the_tutorials_objective_is_of_the_flags_lower_corner(tmp_path: Path):
     text = TUTORIAL.read_text().split("Save it as `corner.toml`")[1]
     (tmp_path / "corner.toml").write_text(text.split("```toml\n")[1].split("```")[0])
     flag = na.load_system("flag")
     read_objective(tmp_path / "corner.toml", flag)
     corner = flag.shapes.decode(flag.rest, [2399])[0]
-    np.testing.assert_allclose(corner, [0.44, 0.13, 0.54], atol=0.005)  # as the tutorial says
+    np.testing.assert_allclose(corner, [1.09, 0.03, 0.95], atol=0.005)  # as the tutorial says
 
 
 def test_controls_that_bring_a_corner_to_a_point_do_so_on_the_physics(cloth, trained):

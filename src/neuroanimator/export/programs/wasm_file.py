@@ -79,19 +79,29 @@ def write_wasm(model: Model, path: str | Path, licence: str = "") -> ExportedFil
     return write_program(path, definition, checked_wasm(model, definition, name), callers)
 
 
-def checked_wasm(model: Model, definition: Definition, name: str) -> CheckedProgram:
-    """Return the module, whose functions begin with `name`; errors as of `write_wasm`."""
+def checked_wasm(
+    model: Model, definition: Definition, name: str, *, has_gradient: bool = True
+) -> CheckedProgram:
+    """Return the module, whose functions begin with `name`; errors as of `write_wasm`.
+
+    An emulator's without its gradient is a third smaller.
+    """
     runtime = import_wasmtime()
-    content = wasm_bytes(model, definition, name)
+    content = wasm_bytes(model, definition, name, has_gradient=has_gradient)
     call = Module(runtime, content, name).call
-    functions, difference = check_functions(call, model, definition)
+    functions, difference = check_functions(call, model, definition, has_gradient=has_gradient)
     return CheckedProgram(content, functions, "wasmtime", difference)
 
 
-def wasm_bytes(model: Model, definition: Definition, name: str) -> bytes:
+def wasm_bytes(
+    model: Model, definition: Definition, name: str, *, has_gradient: bool = True
+) -> bytes:
     """Return the module, whose functions begin with `name`."""
-    text = f"#define {name.upper()}_IMPLEMENTATION\n{c_header(model, definition, name)}"
+    header = c_header(model, definition, name, has_gradient=has_gradient)
+    text = f"#define {name.upper()}_IMPLEMENTATION\n{header}"
     exports = [*FUNCTIONS[definition.facts["kind"]], *NUMBERS]
+    if not has_gradient:
+        exports.remove("vjp")
     try:
         return wasm_module(text, [f"{name}_{export}" for export in exports])
     except CompilerError as error:

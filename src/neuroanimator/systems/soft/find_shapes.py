@@ -15,6 +15,7 @@ from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.parameters import draw_parameters, nominal_values
 from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.state.shape_contacts import FREE, placement_of
@@ -82,6 +83,7 @@ def find_shapes(
         centre = scene.centre(rest)
         mean = rest - centre
         paths, rates = _random_paths(scene, rng, frames, dt)
+        parameters = draw_parameters(scene.parameters, rng, scene.runs).T
         sketch = Sketch(definition.shapes + SPARE)
         snapshots: list[np.ndarray] = []
         still = np.zeros_like(mean)
@@ -90,7 +92,7 @@ def find_shapes(
             if scene.anchor == FREE and first % (THROW * BLOCK) == 0:
                 motion = _thrown(scene, rng, mean, centre, paths[first], motion)
             block = paths[first : first + BLOCK + 1]
-            played = scene.play(motion, block, dt, steps)
+            played = scene.play(motion, block, dt, steps, parameters)
             positions, velocities = (np.moveaxis(part, -1, 1) for part in played)
             movers = np.moveaxis(block[1:], -1, 1)
             moving = rates[first : first + BLOCK]
@@ -111,6 +113,7 @@ def find_shapes(
                 moving = moving[:, fits]
                 paths = paths[..., fits]
                 rates = rates[:, fits]
+                parameters = parameters[:, fits]
             snapshots.append(away[::EVERY].reshape(-1, mean.size))
             if len(snapshots) == BLOCKS or first + BLOCK >= frames:
                 sketch.add(np.concatenate(snapshots))
@@ -125,7 +128,8 @@ def find_shapes(
         len(at_rest),
         placement_of(scene.movers.turning, scene.anchor),
     )
-    return Found(shapes, np.concatenate([at_rest, np.zeros(2 * len(modes))]))
+    rates = np.zeros(2 * len(modes))
+    return Found(shapes, np.concatenate([at_rest, rates, nominal_values(scene.parameters)]))
 
 
 def _settled(

@@ -115,7 +115,12 @@ class FlexScene(SoftScene):
         return FREE
 
     def play(
-        self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
+        self,
+        motion: Motion,
+        paths: Float[np.ndarray, "F D ..."],
+        duration: float,
+        steps: int,
+        parameters: Float[np.ndarray, "Q ..."] | None = None,
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
         model = self._stepping(duration / steps)
         if paths.ndim == 2:

@@ -86,6 +86,7 @@ REALS = (
     "normal",
     "plane_point",
     "plane_friction",
+    "wind",
 )
 
 
@@ -97,7 +98,6 @@ class _Body(ctypes.Structure):
         *[(name, ctypes.c_void_p) for name in (*INDICES, *REALS)],
         *[(name, ctypes.c_double) for name in ("margin", "drag", "air", "air_limit")],
         ("gravity", ctypes.c_double * 3),
-        ("wind", ctypes.c_double * 3),
     )
 
 
@@ -116,15 +116,20 @@ class SoftProgram:
         movers: Float[np.ndarray, "F M 4 ..."],
         duration: float,
         steps: int,
+        wind: Float[np.ndarray, "3 ..."] | None = None,
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
         """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
 
         `movers` says where movers are [m] and where they head [rad], at the start and at each frame's end; in between
-        they move and turn evenly. With several lanes these are the last axis of all arrays.
+        they move and turn evenly. `wind` is the velocity of the air [m/s], the body's own if none is given. With several
+        lanes these are the last axis of all arrays.
         """
-        body, keep = _struct(self.body, movers.shape[1], self.dtype)
         frames = len(movers) - 1
         tail = (self.lanes,) if self.lanes > 1 else ()
+        if wind is None:
+            own = np.reshape(self.body.air.wind, (3, *[1] * len(tail)))
+            wind = np.broadcast_to(own, (3, *tail))
+        body, keep = _struct(self.body, movers.shape[1], wind, self.dtype)
         count = len(self.body.positions)
         start = np.empty((2, 3, count, *tail), self.dtype)
         start[0] = np.moveaxis(positions, 0, 1)
@@ -160,7 +165,7 @@ def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
 
 
 def _struct(
-    body: SoftBody, movers: int, dtype: type[np.floating]
+    body: SoftBody, movers: int, wind: Float[np.ndarray, "3 ..."], dtype: type[np.floating]
 ) -> tuple[_Body, list[np.ndarray]]:
     """Return `body` as C sees it, and the arrays it points to, which have to outlive it."""
     reals = {
@@ -181,6 +186,7 @@ def _struct(
         "normal": [plane.normal for plane in body.planes],
         "plane_point": [plane.point for plane in body.planes],
         "plane_friction": [plane.friction for plane in body.planes],
+        "wind": wind,
     }
     indices = {
         "pair": body.pairs,
@@ -213,7 +219,6 @@ def _struct(
         air=body.air.density / 2,
         air_limit=MAX_AIR_SPEED,
         gravity=(ctypes.c_double * 3)(*GRAVITY),
-        wind=(ctypes.c_double * 3)(*body.air.wind),
     )
     keep = []
     for name, values in reals.items():

@@ -7,13 +7,19 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
+from neuroanimator.systems.parameter_tables import parameter_from_table
 from neuroanimator.systems.soft.mesh_file import Mesh
 from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body, some
 from neuroanimator.systems.soft.movers import Movers
 from neuroanimator.systems.soft.program import LANES, SoftProgram
 from neuroanimator.systems.soft.soft_body import Air, Box, Capsule, Plane, SoftBody
 from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
+from neuroanimator.text import listed, quoted
+
+WIND = ("air/wind_x", "air/wind_y", "air/wind_z")
+"""What parameters can set: the air's velocity along each axis [m/s]."""
 
 WITHIN = 1e-3
 """Depth in a collider from which a node begins inside it, over the size of the body."""
@@ -58,6 +64,7 @@ class Scene(SoftScene):
         self.has_ground = definition.ground is not None
         self.ground_height = None if definition.ground is None else definition.ground.height
         self.wind = self.body.air.wind
+        self.parameters = tuple(self._parameters())
         self._refuse_overlap()
 
     def _body(self, mesh: Mesh) -> SoftBody:
@@ -115,6 +122,31 @@ class Scene(SoftScene):
                     boxes.append(Box(collider.box, collider.friction, number, collider.start))
         return boxes
 
+    def _parameters(self) -> list[Parameter]:
+        parameters = []
+        for name, table in self.definition.parameters.items():
+            if table.sets not in WIND:
+                raise ArgumentError(
+                    f"parameters.{name}.sets: wanted one of {listed(WIND)}, came {quoted(table.sets)}."
+                )
+            own = self.wind[WIND.index(table.sets)]
+            parameters.append(parameter_from_table(name, table, "m/s", own))
+        if parameters and (self.anchor == FREE or self.movers.turning[self.anchor]):
+            raise ArgumentError(
+                "parameters: the wind can vary for a body that a mover holds which does not turn. Let it not turn."
+            )
+        return parameters
+
+    def _wind_at(self, parameters: Float[np.ndarray, "Q ..."]) -> Float[np.ndarray, "3 ..."]:
+        """Return the velocity of the air [m/s] for these values of the parameters."""
+        wind = np.empty((3, *parameters.shape[1:]))
+        for axis, speed in enumerate(self.wind):
+            wind[axis] = speed
+        tables = self.definition.parameters.values()
+        for table, values in zip(tables, parameters, strict=True):
+            wind[WIND.index(table.sets)] = values
+        return wind
+
     def _refuse_overlap(self) -> None:
         """Raise ArgumentError, which names it, for a collider with nodes in it as the body lies in its mesh."""
         body = self.body
@@ -134,18 +166,25 @@ class Scene(SoftScene):
                 raise ArgumentError(f"ground: nodes {some(inside)} begin under it. Lower it.")
 
     def play(
-        self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
+        self,
+        motion: Motion,
+        paths: Float[np.ndarray, "F D ..."],
+        duration: float,
+        steps: int,
+        parameters: Float[np.ndarray, "Q ..."] | None = None,
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
-        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame. See
-        `SoftProgram.play`.
+        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
+        those of each body, nominal if none are given. See `SoftProgram.play`.
         """
         lanes = paths.shape[2] if paths.ndim > 2 else 1
+        wind = None if parameters is None else self._wind_at(parameters)
         return SoftProgram(self.body, lanes).play(
             motion.positions,
             motion.velocities,
             self.movers.poses(paths, motion.origin),
             duration,
             steps,
+            wind,
         )

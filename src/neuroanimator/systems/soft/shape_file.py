@@ -55,6 +55,8 @@ def made_for(toml: Path, definition: SoftDefinition) -> Path:
     mesh = toml.parent / definition.mesh
     content = read_bounded(mesh, MAX_FILE)
     values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
+    if not definition.parameters:
+        del values["parameters"]  # shapes found before there were any stay as they are
     text = canonical_json({"method": METHOD, "definition": values})
     origin = hashlib.sha256(text.encode() + content).hexdigest()
     return _made(toml, definition, origin, lambda: Scene(definition, read_mesh(mesh.name, content)))
@@ -103,7 +105,7 @@ def read_shapes(path: Path, definition: SoftDefinition) -> tuple[ShapeFile, Mesh
     anchor = holding[0] if holding else FREE
     tensors, _ = read_tensors(path, "shapes")
     with _faults_named(path):
-        file = _checked(tensors, turning, anchor)
+        file = _checked(tensors, turning, anchor, len(definition.parameters))
         return file, _mesh_of(tensors, file.shapes, 3 + definition.is_solid)
 
 
@@ -127,10 +129,12 @@ def _faults_named(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _checked(tensors: dict[str, np.ndarray], turning: tuple[bool, ...], anchor: int) -> ShapeFile:
+def _checked(
+    tensors: dict[str, np.ndarray], turning: tuple[bool, ...], anchor: int, parameters: int = 0
+) -> ShapeFile:
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
-    size = first + 2 * len(own["scales"])
+    size = first + 2 * len(own["scales"]) + parameters
     shapes = Shapes.from_tensors(own, first, placement_of(turning, anchor), size)
     rest = tensors["rest"]
     if rest.shape != (size,):

@@ -21,7 +21,8 @@ typedef struct {
     const real *radius, *capsule_start, *capsule_along, *capsule_friction;
     const real *half, *box_centre, *box_friction;
     const real *normal, *plane_point, *plane_friction;
-    double margin, drag, air, air_limit, gravity[3], wind[3];
+    const real *wind; /* axis by axis, a number for each lane */
+    double margin, drag, air, air_limit, gravity[3];
 } Body;
 
 /* Axis k of node i of lane l. */
@@ -48,7 +49,7 @@ static void add_air(const Body *b, const real *restrict x, real *restrict v, rea
         for (int a = 0; a < 3; a++) {
             right[a] = AT(x, j, a) - AT(x, i, a);
             up[a] = AT(x, k, a) - AT(x, i, a);
-            wind[a] = (real)b->wind[a] - (AT(v, i, a) + AT(v, j, a) + AT(v, k, a)) / 3;
+            wind[a] = b->wind[a * LANES + l] - (AT(v, i, a) + AT(v, j, a) + AT(v, k, a)) / 3;
         }
         air_push(right, up, wind, (real)b->air, (real)b->air_limit, push);
         for (int a = 0; a < 3; a++) {
@@ -62,9 +63,9 @@ static void add_air(const Body *b, const real *restrict x, real *restrict v, rea
 static void coast(const Body *b, real *restrict x, real *restrict v, real *restrict p, real h) {
     const size_t count = b->nodes;
     const real gravity[3] = {b->gravity[0], b->gravity[1], b->gravity[2]};
-    const real wind[3] = {b->wind[0], b->wind[1], b->wind[2]};
     ELEMENTS(0, b->nodes)
         const real before[3] = READ(v, e);
+        const real wind[3] = {b->wind[l], b->wind[LANES + l], b->wind[2 * LANES + l]};
         real after[3];
         fall(before, wind, gravity, (real)b->drag, h, after);
         const real is_free = b->lightness[e] > 0;

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider, ShapeContacts
 from neuroanimator.systems.soft.movers import Movers, pace_of
 from neuroanimator.systems.soft.own_frame import OwnMotion, seen_from_mover, seen_from_root
@@ -65,6 +66,8 @@ class SoftScene(abc.ABC):
     """Velocity of the air [m/s]."""
     has_ground: bool
     """Whether a plane is drawn at height zero."""
+    parameters: tuple[Parameter, ...] = ()
+    """What varies from run to run."""
 
     @property
     def ground(self) -> float:
@@ -91,11 +94,17 @@ class SoftScene(abc.ABC):
 
     @abc.abstractmethod
     def play(
-        self, motion: Motion, paths: Float[np.ndarray, "F D ..."], duration: float, steps: int
+        self,
+        motion: Motion,
+        paths: Float[np.ndarray, "F D ..."],
+        duration: float,
+        steps: int,
+        parameters: Float[np.ndarray, "Q ..."] | None = None,
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
-        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame.
+        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
+        those of each body, nominal if none are given.
         """
 
     def contacts(

@@ -15,8 +15,18 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import refuse_twins
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
+from neuroanimator.state.parameters import draw_parameters, nominal_values
 from neuroanimator.state.placement import turn
-from neuroanimator.state.segments import Driven, Lag, Plain, Position, Quaternion, Segment, Velocity
+from neuroanimator.state.segments import (
+    Constant,
+    Driven,
+    Lag,
+    Plain,
+    Position,
+    Quaternion,
+    Segment,
+    Velocity,
+)
 from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.soft.flex_bones import scenery, shapes_below
@@ -80,6 +90,7 @@ class SoftSystem(System):
         self.shapes = file.shapes
         self.scene = scene
         self.rest = file.rest
+        self.parameters = scene.parameters
         if self.is_free:
             self.run_steps = THROW_STEPS
         physics = definition.physics
@@ -95,12 +106,13 @@ class SoftSystem(System):
                 *(ROOT_SLICES if self.is_free else ()),
                 Slice("shapes", count, "m"),
                 Slice("shape_rates", count, "m/s"),
+                *(parameter.slice for parameter in self.parameters),
             )
         )
         try:
             refuse_twins((part.name for part in self.state.slices), "movers")
         except ValueError as error:
-            raise ArgumentError(f"{error}. Rename a mover.") from error
+            raise ArgumentError(f"{error}. Rename a mover or a parameter.") from error
         self.control = Layout(tuple(movers.controls()))
         self.bounds = Bounds.symmetric(movers.speed)
         self.structure = self._structure(definition.contact_nodes)
@@ -128,6 +140,10 @@ class SoftSystem(System):
             segments.append(Plain(size=3))
             plain = range(first - 3, first + 2 * count)
         segments.append(Plain(size=2 * count))
+        if self.parameters:
+            constant = range(first + 2 * count, self.state.size)
+            segments.append(Constant(size=len(constant)))
+            plain = (*plain, *constant)
         surface = np.unique(self.shapes.faces)
         spread = _spread_nodes(self.shapes.mean[surface], contact_nodes, self.scene.margin)
         nodes = tuple(surface[list(spread)].tolist())
@@ -172,7 +188,8 @@ class SoftSystem(System):
         first = self.shapes.first
         placement = self.shapes.placement
         local = self.shapes.unplaced(states)
-        rates = states[:, first + len(self.shapes.modes) :]
+        count = len(self.shapes.modes)
+        rates = states[:, first + count : first + 2 * count]
         velocities = np.tensordot(rates, self.shapes.modes, axes=1)
         spin = np.zeros((len(states), 1, 3))
         velocity = np.zeros((len(states), 3))
@@ -195,13 +212,21 @@ class SoftSystem(System):
         movers: Float[np.ndarray, "*B D"],
         rates: Float[np.ndarray, "*B D"],
         origin: Float[np.ndarray, " ..."] = WORLD,
+        parameters: Float[np.ndarray, "*B Q"] | None = None,
     ) -> Float[np.ndarray, "*B S"]:
-        """Return the states that are nearest to the motion of all nodes; `positions` are from `origin` [m]."""
+        """Return the states that are nearest to the motion of all nodes; `positions` are from `origin` [m].
+
+        Parameters are nominal if none are given.
+        """
         mean = self.shapes.mean
         own = self.scene.own_motion(positions, velocities, movers, rates, mean, origin)
         amplitudes = self.shapes.project(own.positions - mean.astype(own.positions.dtype))
         changes = self.shapes.project(own.velocities)
-        return np.concatenate([movers, rates, own.root, amplitudes, changes], axis=-1)
+        if parameters is None:
+            nominal = nominal_values(self.parameters)
+            parameters = np.broadcast_to(nominal, (*movers.shape[:-1], len(nominal)))
+        parts = [movers, rates, own.root, amplitudes, changes, parameters]
+        return np.concatenate(parts, axis=-1)
 
     def _simulate(
         self,
@@ -238,16 +263,19 @@ class SoftSystem(System):
         movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
         paths = np.moveaxis(movers, 0, -1)
         motion = self.motion(starts)
+        parameters = starts[:, self.parameter_entries]
+        held = np.repeat(parameters[:, None], count, axis=1)
         block_size = FREE_BLOCK if self.is_free else BLOCK
         told = []
         for first in range(0, count, block_size):
             block = paths[first : first + block_size + 1]
-            played = self.scene.play(motion, block, dt, substeps)
+            played = self.scene.play(motion, block, dt, substeps, parameters.T)
             positions, velocities = (np.moveaxis(part, -1, 0) for part in played)
             moved = movers[:, first + 1 : first + block_size + 1]
             rates = controls[:, first : first + block_size]
             origin = motion.origin.T[:, None]
-            told.append(self.encode(positions, velocities, moved, rates, origin))
+            parts = (positions, velocities, moved, rates, origin, held[:, : moved.shape[1]])
+            told.append(self.encode(*parts))
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
         states = np.concatenate(told, axis=1)
         if self.is_free:
@@ -262,11 +290,12 @@ class SoftSystem(System):
         return np.asarray(~fits.all(axis=(1, 2)) | ~np.isfinite(states).all(axis=(1, 2)))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        """Return states without deformation: at rest, or of a free body thrown.
+        """Return states without deformation: at rest, or of a free body thrown. Parameters are random.
 
         Nodes that are put together of shapes spring apart at first, and would teach that.
         """
         starts = np.repeat(self.rest[None], count, axis=0)
+        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
         if not self.is_free:
             return starts
         size = self.scene.movers.size
