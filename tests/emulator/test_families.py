@@ -21,6 +21,7 @@ from neuroanimator import (
 )
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.super_step import rollout
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.training.initialise import build_emulator
@@ -101,6 +102,21 @@ def test_a_family_comes_back_from_its_file(family: Emulator, tmp_path: Path) -> 
     assert again.parameters == family.at(gear=1.2).parameters
     assert again.parameters[1].nominal == pytest.approx(1.2)
     assert again.parameters[1].low == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("kind", ["gated", "mirrored"])
+def test_networks_of_families_gate_what_is_even_and_keep_the_mirror(kind: str) -> None:
+    even_out = (1, 2) if kind == "mirrored" else ()
+    key = jax.random.key(0)
+    network = make_network(kind, 4, 3, 5, (6, 4), key, even_out, gates_even=True)
+    assert network.widths == (6, 4)
+    odd = jnp.array([0.3, -0.2, 0.5, 0.1])
+    even = jnp.array([0.4, -0.6, 0.2])
+    signs = np.where(np.isin(range(5), even_out), 1, -1)
+    np.testing.assert_allclose(network(-odd, even), signs * network(odd, even), rtol=1e-5)
+    plain = make_network(kind, 4, 3, 5, (6, 4), None, even_out)
+    sizes = [sum(leaf.size for leaf in jax.tree.leaves(one)) for one in (network, plain)]
+    assert sizes[0] == sizes[1] + (3 + 1) * 3 + (3 + 1) * 2
 
 
 def test_bodies_outside_the_family_are_refused(family: Emulator) -> None:

@@ -167,12 +167,15 @@ def _describe_features(features: Features) -> dict[str, Any]:
 
 def _describe_network(network: Network) -> dict[str, Any]:
     name = next(name for name, maker in NETWORKS.items() if type(network) is maker)
-    return {
+    described = {
         "kind": name,
         "widths": list(network.widths),
         "even": list(getattr(network, "even", ())),
         "parts": parts_to_json(getattr(network, "parts", ())),
     }
+    if getattr(network, "gates_even", False):
+        described["gates_even"] = True
+    return described
 
 
 def blank(
@@ -275,7 +278,12 @@ def _network(described: dict[str, Any], sizes: tuple[int, int], changes: int) ->
     widths = listed(described["widths"], "widths", _layer_width)
     even = _rising(described["even"], changes)
     parts = parts_from_json(described["parts"])
-    network = make_network(kind, odd_size, even_size, changes, widths, None, even, parts)
+    gates_even = flag(described.get("gates_even", False), "network: gates_even")
+    network = make_network(
+        kind, odd_size, even_size, changes, widths, None, even, parts, gates_even=gates_even
+    )
+    if getattr(network, "gates_even", False) != gates_even:
+        raise ValueError(f"network: {quoted(kind)} does not gate its even units")
     if (getattr(network, "even", ()), getattr(network, "parts", ())) != (even, parts):
         raise ValueError(f"network: {quoted(kind)} has no even answers or no parts")
     return network

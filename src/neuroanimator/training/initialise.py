@@ -231,6 +231,7 @@ def _network(config: TrainingConfig, latent: _Latent, system: System, count: int
         jax.random.key(config.seed),
         even_changes,
         parts,
+        gates_even=bool(system.parameters),
     )
 
 

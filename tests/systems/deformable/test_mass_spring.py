@@ -25,6 +25,7 @@ from neuroanimator.systems.deformable.mass_spring import (
     advance,
     energy,
     implicit_matrix,
+    is_inside_out,
     outer_forces,
     spring_stiffness,
     strains,
@@ -435,6 +436,23 @@ def test_the_largest_step_is_just_where_small_vibrations_begin_to_grow(
         ).positions
         off = np.abs(np.asarray(positions) - body.positions).max()
         assert (off < 1e-5) if is_bounded else (off > 1e-3 or not np.isfinite(off)), (share, off)
+
+
+def test_a_body_is_inside_out_in_a_mirror_or_with_its_tail_pushed_through_itself():
+    fish = load_system("fishes")
+    assert isinstance(fish, DeformableSystem)
+    long = fish.at(length=0.338)
+    positions = long.unpack(long.rest)[0]
+    strained = positions[:, [1, 2, 0]] * (1.3, 0.8, 1.1) + 2.0
+    pushed = positions.copy()
+    tail = [fish.body.names.index(name) for name in ("tail_up", "tail_down")]
+    pushed[tail, 0] += 0.15
+    assert not is_inside_out(fish.body, strained)
+    assert is_inside_out(fish.body, -strained)
+    assert is_inside_out(fish.body, pushed)
+    path = np.stack([long.rest, long.rest])
+    path[1, : pushed.size] = pushed.ravel()
+    assert long.has_diverged(np.stack([path[[0, 0]], path])).tolist() == [False, True]
 
 
 def test_the_cube_dropped_from_a_metre_bounces_two_to_four_times_and_comes_to_rest():

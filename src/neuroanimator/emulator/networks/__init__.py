@@ -54,11 +54,14 @@ def make_network(
     key: PRNGKeyArray | None,
     even_out: tuple[int, ...] = (),
     parts: tuple[Part, ...] = (),
+    *,
+    gates_even: bool = False,
 ) -> Network:
     """Return a fresh network of `kind` with hidden layers of `widths` units; without a `key` its weights are zeros.
 
     `even_out` names the answers that stay what they are in the mirror; of `mirrored` and `hierarchy` only.
-    `parts` says who sees and answers what; of `hierarchy` only.
+    `parts` says who sees and answers what; of `hierarchy` only. `gates_even`: see `GatedLayer`; of `gated` and
+    `mirrored` only.
     """
     check_widths(kind, widths)
     if kind not in NETWORKS:
@@ -66,5 +69,9 @@ def make_network(
     if kind == "hierarchy":
         return Hierarchy.of(odd, even, out, widths, key=key, even_out=even_out, parts=parts)
     if kind == "mirrored":
-        return Mirrored.of(odd, even, out, widths, key=key, even_out=even_out)
+        return Mirrored.of(
+            odd, even, out, widths, key=key, even_out=even_out, gates_even=gates_even
+        )
+    if kind == "gated":
+        return Gated.of(odd, even, out, widths, key=key, gates_even=gates_even)
     return NETWORKS[kind].of(odd, even, out, widths, key=key)  # pyright: ignore[reportCallIssue]

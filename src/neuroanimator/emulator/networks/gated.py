@@ -24,31 +24,50 @@ class GatedLayer(eqx.Module):
     """Products of a saturating and a linear part.
 
     tanh(odd) · linear(even) is odd again; tanh(odd) · linear(odd) and tanh(even) are even. Torque
-    times inverse inertia and speed times speed, which mechanics is made of, are such products.
+    times inverse inertia and speed times speed, which mechanics is made of, are such products. Parameters of a
+    family are even and scale what is even, too: there the last ones are tanh(even) · linear(even).
     """
 
     odd_in: Float[AnyArray, "O H3"]
     """Side by side, because one product is faster than three: tanh of the odd units, tanh and factor of pairs."""
-    even_in: Float[AnyArray, "E H2"]
-    """Side by side: factor of the odd units, tanh of the even units."""
-    bias: Float[AnyArray, " H2"]
+    even_in: Float[AnyArray, "E K"]
+    """Side by side: factor of the odd units, tanh of the even units, and where these are gated their factor."""
+    bias: Float[AnyArray, " K"]
 
     @classmethod
-    def of(cls, odd: int, even: int, half: int, *, key: PRNGKeyArray | None) -> GatedLayer:
+    def of(
+        cls, odd: int, even: int, half: int, *, key: PRNGKeyArray | None, gates_even: bool = False
+    ) -> GatedLayer:
         """Return a fresh layer with `half` odd and as many even units; without a key its weights are zeros."""
         keys = split_key(key, 2)
+        biases = [1, 0, 1] if gates_even else [1, 0]
         return cls(
             odd_in=random_weights(keys[0], odd, 3 * half),
-            even_in=random_weights(keys[1], even, 2 * half),
-            bias=np.repeat(np.array([1, 0], np.float32), half),
+            even_in=random_weights(keys[1], even, len(biases) * half),
+            bias=np.repeat(np.array(biases, np.float32), half),
         )
+
+    @property
+    def half(self) -> int:
+        """Number of odd units, and of even ones."""
+        return self.odd_in.shape[1] // 3
+
+    @property
+    def gates_even(self) -> bool:
+        """Whether tanh(even) has a factor."""
+        return self.bias.shape[0] == 3 * self.half
 
     def __call__(
         self, odd: Float[Array, " O"], even: Float[Array, " E"]
     ) -> tuple[Float[Array, " H"], Float[Array, " H"]]:
         odd_units, pair, factor = jnp.split(odd @ self.odd_in, 3)
-        gate, level = jnp.split(even @ self.even_in + self.bias, 2)
-        return jnp.tanh(odd_units) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
+        from_even = even @ self.even_in + self.bias
+        if not self.gates_even:
+            gate, level = jnp.split(from_even, 2)
+            return jnp.tanh(odd_units) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
+        gate, level, level_gate = jnp.split(from_even, 3)
+        even_units = jnp.tanh(pair) * factor + jnp.tanh(level) * level_gate
+        return jnp.tanh(odd_units) * gate, even_units
 
     def leaves(self) -> dict[str, Any]:
         """Return every weight, or what stands for it, by the name that files give it."""
@@ -63,23 +82,33 @@ class Gated(Network):
 
     @classmethod
     def of(
-        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
+        cls,
+        odd: int,
+        even: int,
+        out: int,
+        widths: tuple[int, ...],
+        *,
+        key: PRNGKeyArray | None,
+        gates_even: bool = False,
     ) -> Gated:
         """Return a fresh network; without a key its weights are zeros."""
         check_halves(widths)
         keys = split_key(key, len(widths) + 1)
-        layers = []
-        for width, layer_key in zip(widths, keys[1:], strict=True):
-            layers.append(GatedLayer.of(odd, even, width // 2, key=layer_key))
-            odd = even = width // 2
-        return cls(tuple(layers), random_weights(keys[0], odd, out, scale=0.1))
+        layers = gated_layers(odd, even, widths, keys[1:], gates_even=gates_even)
+        units = layers[-1].half if layers else odd
+        return cls(layers, random_weights(keys[0], units, out, scale=0.1))
 
     def leaves(self) -> dict[str, Any]:
         return {**layer_leaves(self.layers), "out.weight": self.out}
 
     @property
     def widths(self) -> tuple[int, ...]:
-        return tuple(layer.bias.shape[0] for layer in self.layers)
+        return tuple(2 * layer.half for layer in self.layers)
+
+    @property
+    def gates_even(self) -> bool:
+        """Whether even units are gated by even features: see `GatedLayer`."""
+        return any(layer.gates_even for layer in self.layers)
 
     @property
     def unit_counts(self) -> tuple[int, int]:
@@ -94,6 +123,17 @@ class Gated(Network):
         self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
     ) -> Float[Array, " S"]:
         return units.odd @ self.out
+
+
+def gated_layers(
+    odd: int, even: int, widths: tuple[int, ...], keys: Any, *, gates_even: bool
+) -> tuple[GatedLayer, ...]:
+    """Return fresh layers of `widths` units, one after another, for streams of `odd` and `even` features."""
+    layers = []
+    for width, key in zip(widths, keys, strict=True):
+        layers.append(GatedLayer.of(odd, even, width // 2, key=key, gates_even=gates_even))
+        odd = even = width // 2
+    return tuple(layers)
 
 
 def layer_leaves(layers: tuple[GatedLayer, ...]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.features import reordered
-from neuroanimator.emulator.networks.gated import GatedLayer, layer_leaves
+from neuroanimator.emulator.networks.gated import GatedLayer, gated_layers, layer_leaves
 from neuroanimator.emulator.networks.network import (
     Network,
     Units,
@@ -47,6 +47,7 @@ class Mirrored(Network):
         *,
         key: PRNGKeyArray | None,
         even_out: tuple[int, ...],
+        gates_even: bool = False,
     ) -> Mirrored:
         """Return a fresh network, its linear map zero; without a key all its weights are."""
         check_halves(widths)
@@ -55,12 +56,11 @@ class Mirrored(Network):
         odd_answers = out - even_answers
         odd_linear = zeros(odd, odd_answers)
         even_linear = zeros(even, even_answers)
-        layers = []
-        for width, layer_key in zip(widths, keys[2:], strict=True):
-            layers.append(GatedLayer.of(odd, even, width // 2, key=layer_key))
-            odd = even = width // 2
+        layers = gated_layers(odd, even, widths, keys[2:], gates_even=gates_even)
+        if layers:
+            odd = even = layers[-1].half
         return cls(
-            layers=tuple(layers),
+            layers=layers,
             odd_out=random_weights(keys[0], odd, odd_answers, scale=0.1),
             even_out=random_weights(keys[1], even, even_answers, scale=0.1),
             odd_linear=odd_linear,
@@ -79,7 +79,12 @@ class Mirrored(Network):
 
     @property
     def widths(self) -> tuple[int, ...]:
-        return tuple(layer.bias.shape[0] for layer in self.layers)
+        return tuple(2 * layer.half for layer in self.layers)
+
+    @property
+    def gates_even(self) -> bool:
+        """Whether even units are gated by even features: see `GatedLayer`."""
+        return any(layer.gates_even for layer in self.layers)
 
     @property
     def unit_counts(self) -> tuple[int, int]:

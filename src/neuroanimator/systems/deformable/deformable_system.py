@@ -26,7 +26,12 @@ from neuroanimator.systems.deformable.body_parameters import body_at, check_fami
 from neuroanimator.systems.deformable.bones import body_skeleton
 from neuroanimator.systems.deformable.build import body_of, gait_of
 from neuroanimator.systems.deformable.checks import check_steps
-from neuroanimator.systems.deformable.mass_spring import BodyState, strains, trajectory
+from neuroanimator.systems.deformable.mass_spring import (
+    BodyState,
+    is_inside_out,
+    strains,
+    trajectory,
+)
 from neuroanimator.systems.deformable.native.compiled import CTwin, c_twin
 from neuroanimator.systems.deformable.structure import state_layout, structure_of
 from neuroanimator.systems.schemes import schemes_of
@@ -174,13 +179,23 @@ class DeformableSystem(System):
             states[rows, 1:] = path[None] if lanes == 1 else np.moveaxis(path, -1, 0)
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) True for each run (B, T+1, S) that is not finite or has a spring stretched far too wide."""
+        """Return (B,) True for each run (B, T+1, S) that is not finite, tears a spring, or turns the body inside out."""
+        has_diverged = np.zeros(len(states), bool)
+        for first in range(0, len(states), ROWS):
+            rows = slice(first, first + ROWS)
+            has_diverged[rows] = self._rows_have_diverged(states[rows])
+        return has_diverged
+
+    def _rows_have_diverged(self, states: np.ndarray) -> np.ndarray:
+        is_finite = np.isfinite(states).all(axis=(1, 2))
         with np.errstate(all="ignore"):
-            positions = np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1))
+            points = self.unpack(states)[0]
+            positions = np.moveaxis(points, (2, 3), (0, 1))
             parameters = np.moveaxis(states[:, :1, self.parameter_entries], 2, 0)
             body = body_at(self.body, parameters)
             largest = np.abs(strains(body, positions)).max(axis=(0, 2))
-        return ~np.isfinite(states).all(axis=(1, 2)) | (largest > MAX_STRAIN)
+            is_turned = is_inside_out(self.body, points).any(axis=1)
+        return ~is_finite | (largest > MAX_STRAIN) | is_turned
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray:
         _, velocities, _ = self.unpack(states)

@@ -17,13 +17,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems.deformable.body import GRAVITY, Body, point_forces, wetness
 
 MIN_LENGTH = 1e-12
 """Springs are never taken as shorter [m] nor faces as smaller [m²], so that no direction is 0/0."""
+
+MIN_VOLUME = 1e-6
+"""Least determinant of Σ r rᵀ over the springs at a mass point, as a share of its cubed trace, at which they span a volume."""
 
 Seconds = float | Float[Array, ""]
 """A time [s], or one that JAX traces."""
@@ -144,6 +147,36 @@ def strains(body: Body, positions: Float[AnyArray, "N 3 ..."]) -> Float[AnyArray
     extent = positions[second] - positions[first]
     length = positions.__array_namespace__().sqrt(_dot(extent, extent))
     return length / _along(body.lengths, length) - 1
+
+
+def is_inside_out(body: Body, positions: Float[np.ndarray, "*B N 3"]) -> Bool[np.ndarray, " *B"]:
+    """Return whether the body is turned inside out around any mass point: a face has passed through another one.
+
+    The deformation gradient F at a mass point is fitted to the springs that meet there (Müller et al., SCA 2004), and its
+    determinant is negative. Shapes at rest that differ by a stretch along an axis give the same sign. Mass points
+    whose springs span no volume are left out.
+    """
+    first, second = body.springs.T
+    meets = np.zeros((len(body.masses), len(body.springs)))
+    meets[first, np.arange(len(first))] = 1
+    meets[second, np.arange(len(second))] = 1
+    at_rest = _spring_products(meets, body.extents, body.extents)
+    size = np.trace(at_rest, axis1=-2, axis2=-1)
+    spans_volume = np.linalg.det(at_rest) > MIN_VOLUME * size**3
+    extents = positions[..., second, :] - positions[..., first, :]
+    products = _spring_products(meets[spans_volume], extents, body.extents)
+    return np.asarray((np.linalg.det(products) < 0).any(axis=-1))
+
+
+def _spring_products(
+    meets: Float[np.ndarray, "K P"],
+    extents: Float[np.ndarray, "*B P 3"],
+    extents_at_rest: Float[np.ndarray, "P 3"],
+) -> Float[np.ndarray, "*B K 3 3"]:
+    """Return the sum of r r₀ᵀ over the springs that meet at each of K mass points: F times the positive one at rest."""
+    products = extents[..., :, None] * extents_at_rest[:, None, :]
+    sums = meets @ products.reshape(*products.shape[:-2], 9)
+    return sums.reshape(*sums.shape[:-1], 3, 3)
 
 
 def _rest_lengths(
