@@ -7,6 +7,8 @@ turning it about the vertical changes nothing (Grzeszczuk et al., SIGGRAPH 1998)
 
 from __future__ import annotations
 
+from functools import reduce
+
 import equinox as eqx
 from jaxtyping import Float
 
@@ -214,7 +216,9 @@ class Frame(eqx.Module):
         shown = self.local_size - (0 if self.contacts is None else self.contacts.size)
         first = shown - PROBE_FEATURES * len(self.probes)
         lowest = height_below_ceiling(local_low[first : first + len(self.probes)])
-        lift = xp.maximum(xp.max(lowest - self._heights(state)), 0)
+        missing = lowest - self._heights(state)
+        # One by one: the slope of `xp.max` asks which entry equals it, and where XLA rounds the two otherwise is none, 0 / 0.
+        lift = reduce(xp.maximum, list(missing), xp.zeros_like(missing[0]))
         root = first_of_each(self.segments)
         height = root[Position].entries.start + 2
         rising = root[Velocity].entries.start + 2
