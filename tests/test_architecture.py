@@ -45,6 +45,7 @@ BEYOND_PUBLIC_NAMES = {
     "data.store",
     "emulator.arrays",
     "emulator.c_emulator",
+    "emulator.probes",
     "emulator.super_step",
     "emulator.spec",
     "emulator.verdict",
