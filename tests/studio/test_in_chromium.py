@@ -197,7 +197,9 @@ def test_the_page_films_what_it_shows_itself_at_an_even_rate(
         assert look.complaints == []
     assert start in film.read_bytes()[:8]
     pictures = pictures_of(film)
-    assert len(pictures) == 1 + int(30 * steps * facts["dt"])
+    # Live, it may make a few super steps until it is paused.
+    lengths = [count * facts["dt"] for count in range(steps, steps + 4)]
+    assert len(pictures) in [1 + int(30 * seconds) for seconds in lengths]
     assert b" 1280x720" in said_of(film)
     assert pictures[0].std() > 10
     changes = np.abs(np.diff(pictures, axis=0)).max(axis=(1, 2, 3))
