@@ -20,6 +20,7 @@ from neuroanimator.control.synthesis.replay import (
     ranked_motions,
 )
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import DivergedError
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
@@ -189,8 +190,11 @@ def correct(
         if promised_gain < SMALL_GAIN * abs(motion.cost):
             break
         candidates = between(parametrisation, motion.controls, descent.controls)
-        following = search.replay(emulator, candidates)[0]
         spent = spent + search.cost_of_replays(emulator, len(candidates))
+        try:
+            following = search.replay(emulator, candidates)[0]
+        except DivergedError:
+            break
         if following.cost >= motion.cost:
             break
         motion = following

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.errors import DivergedError
 from neuroanimator.systems.system import Runs, System
 from neuroanimator.terminal import phase
 
@@ -45,7 +45,7 @@ def replay(
 ) -> Replay:
     """Return what `controls` (T, C) do from `start` (S,) on emulator and physics.
 
-    Raises NeuroAnimatorError where the physics blows up.
+    Raises DivergedError where the physics blows up.
     """
     motion = ranked_motions(emulator, system, objective, start, controls[None])[0]
     return beside_emulated(emulator, system, objective, motion)
@@ -81,7 +81,7 @@ def ranked_motions(
 ) -> list[ReplayedMotion]:
     """Return what `candidates` do from `start` (S,) on the true physics, the least J first; those that diverge are left out.
 
-    Where there is no physics, as of recordings, it is what they do on the emulator.
+    Where there is no physics, as of recordings, it is what they do on the emulator. Raises DivergedError if all diverge.
     """
     starts = np.broadcast_to(np.asarray(start, float), (len(candidates), system.state.size))
     if system.can_simulate:
@@ -92,7 +92,7 @@ def ranked_motions(
         runs = _emulated_runs(emulator, starts, candidates)
         judge = "emulator"
     if runs.has_diverged.all():
-        raise NeuroAnimatorError(
+        raise DivergedError(
             f"The {judge} diverged under these controls. Raise effort_weight, or shorten the motion."
         )
     motions = []

@@ -26,7 +26,7 @@ from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import System
@@ -121,7 +121,7 @@ def synthesise(
     Of recordings, and of a model that is not at hand, there is no physics: the controller is then the best on the emulator,
     which proves nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
 
-    Raises ArgumentError for an objective that cannot be descended, NeuroAnimatorError where the physics blows up.
+    Raises ArgumentError for an objective that cannot be descended, DivergedError where the physics blows up at the first guess.
     """
     state = emulator.state.check(start, "state")
     if seconds is not None and steps is None:
@@ -143,7 +143,10 @@ def synthesise(
 
 
 def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
-    """Return the best of `attempt` and others from the best of many random controls, charged with all of them."""
+    """Return the best of `attempt` and others from the best of many random controls, charged with all of them.
+
+    One in which the physics diverges counts for nothing.
+    """
     best = attempt
     spent = attempt.spent
     for number in range(1, restarts + 1):
@@ -156,7 +159,10 @@ def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
             starts=max(search.options.starts, SEARCH_STARTS),
             seed=search.options.seed + number,
         )
-        other = make_attempt(search, attempt.emulator, widely)
+        try:
+            other = make_attempt(search, attempt.emulator, widely)
+        except DivergedError:
+            continue
         spent = spent + other.spent
         best = _better(search, best, other)
     return replace(best, spent=spent)

@@ -179,7 +179,7 @@ class DeformableSystem(System):
             states[rows, 1:] = path[None] if lanes == 1 else np.moveaxis(path, -1, 0)
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) True for each run (B, T+1, S) that is not finite, tears a spring, or turns the body inside out."""
+        """Return (B,) True for each run (B, T+1, S) that is not finite, tears a spring, or turns a family's body inside out."""
         has_diverged = np.zeros(len(states), bool)
         for first in range(0, len(states), ROWS):
             rows = slice(first, first + ROWS)
@@ -194,8 +194,11 @@ class DeformableSystem(System):
             parameters = np.moveaxis(states[:, :1, self.parameter_entries], 2, 0)
             body = body_at(self.body, parameters)
             largest = np.abs(strains(body, positions)).max(axis=(0, 2))
-            is_turned = is_inside_out(self.body, points).any(axis=1)
-        return ~is_finite | (largest > MAX_STRAIN) | is_turned
+            has_diverged = ~is_finite | (largest > MAX_STRAIN)
+            if self.parameters:
+                # A single body's sharp turns may press its tail through it and out again; those of a family stay in.
+                has_diverged |= is_inside_out(self.body, points).any(axis=1)
+        return has_diverged
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray:
         _, velocities, _ = self.unpack(states)
