@@ -98,6 +98,13 @@ def enter(page: Page, address: str) -> None:
     page.wait_for_url(lambda url: "token=" not in url)
 
 
+def next_frame(page: Page, patience: float) -> None:
+    """Wait for another picture of the stage, at most `patience` [ms]: what was asked for before is in it."""
+    frames = int(page.locator("html").get_attribute("data-frames") or 0)
+    another = page.locator(f'html:not([data-frames="{frames}"])')
+    another.wait_for(state="attached", timeout=patience)
+
+
 @contextmanager
 def hosting(folder: Path) -> Iterator[str]:
     """Serve a folder as any web host does."""
