@@ -119,7 +119,7 @@ def duration_of(tree: Tree, task: str, folder: Path) -> Duration:
     else:
         command += [RUN_VERB, *VERBS[task]]
     began = time.perf_counter()
-    cpu_began = children_seconds()
+    cpu_began = seconds_of_children()
     done = subprocess.run(
         command,
         cwd=folder,
@@ -129,7 +129,7 @@ def duration_of(tree: Tree, task: str, folder: Path) -> Duration:
         timeout=PATIENCE,
     )
     wall = time.perf_counter() - began
-    cpu = children_seconds() - cpu_began
+    cpu = seconds_of_children() - cpu_began
     if done.returncode:
         raise SystemExit(f"{tree.name}: {task}: {done.stderr.strip()[-MAX_SHOWN:]}")
     is_later_call = CALLS.get(task, 1) > 1
@@ -138,8 +138,8 @@ def duration_of(tree: Tree, task: str, folder: Path) -> Duration:
     return Duration(wall, cpu)
 
 
-def children_seconds() -> float:
-    """Return the CPU time of the processes that have ended which this one started [s]."""
+def seconds_of_children() -> float:
+    """Return the CPU time of processes that were started here and are over [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

@@ -30,8 +30,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from cold_start import seconds_of_children
 from contact_sheets import tile_motion
-from following import HUMAN, PROGRAM, RESULTS, seconds_of_children, slip
+from following import HUMAN, PROGRAM, RESULTS, slip
 from jaxtyping import Array, Float
 
 import neuroanimator as na

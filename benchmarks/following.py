@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -28,6 +27,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from cold_start import seconds_of_children
 from contact_sheets import tile_motion
 from human_clips import HUMAN, soles
 from jaxtyping import Float
@@ -82,12 +82,6 @@ def learn(clip: str, seed: int, updates: int, place: Path) -> tuple[Path, float,
     seconds = seconds_of_children() - began
     lines = (place / f"{clip}.policy.run" / "metrics.jsonl").read_text().splitlines()
     return file, seconds, [{"clip": clip, "seed": seed} | json.loads(line) for line in lines]
-
-
-def seconds_of_children() -> float:
-    """Return the time cores have spent on processes that were started here and are over [s]."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[str, Any]:

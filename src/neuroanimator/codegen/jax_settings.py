@@ -38,10 +38,9 @@ COMPLAINTS = "Error (reading|writing) persistent compilation cache entry"
 UNOPTIMISED: dict[str, bool | int] = {"xla_backend_optimization_level": 0}
 """Options of XLA with which it compiles in a fifth of the time."""
 
+# Later versions have no such option, and refuse it.
 if jax.__version_info__ < (0, 11):
-    UNOPTIMISED["xla_cpu_use_fusion_emitters"] = (
-        False  # later versions have no such option, and refuse it
-    )
+    UNOPTIMISED["xla_cpu_use_fusion_emitters"] = False
 
 GPU_PLUGINS = "jax_plugins"
 """Package in which JAX finds what drives GPUs; there is none where it was installed for processors alone."""

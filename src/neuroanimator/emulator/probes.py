@@ -8,11 +8,11 @@ from functools import partial
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import WrongProgramError
-from neuroanimator.emulator.super_step import SuperStep, rollout
+from neuroanimator.emulator.super_step import SuperStep, rollout, step_trusted
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import as_rows
 
@@ -107,7 +107,7 @@ class Probes:
         stretched = rest + stretch * (np.array(motions)[:, :-1] - rest)
         states = stretched.reshape(-1, len(rest))
         controls = as_rows(held)
-        steps = compiled_quickly(jax.vmap(_step_trusted, (None, 0, 0)))
+        steps = compiled_quickly(jax.vmap(step_trusted, (None, 0, 0)))
         expected, scores = map(np.asarray, steps(emulator, states, controls))
         otherwise, other_scores = map(np.asarray, steps(emulator, rounded(states), controls))
         is_sound = np.isfinite(expected).all(axis=1) & np.isfinite(otherwise).all(axis=1)
@@ -128,15 +128,6 @@ class Probes:
         """Raise WrongProgramError unless the scores are the expected ones."""
         if not self.trust.agrees(computed[:, None]):
             raise WrongProgramError("Generated C trusts other states than the emulator in JAX.")
-
-
-def _step_trusted(
-    emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
-) -> tuple[Float[Array, " S"], Float[Array, ""]]:
-    """Return (the state one super step later, how far its input lies from what training showed)."""
-    latent = emulator.encode(state)
-    following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
-    return emulator.decode(following), score
 
 
 _known: Remembered[Probes] = Remembered()

@@ -260,6 +260,15 @@ def trust(
     return emulator.step_latent_trusted(latent, emulator.encode_control(control))[1]
 
 
+def step_trusted(
+    emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> tuple[Float[Array, " S"], Float[Array, ""]]:
+    """Return (`step`, `trust`) of `state` under `control`. For use inside jit, grad and vmap."""
+    latent = emulator.encode(state)
+    following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
+    return emulator.decode(following), score
+
+
 def rollout(
     emulator: SuperStep,
     state: Float[Array, " S"],
