@@ -53,7 +53,13 @@ from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.machine import describe_machine
-from neuroanimator.evaluation.speed import IN_C, TIMED_SUPER_STEPS, emulator_players
+from neuroanimator.evaluation.speed import (
+    IN_C,
+    TIMED_SUPER_STEPS,
+    emulator_players,
+    interleaved,
+    one_core,
+)
 from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
@@ -68,9 +74,6 @@ ONE_FISH = "fish-50"
 
 TEST_RUNS = 100
 """Number of unseen runs of the accuracy table."""
-
-TIMED_ROUNDS = 41
-"""Number of times that rollouts are timed, in turn."""
 
 METHOD = "adam"
 """How na.design descends: as for the task of swimming."""
@@ -173,7 +176,9 @@ def rows_of(emulator: na.Emulator, seeds: range, seconds: float) -> Rows:
 def accuracy_rows(emulator: na.Emulator) -> Rows:
     """Return a line for the emulator of one fish and one for the family's: error on unseen runs of its own system, and cost."""
     models = {ONE_FISH: na.load_emulator(ONE_FISH), emulator.system: emulator}
-    seconds = super_step_seconds(models)
+    players = {name: emulator_players(model)[IN_C] for name, model in models.items()}
+    with one_core():
+        seconds = interleaved(players)
     rows: Rows = []
     for name, model in models.items():
         test = held_out_runs(model, TEST_RUNS)
@@ -181,21 +186,9 @@ def accuracy_rows(emulator: na.Emulator) -> Rows:
         row["widths"] = " ".join(map(str, model.network.widths))
         row["one_step_error"] = float(root_mean_square(one_step_error(model, test)))
         row["over_one_fish"] = row["one_step_error"] / (rows or [row])[0]["one_step_error"]
-        row["super_step_cpu_us"] = 1e6 * seconds[name]
+        row["super_step_us"] = 1e6 * seconds[name] / TIMED_SUPER_STEPS
         rows.append(row)
     return rows
-
-
-def super_step_seconds(models: dict[str, na.Emulator]) -> dict[str, float]:
-    """Return the least time of the processor that each model takes for a super step in C [s], timed in turn."""
-    players = {name: emulator_players(model)[IN_C] for name, model in models.items()}
-    least = dict.fromkeys(models, np.inf)
-    for _ in range(TIMED_ROUNDS):
-        for name, play in players.items():
-            began = time.process_time()
-            play()
-            least[name] = min(least[name], time.process_time() - began)
-    return {name: spent / TIMED_SUPER_STEPS for name, spent in least.items()}
 
 
 def identified_rows(emulator: na.Emulator, seed: int) -> Rows:
