@@ -1,6 +1,6 @@
 """How numbers, hidden units and times of a cloth's emulator grow with its nodes, beside those of the physics.
 
-python benchmarks/law.py            100 to 10,000 nodes; five minutes on one core, and most of an hour for 10,000
+python benchmarks/law.py            100 to 10,000 nodes; five minutes on one core, and a quarter of an hour for 10,000
 python benchmarks/law.py 100        the cloth of 100 nodes along an edge; the others' rows stay as they are
 python benchmarks/law.py --quick    small meshes and trainings, a minute; writes nothing
 
