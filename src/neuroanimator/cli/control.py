@@ -42,7 +42,8 @@ START_HELP = (
     "The goal's own start if not given."
 )
 CLOSED_LOOP_HELP = (
-    "Plan again at every super step, from where the physics really is, and so hold the goal."
+    "Plan again at every super step, from where the physics really is, and so hold the goal. "
+    "Where plans alone miss it, the way there is searched for first."
 )
 THRESHOLD_HELP = "Keep the motion to a goal where the emulator's score is at most this: 1 is the edge of training. Takes longer."
 MINUTES_HELP = (

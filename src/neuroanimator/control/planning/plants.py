@@ -56,12 +56,38 @@ class ControlledMotion:
     controls: np.ndarray
     """(N, C) the first of each plan."""
     plan_seconds: np.ndarray
-    """(N,)"""
+    """(P,) Time each plan took."""
 
     @property
     def p99_ms(self) -> float:
         """99th percentile of the time of a plan [ms]."""
         return float(np.percentile(self.plan_seconds, 99) * 1e3)
+
+    def followed_by(self, other: ControlledMotion) -> ControlledMotion:
+        """Return this motion and `other`, which begins where it ends."""
+        return ControlledMotion(
+            np.concatenate([self.states[:-1], other.states]),
+            np.concatenate([self.controls, other.controls]),
+            np.concatenate([self.plan_seconds, other.plan_seconds]),
+        )
+
+
+def drive(
+    plant: Plant,
+    start: np.ndarray,
+    control_of: Callable[[int, np.ndarray], np.ndarray],
+    steps: int,
+    *,
+    on_step: Callable[[int], None] = lambda step: None,
+) -> ControlledMotion:
+    """Return the motion of `plant` from `start` (S,) under `control_of(super step, state)`, without a plan."""
+    states = [start]
+    controls = []
+    for step in range(steps):
+        controls.append(control_of(step, states[-1]))
+        states.append(plant(states[-1], controls[-1]))
+        on_step(step + 1)
+    return ControlledMotion(np.stack(states), np.stack(controls), np.empty(0))
 
 
 def control_plant(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.goals import (
     find_goal,
     goal_objective,
@@ -16,12 +18,21 @@ from neuroanimator.control.objective.goals import (
     is_reached,
     steps_in,
 )
+from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.planning.planner import Planner
 from neuroanimator.control.planning.plants import (
     ControlledMotion,
     EmulatorPlant,
     PhysicsPlant,
     control_plant,
+    drive,
+)
+from neuroanimator.control.planning.regulator import Regulator, regulator_of
+from neuroanimator.control.synthesis.synthesise import (
+    MAX_SECONDS,
+    SEARCH_STARTS,
+    SEARCHED,
+    synthesise,
 )
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -38,7 +49,10 @@ MAX_HORIZON_STEPS = 400
 GUESSES = 32
 """Random controls tried at every plan. Without any the lander does not find to its pad from 6 m up."""
 
-MAX_SECONDS = 600.0
+RESTARTS = 5
+"""Maximum number of wide searches for the way there after the first."""
+
+MAX_PURSUIT_SECONDS = 600.0
 """[s] Longest motion in closed loop; of a slow system longer."""
 
 
@@ -53,6 +67,10 @@ class Pursuit:
     """Super step [s]."""
     is_on_physics: bool
     """False where there is none to be had, as of recordings: the emulator was driven, which proves nothing."""
+    way_steps: int = 0
+    """Number of super steps of the way there, searched for as a whole and played; 0 where plans alone came to the goal."""
+    search_seconds: float = 0.0
+    """Time that this search took."""
 
     @property
     def is_reached(self) -> bool:
@@ -80,8 +98,9 @@ def pursue_goal(
 ) -> Pursuit:
     """Return the motion of `system` towards its goal called `name`, for `seconds`, planned `horizon` [s] ahead.
 
-    A plan is to be at the goal throughout the second half of its horizon. `start` (S,) and `seconds` default to what the
-    goal says. `on_step` is told each super step that is done.
+    A plan is to be at the goal throughout the second half of its horizon. Where such plans do not come to it, as of bodies that
+    have to pump, the way there is searched for as by `synthesise_goal` and played first. `start` (S,) and `seconds` default to
+    what the goal says. `on_step` is told each super step that is done.
 
     Raises ArgumentError for times and weights out of range.
     """
@@ -93,7 +112,7 @@ def pursue_goal(
         raise ArgumentError(
             f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, came {horizon:g}."
         )
-    begin = goal_start(system, name) if start is None else start
+    begin = np.asarray(goal_start(system, name) if start is None else start, float)
     # Effort is counted by the second, of which something slow takes many.
     weight = effort_weight / slowness(dt)
     objective = goal_objective(system, name, weight, since=horizon / 2)
@@ -101,26 +120,91 @@ def pursue_goal(
         planner = Planner.of(emulator, objective, round(horizon / dt), guesses=guesses)
     is_on_physics = system.can_simulate
     plant = PhysicsPlant(system, dt) if is_on_physics else EmulatorPlant(emulator)
-    motion = control_plant(planner, plant, np.asarray(begin, float), steps, on_step=on_step)
-    at_goal = np.array([is_reached(system, wanted, state) for state in motion.states])
-    return Pursuit(motion, at_goal, dt, is_on_physics)
+
+    def pursuit_of(motion: ControlledMotion, way_steps: int = 0, seconds: float = 0.0) -> Pursuit:
+        at_goal = np.array([is_reached(system, wanted, state) for state in motion.states])
+        return Pursuit(motion, at_goal, dt, is_on_physics, way_steps, seconds)
+
+    planned = pursuit_of(control_plant(planner, plant, begin, steps, on_step=on_step))
+    if planned.is_reached or not is_on_physics:
+        return planned
+    regulator = regulator_of(emulator, system, wanted, weight)
+    way_steps = min(steps, steps_in(wanted.seconds, dt, MAX_SECONDS * slowness(dt)))
+    began = time.perf_counter()
+    with phase("searching for the way there"):
+        way = _way(emulator, system, name, weight, begin, way_steps, regulator)
+    search_seconds = time.perf_counter() - began
+    motion = drive(plant, begin, lambda step, _: way[step], way_steps, on_step=on_step)
+    if way_steps < steps:
+        there = motion.states[-1]
+        left = steps - way_steps
+
+        def on_kept(step: int) -> None:
+            on_step(way_steps + step)
+
+        if regulator is None:
+            kept = control_plant(planner, plant, there, left, on_step=on_kept)
+        else:
+            kept = drive(plant, there, lambda _, state: regulator(state), left, on_step=on_kept)
+        motion = motion.followed_by(kept)
+    return pursuit_of(motion, way_steps, search_seconds)
+
+
+def _way(
+    emulator: Emulator,
+    system: System,
+    name: str,
+    effort_weight: float,
+    start: Float[np.ndarray, " S"],
+    steps: int,
+    regulator: Regulator | None,
+) -> Float[np.ndarray, "T C"]:
+    """Return the controls of the best way to the goal, or to where `regulator` takes over, of several wide searches."""
+    wanted = find_goal(system, name)
+    objective = goal_objective(system, name, effort_weight)
+    if regulator is not None:
+        objective = Objective.of(*objective.terms, regulator.cost_to_go())
+
+    def is_enough(states: np.ndarray) -> bool:
+        if regulator is not None:
+            return regulator.holds(states[-1])
+        return is_reached(system, wanted, states[-1])
+
+    found = synthesise(
+        emulator,
+        system,
+        objective,
+        start,
+        steps=steps,
+        options=DescentOptions(searched=SEARCHED, starts=SEARCH_STARTS),
+        restarts=RESTARTS,
+        refinements=0,
+        is_enough=is_enough,
+    )
+    return found.controls
 
 
 def pursuit_steps(emulator: Emulator, system: System, name: str, seconds: float | None) -> int:
     """Return how many super steps a pursuit takes, of `seconds` or of what its goal says."""
     if seconds is None:
         seconds = find_goal(system, name).seconds
-    return steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
+    return steps_in(seconds, emulator.dt, MAX_PURSUIT_SECONDS * slowness(emulator.dt))
 
 
 def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
     """Return names and values of what was achieved, the verdict last."""
     motion = pursuit.motion
-    plan_ms = np.median(motion.plan_seconds) * 1e3
     rows: list[tuple[str, object]] = [
-        ("super steps", f"{len(motion.controls)}, {pursuit.dt:g} s each"),
-        ("a plan takes", f"{plan_ms:.1f} ms; 99 of 100 at most {motion.p99_ms:.1f} ms"),
+        ("super steps", f"{len(motion.controls)}, {pursuit.dt:g} s each")
     ]
+    if len(motion.plan_seconds):
+        plan_ms = np.median(motion.plan_seconds) * 1e3
+        took = f"{plan_ms:.1f} ms; 99 of 100 at most {motion.p99_ms:.1f} ms"
+        rows.append(("a plan takes", took))
+    if pursuit.way_steps:
+        played = pursuit.way_steps * pursuit.dt
+        way = f"searched for in {pursuit.search_seconds:.1f} s and played for {played:.4g} s"
+        rows.append(("way there", way))
     where = (
         "on the true physics" if pursuit.is_on_physics else "on the emulator, which proves nothing"
     )

@@ -1,0 +1,107 @@
+"""Hold a body still where all of its state is asked for: the linear-quadratic regulator of the emulator's own derivative."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_discrete_are
+
+from neuroanimator.control.objective.goals import (
+    ERRORS_PER_TOLERANCE,
+    ReachState,
+    errors_over_tolerances,
+    reach_goal,
+)
+from neuroanimator.emulator.arrays import as_parameter
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.system import System
+
+MAX_DRIFT = 0.1
+"""Largest change in a super step of a state that can be held, over the goal's tolerances."""
+
+TRIED_STEPS = 100
+"""Number of super steps after which a body that is held must be at its goal on the emulator."""
+
+
+@dataclass(frozen=True)
+class Regulator:
+    """u = u* - K δ within the bounds, where δ is how the state differs from the goal's; made by `regulator_of`."""
+
+    emulator: Emulator
+    system: System
+    goal: Goal
+    reach: ReachState
+    """Cost of not being at the goal."""
+    control: Float[np.ndarray, " C"]
+    """u*, which holds the goal's state on the emulator."""
+    gain: Float[np.ndarray, "C V"]
+    """K."""
+    cost_matrix: Float[np.ndarray, "V V"]
+    """P: δᵀ P δ / 2 is the J it takes to come to the goal from δ, as far as the emulator is linear."""
+
+    def __call__(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " C"]:
+        """Return the control (C,) for `state` (S,)."""
+        off = self.reach.frame.difference(np.asarray(self.reach.goal, float), state)
+        bounds = self.emulator.bounds
+        return np.clip(self.control - self.gain @ off, bounds.low, bounds.high)
+
+    def cost_to_go(self) -> ReachState:
+        """Return the cost, at the end of a motion, of what it takes to come to the goal from there and stay."""
+        factor = np.linalg.cholesky(self.cost_matrix).T
+        return replace(self.reach, judged=as_parameter(factor))
+
+    def holds(self, state: Float[np.ndarray, " S"]) -> bool:
+        """Return whether the emulator, regulated from `state` (S,), is at the goal after `TRIED_STEPS`."""
+        for _ in range(TRIED_STEPS):
+            control = self(state)
+            states = self.emulator.rollout(state, control[None], may_diverge=True)
+            state = np.asarray(states[1], float)
+            if not np.isfinite(state).all():
+                return False
+        return bool((np.abs(errors_over_tolerances(self.system, self.goal, state)) <= 1).all())
+
+
+def regulator_of(
+    emulator: Emulator, system: System, goal: Goal, effort_weight: float
+) -> Regulator | None:
+    """Return what holds `goal`; None where it leaves part of the state free, or cannot be held.
+
+    The weights are those of `goal_objective` all along: Q = dt WᵀW with the goal's weights W, R = dt `effort_weight` / scale².
+    K and P solve the discrete algebraic Riccati equation (Anderson and Moore, Optimal Control, 1990).
+    """
+    reach = reach_goal(system, goal)
+    weights = np.asarray(reach.judged, float)
+    if np.linalg.matrix_rank(weights) < weights.shape[1]:
+        return None
+    frame, dt, bounds = reach.frame, emulator.dt, emulator.bounds
+    target = np.asarray(reach.goal, float)
+
+    def drift(control: np.ndarray) -> Float[np.ndarray, " V"]:
+        after = np.asarray(emulator.rollout(target, control[None], may_diverge=True)[1], float)
+        return frame.difference(target, after)
+
+    point = jax.numpy.asarray(target)
+    seen = np.asarray(jax.jacfwd(lambda state: frame.difference(point, state))(point), float)
+    middle = np.asarray(bounds.middle, float)
+    by_state, by_control = jax.jacfwd(emulator.step, argnums=(0, 1))(
+        point, jax.numpy.asarray(middle)
+    )
+    state_matrix = seen @ np.asarray(by_state, float) @ np.linalg.pinv(seen)
+    control_matrix = seen @ np.asarray(by_control, float)
+    held = middle - np.linalg.lstsq(control_matrix, drift(middle), rcond=None)[0]
+    held = np.clip(held, bounds.low, bounds.high)
+    if not np.abs(weights @ drift(held)).max() <= MAX_DRIFT * ERRORS_PER_TOLERANCE:
+        return None
+    effort = dt * effort_weight * np.diag(1 / np.asarray(bounds.half, float) ** 2)
+    try:
+        cost = solve_discrete_are(state_matrix, control_matrix, dt * weights.T @ weights, effort)
+        np.linalg.cholesky(cost)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    inverse = effort + control_matrix.T @ cost @ control_matrix
+    gain = np.linalg.solve(inverse, control_matrix.T @ cost @ state_matrix)
+    return Regulator(emulator, system, goal, reach, held, gain, cost)
