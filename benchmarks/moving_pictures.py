@@ -1,21 +1,27 @@
-"""Make the moving pictures of the README: a dolphin leaps, a three-link arm swings itself up. Half a minute.
+"""Make the moving pictures of the README and the documentation: a leap, a swing-up, and a shark among small fish.
 
-python benchmarks/moving_pictures.py                # into docs/images
+python benchmarks/moving_pictures.py                # into docs/images; three minutes
+python benchmarks/moving_pictures.py life           # one of them
 python benchmarks/moving_pictures.py --out pictures
 
-Both motions are on the true physics: the springs and the water of the dolphin, MuJoCo's arm. Needs OpenGL (EGL or OSMesa).
+Leap and swing-up are on the true physics: the springs and the water of the dolphin, MuJoCo's arm. They need OpenGL (EGL or
+OSMesa). The shark's is the studio's page, an image at a time, as Chromium draws it; all of its fish are emulators.
 """
 
 from __future__ import annotations
 
 import argparse
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
 from contact_sheets import ROOT, clip_of
+
+sys.path.insert(0, str(ROOT / "tests" / "studio"))
+from chromium import browsing, hosting, looking
 
 import neuroanimator as na
 from neuroanimator.control import PhysicsPlant, Planner, control_plant
@@ -44,6 +50,54 @@ STANDING = 1.2
 HORIZON = 20
 """Super steps a plan looks ahead while the arm is held upright: a second."""
 
+LIFE_SECONDS = 14.0
+"""[s] Length of the shark's film."""
+
+LIFE_SIZE = (640, 360)
+"""[pixels]"""
+
+LIFE_FILM = [
+    "libx264",
+    "-preset",
+    "veryslow",
+    "-crf",
+    "30",
+    "-pix_fmt",
+    "yuv420p",
+    "-movflags",
+    "+faststart",
+]
+"""How it is written: half a megabyte."""
+
+FOOD_AT = (2.0, 7.0)
+"""[s] Times at which food is dropped."""
+
+STEPPED = """
+let now = 0;
+let waiting = [];
+performance.now = () => now;
+window.requestAnimationFrame = (draw) => waiting.push(draw);
+window.nextImage = (milliseconds) => {
+    now += milliseconds;
+    const due = waiting;
+    waiting = [];
+    due.forEach((draw) => draw(now));
+};
+"""
+"""The page's time goes on when it is told, so that a slow machine makes the same film."""
+
+ALONE = (
+    "body > :not(main) { display: none !important } main { position: fixed !important; inset: 0 }"
+)
+"""The stage without what is around it."""
+
+BE_THE_SHARK = """() => {
+    const button = [...document.querySelectorAll("button")].find((one) => one.textContent === "Be the shark");
+    button?.click();
+    return button !== undefined;
+}"""
+"""Clicks the button, if the page has it already."""
+
 PALETTE = (
     "split[picture][sample];"
     "[sample]palettegen=max_colors=160:stats_mode=full[palette];"
@@ -53,15 +107,55 @@ PALETTE = (
 
 
 def main() -> None:
-    """Draw both pictures into the folder the command line names."""
+    """Make the pictures that the command line names."""
+    makers = {"leap": leap, "swing-up": swing, "life": life}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("names", nargs="*", help=", ".join(makers))
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images")
-    folder = parser.parse_args().out
-    folder.mkdir(parents=True, exist_ok=True)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for name in arguments.names or makers:
+        makers[name](arguments.out)
+
+
+def leap(folder: Path) -> None:
     write_loop(part_of(clip_of("leap"), *LEAP_SECONDS), LEAP_CUT, folder / "leap.gif")
+
+
+def swing(folder: Path) -> None:
     write_loop(swing_up(), SWING_CUT, folder / "swing-up.gif")
+
+
+def life(folder: Path) -> None:
+    """Film the studio's page, where fifty small fish live around one, their shark."""
+    with tempfile.TemporaryDirectory() as place, browsing() as browser:
+        site, images = Path(place) / "site", Path(place) / "images"
+        program = Path(sys.executable).with_name("neuroanimator")
+        subprocess.run([program, "studio", "--export", site], check=True, capture_output=True)
+        width, height = LIFE_SIZE
+        with hosting(site) as host, looking(browser, {"width": width, "height": height}) as looked:
+            page = looked.page
+            page.add_init_script(STEPPED)
+            page.goto(f"{host}/index.html?show=fish-50")
+            while not page.evaluate(BE_THE_SHARK):
+                page.evaluate("nextImage(16)")
+                page.wait_for_timeout(200)
+            page.add_style_tag(content=ALONE)
+            page.set_viewport_size({"width": width, "height": height + 2})
+            page.set_viewport_size({"width": width, "height": height})
+            images.mkdir()
+            for number in range(round(LIFE_SECONDS * RATE)):
+                if number in [round(time * RATE) for time in FOOD_AT]:
+                    page.mouse.click(0.45 * width, 0.4 * height)
+                page.evaluate(f"nextImage({1000 / RATE})")
+                page.screenshot(path=images / f"{number:04}.png")
+        out = folder / "life.mp4"
+        ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", "-framerate", str(RATE)]
+        film = [*ffmpeg, "-i", str(images / "%04d.png"), "-c:v", *LIFE_FILM, str(out)]
+        subprocess.run(film, check=True)
+    print(f"{out}: {LIFE_SECONDS:.1f} s, {out.stat().st_size / 1e6:.2f} MB")
 
 
 def part_of(clip: na.Clip, begin: float, end: float) -> na.Clip:
