@@ -86,13 +86,11 @@ def regulator_of(
 
     point = jax.numpy.asarray(target)
     seen = np.asarray(jax.jacfwd(lambda state: frame.difference(point, state))(point), float)
-    middle = np.asarray(bounds.middle, float)
-    by_state, by_control = jax.jacfwd(emulator.step, argnums=(0, 1))(
-        point, jax.numpy.asarray(middle)
-    )
+    idle = np.clip(np.zeros(emulator.control.size), bounds.low, bounds.high)
+    by_state, by_control = jax.jacfwd(emulator.step, argnums=(0, 1))(point, jax.numpy.asarray(idle))
     state_matrix = seen @ np.asarray(by_state, float) @ np.linalg.pinv(seen)
     control_matrix = seen @ np.asarray(by_control, float)
-    held = middle - np.linalg.lstsq(control_matrix, drift(middle), rcond=None)[0]
+    held = idle - np.linalg.lstsq(control_matrix, drift(idle), rcond=None)[0]
     held = np.clip(held, bounds.low, bounds.high)
     if not np.abs(weights @ drift(held)).max() <= MAX_DRIFT * ERRORS_PER_TOLERANCE:
         return None
