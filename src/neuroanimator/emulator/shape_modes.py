@@ -46,6 +46,9 @@ from neuroanimator.state.structure import Mirror, Structure
 TINY = 1e-12
 """Added to squares before their root is divided by: motions that stand still are not divided by zero."""
 
+RECORDED_ROWS = 4096
+"""Number of windows of a dataset that are encoded at once."""
+
 LIMITS = Layout(
     (
         Slice("position_modes", 1, "1"),
@@ -210,7 +213,12 @@ class ShapeModes(Encoding):
         return latent @ _like(mixing(self.mirror)[0], latent).mT
 
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
-        return self.encode(np.asarray(states, float)).astype(np.float32)
+        # In double precision a dataset would take many times its memory, and so it goes block by block.
+        latent = np.empty((*states.shape[:-1], self.layout.size), np.float32)
+        for first in range(0, len(states), RECORDED_ROWS):
+            rows = slice(first, first + RECORDED_ROWS)
+            latent[rows] = self.encode(np.asarray(states[rows], float))
+        return latent
 
     def bounded(
         self, latent: Float[Array, " I"], features: Features, domain: Domain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import NamedTuple
@@ -29,6 +29,9 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import TrainingConfig
+
+BLOCK_ROWS = 4096
+"""Number of windows whose statistics are taken at once."""
 
 MIN_SCALE = 1e-6
 """Least scale of a feature or a change: a number that never varies is not divided by zero."""
@@ -146,8 +149,10 @@ def build_emulator(
     else:
         latent = _body_numbers(data, config, dt)
     features = latent.features
-    of_parts = (_Statistics.of(latent, part) for part in parts or [data])
-    statistics = reduce(_Statistics.joined, of_parts)
+    of_blocks = (
+        _Statistics.of(latent, block) for part in parts or [data] for block in _blocks_of(part)
+    )
+    statistics = reduce(_Statistics.joined, of_blocks)
     size = len(statistics.raw.mean)
     is_odd = [features.is_odd and i not in features.even for i in range(size)]
     odd_raw = np.array(is_odd)
@@ -160,6 +165,12 @@ def build_emulator(
         spec=spec_of(system, data.config.substeps, latent.frame.dt),
         encoding=latent.encoding,
     )
+
+
+def _blocks_of(data: Transitions) -> Iterator[Transitions]:
+    """Yield `data` block by block: features of all at once would take many times its memory."""
+    for first in range(0, len(data.states), BLOCK_ROWS):
+        yield data.where(slice(first, first + BLOCK_ROWS))
 
 
 def _state_numbers(system: System, dt: float) -> _Latent:
