@@ -9,7 +9,7 @@ import numpy as np
 
 from neuroanimator.control.planning.planner import Planner, moved_on
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.errors import DivergedError
 from neuroanimator.systems.system import System
 
 Plant = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -41,7 +41,7 @@ class PhysicsPlant:
         """Return the state (S,) one super step later."""
         runs = self.system.simulate_fastest(state[None], control[None, None], self.dt)
         if runs.has_diverged[0]:
-            raise NeuroAnimatorError(
+            raise DivergedError(
                 "The physics diverged under control. Push less, or raise effort_weight."
             )
         return runs.states[0, 1]

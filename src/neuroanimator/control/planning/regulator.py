@@ -12,11 +12,14 @@ from scipy.linalg import solve_discrete_are
 from neuroanimator.control.objective.goals import (
     ERRORS_PER_TOLERANCE,
     ReachState,
-    errors_over_tolerances,
+    is_reached,
     reach_goal,
 )
+from neuroanimator.control.planning.plants import Plant, drive
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import DivergedError
+from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
 
@@ -24,30 +27,31 @@ MAX_DRIFT = 0.1
 """Largest change in a super step of a state that can be held, over the goal's tolerances."""
 
 TRIED_STEPS = 100
-"""Number of super steps after which a body that is held must be at its goal on the emulator."""
+"""Number of super steps after which a body that is held must be at its goal."""
 
 
 @dataclass(frozen=True)
 class Regulator:
     """u = u* - K δ within the bounds, where δ is how the state differs from the goal's; made by `regulator_of`."""
 
-    emulator: Emulator
+    plant: Plant
+    """What is held."""
     system: System
     goal: Goal
+    bounds: Bounds
     reach: ReachState
     """Cost of not being at the goal."""
     control: Float[np.ndarray, " C"]
-    """u*, which holds the goal's state on the emulator."""
+    """u*, which holds the goal's state."""
     gain: Float[np.ndarray, "C V"]
     """K."""
     cost_matrix: Float[np.ndarray, "V V"]
-    """P: δᵀ P δ / 2 is the J it takes to come to the goal from δ, as far as the emulator is linear."""
+    """P: δᵀ P δ / 2 is the J it takes to come to the goal from δ, as far as super steps are linear."""
 
     def __call__(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " C"]:
         """Return the control (C,) for `state` (S,)."""
         off = self.reach.frame.difference(np.asarray(self.reach.goal, float), state)
-        bounds = self.emulator.bounds
-        return np.clip(self.control - self.gain @ off, bounds.low, bounds.high)
+        return np.clip(self.control - self.gain @ off, self.bounds.low, self.bounds.high)
 
     def cost_to_go(self) -> ReachState:
         """Return the cost, at the end of a motion, of what it takes to come to the goal from there and stay."""
@@ -55,21 +59,20 @@ class Regulator:
         return replace(self.reach, judged=as_parameter(factor))
 
     def holds(self, state: Float[np.ndarray, " S"]) -> bool:
-        """Return whether the emulator, regulated from `state` (S,), is at the goal after `TRIED_STEPS`."""
-        for _ in range(TRIED_STEPS):
-            control = self(state)
-            states = self.emulator.rollout(state, control[None], may_diverge=True)
-            state = np.asarray(states[1], float)
-            if not np.isfinite(state).all():
-                return False
-        return bool((np.abs(errors_over_tolerances(self.system, self.goal, state)) <= 1).all())
+        """Return whether the plant, regulated from `state` (S,), is at the goal after `TRIED_STEPS`."""
+        try:
+            held = drive(self.plant, state, lambda _, state: self(state), TRIED_STEPS)
+        except DivergedError:
+            return False
+        return is_reached(self.system, self.goal, held.states[-1])
 
 
 def regulator_of(
-    emulator: Emulator, system: System, goal: Goal, effort_weight: float
+    emulator: Emulator, plant: Plant, system: System, goal: Goal, effort_weight: float
 ) -> Regulator | None:
-    """Return what holds `goal`; None where it leaves part of the state free, or cannot be held.
+    """Return what holds `plant` at `goal`; None where that leaves part of the state free, or cannot be held.
 
+    What a change of state or control does is the emulator's derivative; what holds the goal's state is tried on the plant.
     The weights are those of `goal_objective` all along: Q = dt WᵀW with the goal's weights W, R = dt `effort_weight` / scale².
     K and P solve the discrete algebraic Riccati equation (Anderson and Moore, Optimal Control, 1990).
     """
@@ -81,8 +84,7 @@ def regulator_of(
     target = np.asarray(reach.goal, float)
 
     def drift(control: np.ndarray) -> Float[np.ndarray, " V"]:
-        after = np.asarray(emulator.rollout(target, control[None], may_diverge=True)[1], float)
-        return frame.difference(target, after)
+        return frame.difference(target, plant(target, control))
 
     point = jax.numpy.asarray(target)
     seen = np.asarray(jax.jacfwd(lambda state: frame.difference(point, state))(point), float)
@@ -102,4 +104,4 @@ def regulator_of(
         return None
     inverse = effort + control_matrix.T @ cost @ control_matrix
     gain = np.linalg.solve(inverse, control_matrix.T @ cost @ state_matrix)
-    return Regulator(emulator, system, goal, reach, held, gain, cost)
+    return Regulator(plant, system, goal, bounds, reach, held, gain, cost)
