@@ -450,9 +450,18 @@ def test_a_body_is_inside_out_in_a_mirror_or_with_its_tail_pushed_through_itself
     assert not is_inside_out(fish.body, strained)
     assert is_inside_out(fish.body, -strained)
     assert is_inside_out(fish.body, pushed)
-    path = np.stack([long.rest, long.rest])
-    path[1, : pushed.size] = pushed.ravel()
-    assert long.has_diverged(np.stack([path[[0, 0]], path])).tolist() == [False, True]
+    path = np.tile(long.rest, (7, 1))
+    passing = path.copy()
+    passing[2:4, : pushed.size] = pushed.ravel()
+    stuck = path.copy()
+    stuck[2:, : pushed.size] = pushed.ravel()
+    runs = np.stack([path, passing, stuck])
+    assert long.has_diverged(runs).tolist() == [False, False, True]
+    assert load_system("fish").has_diverged(runs[..., : fish.state.size - 3]).tolist() == [
+        False,
+        False,
+        True,
+    ]
 
 
 def test_the_cube_dropped_from_a_metre_bounces_two_to_four_times_and_comes_to_rest():

@@ -8,7 +8,8 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
+from numpy.lib.stride_tricks import sliding_window_view
 
 from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.definitions.body import BodyDefinition, control_names
@@ -54,6 +55,9 @@ MAX_TWINS = 32
 
 MAX_STRAIN = 5.0
 """Maximum strain of a spring: one stretched further belongs to a body whose motion has diverged."""
+
+STUCK = 3
+"""Number of successive states for which a body is inside out to have diverged: sharp turns press a tail through for one."""
 
 START_ACTIVATION = 0.3
 """Largest activation of the muscles in a random start: motions begin with muscles neither slack nor cramped."""
@@ -179,7 +183,7 @@ class DeformableSystem(System):
             states[rows, 1:] = path[None] if lanes == 1 else np.moveaxis(path, -1, 0)
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) True for each run (B, T+1, S) that is not finite, tears a spring, or turns a family's body inside out."""
+        """Return (B,) True for each run (B, T+1, S) that is not finite, tears a spring, or stays inside out."""
         has_diverged = np.zeros(len(states), bool)
         for first in range(0, len(states), ROWS):
             rows = slice(first, first + ROWS)
@@ -194,11 +198,8 @@ class DeformableSystem(System):
             parameters = np.moveaxis(states[:, :1, self.parameter_entries], 2, 0)
             body = body_at(self.body, parameters)
             largest = np.abs(strains(body, positions)).max(axis=(0, 2))
-            has_diverged = ~is_finite | (largest > MAX_STRAIN)
-            if self.parameters:
-                # A single body's sharp turns may press its tail through it and out again; those of a family stay in.
-                has_diverged |= is_inside_out(self.body, points).any(axis=1)
-        return has_diverged
+            is_stuck = _goes_on(is_inside_out(self.body, points), STUCK)
+        return ~is_finite | (largest > MAX_STRAIN) | is_stuck
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray:
         _, velocities, _ = self.unpack(states)
@@ -286,3 +287,11 @@ def _runner(body: Body, scheme: Scheme, steps: int) -> Any:
         return trajectory(of_parameters, scheme.integrator, scheme.dt, steps, start, controls)
 
     return jax.jit(run)
+
+
+def _goes_on(is_so: Bool[np.ndarray, "B T"], count: int) -> Bool[np.ndarray, " B"]:
+    """Return True for each run with `count` successive states that are so."""
+    if is_so.shape[1] < count:
+        return np.zeros(len(is_so), bool)
+    windows = sliding_window_view(is_so, count, axis=-1)
+    return np.asarray(windows.all(axis=-1).any(axis=-1))
