@@ -23,7 +23,7 @@ import numpy as np
 
 from neuroanimator import Emulator, load_emulator, load_system
 from neuroanimator.control import pursue_goal
-from neuroanimator.control.synthesis.synthesise import synthesise_goal
+from neuroanimator.control.synthesis.synthesise import RESTARTS, synthesise_goal
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.systems.system import System
@@ -43,8 +43,8 @@ SECONDS = {"pendubot": 4.0, "three_links": 6.0}
 SPREAD = 0.1
 """Standard deviation of angles [rad], and half that of velocities [rad/s], at the start."""
 
-WAYS = {"descents alone": 0, "with the search": 1}
-"""Number of wide searches where a goal is missed."""
+WAYS = {"descents alone": 0, "with the search": RESTARTS}
+"""Maximum number of wide searches where a goal is missed."""
 
 SETTLED = 2.0
 """Time after a swing-up from which a body must be upright [s]."""

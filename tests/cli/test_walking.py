@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from conftest import Cli
 from soft_bodies import hasty_emulator
 
@@ -13,6 +14,7 @@ from neuroanimator.systems.loading import trust_files
 FILE = "hop.policy.safetensors"
 
 
+@pytest.mark.endurance
 def test_a_hopper_from_new_to_its_film(cli: Cli, tmp_path: Path):
     def told(*arguments: str) -> str:
         done = cli(*arguments, cwd=tmp_path)

@@ -53,6 +53,7 @@ def test_an_error_names_its_task_and_the_others_end(two: Executor):
     assert len(ended) == len(NUMBERS)
 
 
+@pytest.mark.endurance
 def test_f05_who_dies_in_ray_is_replaced_by_ray(
     two: Executor, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):
@@ -68,6 +69,7 @@ def test_f05_who_dies_in_ray_is_replaced_by_ray(
     assert capfd.readouterr().out == ""
 
 
+@pytest.mark.endurance
 def test_f20_the_bytes_are_those_of_one_process_though_a_worker_is_killed(
     two: Executor, dataset: Path, tmp_path: Path, tally: Tally
 ):

@@ -30,6 +30,7 @@ from neuroanimator.control.planning.plants import (
 from neuroanimator.control.planning.regulator import Regulator, regulator_of
 from neuroanimator.control.synthesis.synthesise import (
     MAX_SECONDS,
+    RESTARTS,
     SEARCH_STARTS,
     SEARCHED,
     synthesise,
@@ -48,9 +49,6 @@ MAX_HORIZON_STEPS = 400
 
 GUESSES = 32
 """Random controls tried at every plan. Without any the lander does not find to its pad from 6 m up."""
-
-RESTARTS = 5
-"""Maximum number of wide searches for the way there after the first."""
 
 MAX_PURSUIT_SECONDS = 600.0
 """[s] Longest motion in closed loop; of a slow system longer."""

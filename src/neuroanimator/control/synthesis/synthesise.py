@@ -41,6 +41,9 @@ TRUST_DIRECTIONS = 64
 REFINING_MINUTES = 0.5
 """Longest time that refinements may take in all, if nothing else is said [min]."""
 
+RESTARTS = 6
+"""Maximum number of new beginnings from random controls where the physics has not done it."""
+
 SEARCHED = 4096
 """Number of random controls tried by a rollout each before a new beginning: a second or two."""
 
@@ -271,7 +274,7 @@ def synthesise_goal(
     goals_from: System | None = None,
     options: DescentOptions = DescentOptions(),
     corrections: int = 5,
-    restarts: int = 1,
+    restarts: int = RESTARTS,
     refinements: int = 2,
     minutes: float = REFINING_MINUTES,
     data: Transitions | None = None,

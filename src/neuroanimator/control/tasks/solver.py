@@ -10,7 +10,7 @@ import numpy as np
 from neuroanimator.control.descent.gradient_check import gradient_trust
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
-from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
+from neuroanimator.control.synthesis.synthesise import RESTARTS, Synthesis, synthesise
 from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import Emulator
@@ -20,9 +20,6 @@ from neuroanimator.systems.system import System
 
 CORRECTIONS = 16
 """Replays whose defects may be added to the emulator, at most."""
-
-RESTARTS = 6
-"""Maximum number of new beginnings from random controls where the physics has not done it."""
 
 TRIALS = 5
 """Joins the number of a trial as the seed it is drawn from."""
