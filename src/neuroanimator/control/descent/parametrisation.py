@@ -151,13 +151,13 @@ class Periodic(Parametrisation):
         raw = offset + sine * xp.sin(phases) + cosine * xp.cos(phases)
         return self.middle + xp.tanh(raw) * self.half
 
-    def phases(self, number: Float[AnyArray, ""]) -> Float[AnyArray, " T"]:
+    def phases(self, number: Float[AnyArray, " *K"]) -> Float[AnyArray, " *K T"]:
         """Return where in its pattern each super step's middle is [rad], for the `number` its frequency comes from."""
         xp = number.__array_namespace__()
         rate = 2 * math.pi * self._tempo(number) / self.period
-        return rate * (xp.arange(self.steps) + 0.5) * self.dt
+        return rate[..., None] * (xp.arange(self.steps) + 0.5) * self.dt
 
-    def _tempo(self, number: Float[AnyArray, ""]) -> Float[AnyArray, ""]:
+    def _tempo(self, number: Float[AnyArray, " *K"]) -> Float[AnyArray, " *K"]:
         """Return times the first frequency: 1 for a number of zero."""
         xp = number.__array_namespace__()
         return SLOWEST + (FASTEST - SLOWEST) / (1 + (FASTEST - 1) / (1 - SLOWEST) * xp.exp(-number))
@@ -178,7 +178,7 @@ class Periodic(Parametrisation):
 
     def _waves(self, numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K T 3"]:
         """Return what offset, sine and cosine are at the frequency that each of `numbers` stands for."""
-        phases = np.stack([np.asarray(self.phases(np.asarray(number))) for number in numbers])
+        phases = np.asarray(self.phases(numbers))
         return np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=-1)
 
     def _misfits(
