@@ -54,8 +54,11 @@ class ReferenceMotion(eqx.Module):
     """States of a body with a free root, one super step apart, by the angle of a clock among them."""
 
     frames: Float[AnyArray, "K S"]
-    """All laps, one after another. With commands laps of strides of evenly growing length, the whole one last; each is without its
-    last state, from a root that stands at the origin and whose heading is zero."""
+    """All laps, one after another.
+
+    With commands these are of strides of evenly growing length, the whole one last; each is without its last state, from a root
+    that stands at the origin and whose heading is zero.
+    """
     lap: int = eqx.field(static=True)
     """Number of super steps in which the clock turns once."""
     phase: int = eqx.field(static=True)
