@@ -1,7 +1,8 @@
 """A recorded walk with shorter strides: feet go less far and are lifted less, on legs that reach where they are.
 
 Relative to the root a foot is where it is between its place in a standing pose and that in the walk, and as far tilted. So one
-that stands on the floor still does, at a speed that is as many times lower as strides are shorter.
+that stands on the floor still does, at a speed that is as many times lower as strides are shorter. It is lifted by their square
+root, so that it clears the floor on short ones.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ STEPS = 40
 
 DAMPING = 1e-3
 """Of these steps, where a leg is straight and cannot reach farther [m²]."""
+
+HEIGHT = 2
 
 HEIGHT_DOF = 2
 """Velocity of a free root along the vertical."""
@@ -35,12 +38,15 @@ def shorter_strides(
     Roots of `standing` and `lap` are at the origin, their headings zero; `dt` lies between states of the lap [s].
     """
     states = standing + stride * (lap - standing)
+    lifted = 1 / np.sqrt(stride) if stride > 0 else 1.0
     positions = states[:, : model.nq]
     _normalise(positions[:, 3:7])
     data = mujoco.MjData(model)
     places = _foot_poses(model, data, standing[: model.nq], feet)
     for row, pose in enumerate(lap[:, : model.nq]):
-        wanted = places + stride * (_foot_poses(model, data, pose, feet) - places)
+        away = stride * (_foot_poses(model, data, pose, feet) - places)
+        away[:, HEIGHT] *= lifted
+        wanted = places + away
         _normalise(wanted[:, 3:])
         for _ in range(STEPS):
             _reach_nearer(model, data, positions[row], wanted, feet)
