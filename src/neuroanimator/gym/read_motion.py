@@ -100,7 +100,7 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
             most=Command(table.commands.speed[1], table.commands.turning[1]),
             standing_pace=STANDING_PACE,
         )
-        laps = _with_shorter_strides(path, body, laps, table.feet, dt)
+        laps = _with_shorter_strides(path, body, laps, table.feet, dt, clock.position_entry)
     else:
         laps = _laid_out(states, table.laps, clock.position_entry, velocity)
     if len(laps) > MAX_FRAMES:
@@ -258,7 +258,12 @@ def _speed(path: Path, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
 
 
 def _with_shorter_strides(
-    path: Path, body: MujocoSystem, lap: Float[np.ndarray, "L S"], feet: tuple[str, ...], dt: float
+    path: Path,
+    body: MujocoSystem,
+    lap: Float[np.ndarray, "L S"],
+    feet: tuple[str, ...],
+    dt: float,
+    clock: int,
 ) -> Float[np.ndarray, "K S"]:
     """Return the laps of shorter strides, from those of no length on, and then the lap itself."""
     most = MAX_FRAMES // (len(STRIDES) + 1)
@@ -267,7 +272,9 @@ def _with_shorter_strides(
             f"{path}: {len(lap):,} states; wanted at most {most:,} of a motion on command. Give a shorter cycle."
         )
     standing = _standing(body)
-    laps = [shorter_strides(body.model, standing, lap, stride, feet, dt) for stride in STRIDES]
+    laps = [
+        shorter_strides(body.model, standing, lap, stride, feet, dt, clock) for stride in STRIDES
+    ]
     return np.concatenate([*laps, lap])
 
 

@@ -32,12 +32,15 @@ def shorter_strides(
     stride: float,
     feet: tuple[str, ...],
     dt: float,
+    clock: int,
 ) -> Float[np.ndarray, "L S"]:
     """Return a lap of a walk whose strides are `stride` times as long, from 0 to 1, as it goes at its own clock's rate.
 
-    Roots of `standing` and `lap` are at the origin, their headings zero; `dt` lies between states of the lap [s].
+    Roots of `standing` and `lap` are at the origin, their headings zero; `dt` lies between states of the lap [s], and `clock` is the
+    entry of the clock's angle.
     """
     states = standing + stride * (lap - standing)
+    states[:, clock] = lap[:, clock]
     lifted = 1 / np.sqrt(stride) if stride > 0 else 1.0
     positions = states[:, : model.nq]
     _normalise(positions[:, 3:7])
