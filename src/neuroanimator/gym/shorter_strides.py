@@ -36,7 +36,7 @@ def shorter_strides(
 ) -> Float[np.ndarray, "L S"]:
     """Return a lap of a walk whose strides are `stride` times as long, from 0 to 1, as it goes at its own clock's rate.
 
-    Roots of `standing` and `lap` are at the origin, their headings zero; `dt` lies between states of the lap [s], and `clock` is the
+    Roots of `standing` and `lap` are at the origin, their headings zero; `dt` lies between states of the lap [s], `clock` is the
     entry of the clock's angle.
     """
     states = standing + stride * (lap - standing)
