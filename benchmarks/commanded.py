@@ -282,7 +282,8 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
     motion = task.motion
     assert motion is not None
     assert motion.commands is not None
-    row = commanded(Walkers(policy, task, system, BODIES, WALKING))
+    row = {"slowest m/s": motion.commands.least.speed}
+    row |= commanded(Walkers(policy, task, system, BODIES, WALKING))
     for impulse in IMPULSES:
         survived = pushed(Walkers(policy, task, system, BODIES, WALKING), impulse)
         row[f"survived {impulse:g} N s"] = survived
