@@ -6,11 +6,12 @@ python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.saf
 
 Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a
 policy that follows the walk. Without noise, on the physics,
-- 100 bodies get random commands for 60 s, others every 2 to 5 s; those count that never fall: pelvis below 0.6 m, or trunk more
-  than 1 rad off the vertical;
+- 100 bodies get random commands of 0.5 to 1 m/s for 60 s, others every 2 to 5 s; those count that never fall: pelvis below 0.6 m,
+  or trunk more than 1 rad off the vertical; and likewise 100 by commands of 0 to 1 m/s, of which 15 in 100 are to stand;
 - from 1 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
 - 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction: a force
-  over 0.1 s;
+  over 0.1 s; and 100 are told to stand, and pushed likewise;
+- drift is how far 100 that are told to stand are from where they were two seconds after that, 20 s later;
 - slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step, at the motion's own speed.
 Seconds are of a core's time.
 
@@ -36,7 +37,7 @@ from following import HUMAN, PROGRAM, RESULTS, slip
 from jaxtyping import Array, Float
 
 import neuroanimator as na
-from neuroanimator.control.policies.commands import Commands
+from neuroanimator.control.policies.commands import Command, Commands
 from neuroanimator.control.policies.reference_motion import ORIENTATION
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.evaluation.csv_table import write_csv
@@ -54,6 +55,16 @@ UPDATES = 500
 """Number of updates of the policy, of 4,096 transitions each."""
 
 BODIES = 100
+
+WALKING = (0.5, 1.0)
+"""Least and largest commanded speed [m/s]."""
+
+STANDING = (0.0, 0.0)
+
+ANY = (0.0, 1.0)
+
+STILL_SECONDS = (2.0, 20.0)
+"""Time to come to a stand, and of standing [s]."""
 
 SECONDS = 60.0
 
@@ -84,21 +95,32 @@ IMAGES = 12
 
 
 class Walkers:
-    """Bodies that a policy moves on the physics, on command, without an end."""
+    """Bodies that a policy moves on the physics, on commands of speeds in a range, without an end."""
 
-    def __init__(self, policy: StatePolicy, task: PolicyTask, system: MujocoSystem, count: int):
+    def __init__(
+        self,
+        policy: StatePolicy,
+        task: PolicyTask,
+        system: MujocoSystem,
+        count: int,
+        speeds: tuple[float, float],
+    ):
         reference = policy.view.reference
         assert reference is not None
         assert reference.commands is not None
         assert task.rules.draw_start is not None
         self.policy = policy
         self.system = system
-        self.commands: Commands = reference.commands
+        commands = reference.commands
+        least = Command(speeds[0], commands.least.turning)
+        most = Command(speeds[1], commands.most.turning)
+        self.commands: Commands = commands._replace(least=least, most=most)
         self.phase = reference.phase
         self.lap = reference.lap
         self.rng = np.random.default_rng(0)
         self.stepper = physics_stepper(system, system.scheme, policy.dt)
-        self.states = np.stack([task.rules.draw_start(self.rng) for _ in range(count)])
+        starts = np.stack([task.rules.draw_start(self.rng) for _ in range(count)])
+        self.states = self.commands.draw(self.rng, starts)
         self.is_fallen = np.zeros(count, bool)
         self.trunk = system.model.body("torso").id
 
@@ -199,7 +221,7 @@ def _errors(
     seconds: float,
 ) -> tuple[float, float]:
     """Return by how much speed along the path and turning rate were off between two states of a command."""
-    speed = commands.own_speed * float(commands.pace(after))
+    speed = float(commands.speed(after))
     turned = after[commands.heading] - before[commands.heading]
     # A path that turns evenly is an arc: its chord is shorter than it is long.
     chord = np.sinc(turned / (2 * np.pi))
@@ -223,6 +245,19 @@ def pushed(walkers: Walkers, impulse: float) -> int:
     return int((~walkers.is_fallen).sum())
 
 
+def drift(walkers: Walkers) -> float:
+    """Return the median distance that bodies told to stand go while they stand [m]."""
+    dt = walkers.policy.dt
+    stopped, stood = STILL_SECONDS
+    for _ in range(round(stopped / dt)):
+        walkers.step()
+    before = walkers.states[:, :2].copy()
+    for _ in range(round(stood / dt)):
+        walkers.step()
+    gone = np.linalg.norm(walkers.states[:, :2] - before, axis=1)
+    return float(np.median(gone[~walkers.is_fallen]))
+
+
 def walked(
     policy: StatePolicy,
     task: PolicyTask,
@@ -230,7 +265,7 @@ def walked(
     told: list[tuple[float, float, float]],
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of one body under commands (seconds, speed [m/s], turning [rad/s]), one after another."""
-    walkers = Walkers(policy, task, system, 1)
+    walkers = Walkers(policy, task, system, 1, ANY)
     states = []
     for seconds, speed, turning in told:
         walkers.states = walkers.commands.give(
@@ -247,14 +282,23 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
     motion = task.motion
     assert motion is not None
     assert motion.commands is not None
-    row = commanded(Walkers(policy, task, system, BODIES))
+    row = {"slowest m/s": motion.commands.least.speed}
+    row |= commanded(Walkers(policy, task, system, BODIES, WALKING))
     for impulse in IMPULSES:
-        survived = pushed(Walkers(policy, task, system, BODIES), impulse)
+        survived = pushed(Walkers(policy, task, system, BODIES, WALKING), impulse)
         row[f"survived {impulse:g} N s"] = survived
+    if motion.commands.least.speed == 0:
+        found = commanded(Walkers(policy, task, system, BODIES, ANY))
+        row["never fell in 60 s from 0 m/s"] = found["never fell in 60 s"]
+        row["speed off m/s from 0 m/s"] = found["speed off m/s"]
+        for impulse in IMPULSES:
+            survived = pushed(Walkers(policy, task, system, BODIES, STANDING), impulse)
+            row[f"standing survived {impulse:g} N s"] = survived
+        row["drift cm"] = 100 * drift(Walkers(policy, task, system, BODIES, STANDING))
     own = motion.commands.own_speed
     states = walked(policy, task, system, [(20.0, own, 0.0)])
     row["slip cm"] = 100 * slip(system, states, _laps(states, motion.phase))
-    frames = np.asarray(motion.frames, float)
+    frames = np.asarray(motion.frames, float)[-motion.lap :]
     # Frames stand at one place: they go as fast as their clock says.
     moving = slice(motion.velocity, motion.velocity + 2)
     frames[:, :2] = np.cumsum(frames[:, moving] * policy.dt, axis=0)
@@ -320,7 +364,7 @@ def main() -> None:
         rows.append(row)
         print_table([row])
         if arguments.sheet:
-            told = [(3.0, 0.7, 0.0), (4.0, 0.7, 0.6), (3.0, 0.9, 0.0), (3.0, 0.4, 0.0)]
+            told = [(3.0, 0.7, 0.0), (3.0, 0.0, 0.0), (4.0, 0.7, 0.6), (3.0, 0.3, 0.0)]
             draw_sheet(policy, walked(policy, task, system, told), arguments.sheet)
     if not arguments.dry:
         write_csv(RESULTS / "commanded.csv", rows)

@@ -134,6 +134,53 @@ def test_a_body_told_nothing_else_goes_as_fast_as_the_motion_was_recorded(
     np.testing.assert_allclose(commands.pace(twice).max() * commands.own_speed, 1.0, rtol=1e-3)
 
 
+def test_strides_are_as_long_as_the_commanded_speed_needs(
+    motion: ReferenceMotion, commands: Commands
+):
+    speeds = np.linspace(0, 1, 11)
+    told = commands.give(np.tile(motion.begun(0.0), (11, 1)), speeds, np.full(11, 0.8))
+    np.testing.assert_allclose(commands.speed(told), speeds, atol=1e-6)
+    strides = commands.stride(told)
+    assert strides[0] == 0
+    assert (np.diff(strides) >= 0).all()
+    np.testing.assert_allclose(strides[speeds > commands.own_speed], 1)
+    for speed in speeds[::5]:
+        states = np.stack([motion.begun(phase) for phase in np.linspace(0, 2 * np.pi, 54)[:-1]])
+        frames = _frame(motion, commands.give(states, np.full(53, speed), np.zeros(53)))
+        np.testing.assert_allclose(frames[:, motion.velocity].mean(), speed, atol=0.01)
+
+
+def test_who_is_told_to_stand_stands_as_the_model_does_at_rest(
+    motion: ReferenceMotion, commands: Commands, system: MujocoSystem, starts: np.ndarray
+):
+    told = commands.give(starts, np.zeros(len(starts)), np.full(len(starts), 0.8))
+    frames = _frame(motion, told)
+    assert (told[:, commands.turning] == 0).all()
+    hinges = list(motion.hinges)
+    np.testing.assert_allclose(frames[:, hinges], np.tile(system.rest[hinges], (20, 1)), atol=1e-4)
+    np.testing.assert_allclose(frames[:, motion.rates], 0, atol=1e-4)
+    moving = slice(motion.velocity, motion.velocity + 6)
+    np.testing.assert_allclose(frames[:, moving], 0, atol=1e-4)
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.45, 0.8])
+def test_feet_of_shorter_strides_stand_on_the_floor(
+    speed: float,
+    motion: ReferenceMotion,
+    commands: Commands,
+    system: MujocoSystem,
+    table: FollowTable,
+    emulator: Emulator,
+):
+    following = Following.of(motion, system, table)
+    states = np.stack([motion.begun(phase) for phase in np.linspace(0, 2 * np.pi, 54)[:-1]])
+    told = jnp.asarray(commands.give(states, np.full(53, speed), np.zeros(53)), jnp.float32)
+    now = motion.frame(told)
+    later = motion.frame(told, 1)
+    later = later.at[:, 0].add(emulator.dt * now[:, motion.velocity])
+    assert float(following.sliding(now, later, emulator.dt).mean()) < 0.3 * speed
+
+
 def test_on_the_motion_all_is_earned_at_every_command_and_wherever_the_body_is(
     motion: ReferenceMotion, system: MujocoSystem, table: FollowTable, starts: np.ndarray
 ):
@@ -258,7 +305,14 @@ def test_programs_do_what_jax_does(ending: str, policy: StatePolicy, tmp_path: P
     assert written.difference < 1e-3
 
 
-DAMAGE = {"heading": 63, "turning": -1, "own_rate": 0, "speed": [1.0], "turning_rate": ["a", 1]}
+DAMAGE = {
+    "heading": 63,
+    "turning": -1,
+    "own_rate": 0,
+    "speed": [1.0],
+    "turning_rate": ["a", 1],
+    "standing_pace": 1,
+}
 
 
 @pytest.mark.parametrize("key", DAMAGE)
@@ -317,8 +371,7 @@ def test_commands_are_told_one_after_another(
     _, states = commanded_motion(file, TOML, ["0.09,0.6,0.2", "0.06,0.9,-0.4"])
     assert len(states) == 6
     assert states[-1, commands.heading] == pytest.approx(0.2 * 0.09 - 0.4 * 0.06, abs=1e-5)
-    pace = commands.pace(states) * commands.own_speed
-    np.testing.assert_allclose(pace[1:], [0.6, 0.6, 0.6, 0.9, 0.9], rtol=1e-5)
+    np.testing.assert_allclose(commands.speed(states[1:]), [0.6, 0.6, 0.6, 0.9, 0.9], rtol=1e-5)
     for text in ("3", "3,0.7,left", "-1,0.7,0"):
         with pytest.raises(NeuroAnimatorError, match="command: wanted"):
             commanded_motion(file, TOML, [text])

@@ -14,7 +14,7 @@ ClipName = Annotated[str, AfterValidator(check_file_name)]
 
 Distance = Annotated[float, Field(gt=0, le=1e3)]
 
-Speed = Annotated[float, Field(gt=0, le=100)]
+Speed = Annotated[float, Field(ge=0, le=100)]
 
 TurningRate = Annotated[float, Field(ge=-20, le=20)]
 
@@ -22,7 +22,8 @@ TurningRate = Annotated[float, Field(ge=-20, le=20)]
 class CommandsTable(Table):
     """Walking on command: the body goes as the motion does, at a commanded speed and the way a commanded heading says.
 
-    The clock turns as fast as is commanded, and so does a second hinge beside the body, whose angle is the heading.
+    The clock turns as fast as is commanded, and so does a second hinge beside the body, whose angle is the heading. Below the
+    motion's own speed strides are shorter, too; at 0 m/s the body stands as the model does at rest.
     """
 
     heading: PartName = "heading"

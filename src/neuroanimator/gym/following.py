@@ -143,9 +143,10 @@ class Following(eqx.Module):
         )
         if not self.feet:
             return earned
-        feet = np.array(self.feet)
         # What the heights of points of a foot follow from.
-        lifted = placed[..., feet, 2, :] - aimed[..., feet, 2, :]
+        lifted = jnp.stack(
+            [placed[foot][..., 2, :] - aimed[foot][..., 2, :] for foot in self.feet], axis=-2
+        )
         levers = jnp.asarray([FOOT, FOOT, 0, 1], following.dtype)
         error = ((levers * lifted) ** 2).sum(axis=(-2, -1))
         return (1 - FEET.weight) * earned + _paid(FEET, error)
@@ -166,7 +167,8 @@ class Following(eqx.Module):
         return (is_down * speeds).mean(axis=-1).sum(axis=-1)
 
     def _placed_soles(self, states: Float[Array, "*B S"]) -> Float[Array, "*B F P 3"]:
-        feet = link_poses(self.kinematics, states)[..., np.array(self.feet), :3, :]
+        placed = link_poses(self.kinematics, states)
+        feet = jnp.stack([placed[foot][..., :3, :] for foot in self.feet], axis=-3)
         turned = (feet[..., None, :, :3] * self.soles[:, :, None, :]).sum(axis=-1)
         return turned + feet[..., None, :, 3]
 
@@ -177,9 +179,9 @@ class Following(eqx.Module):
 
     def tilt(self, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
         """Return the angle between the trunk and the motion's [rad]."""
-        trunks = link_poses(self.kinematics, states)[..., self.trunk, :3, :3]
+        trunks = link_poses(self.kinematics, states)[self.trunk][..., :3, :3]
         frames = self.motion.frame(states)
-        wanted = link_poses(self.kinematics, frames)[..., self.trunk, :3, :3]
+        wanted = link_poses(self.kinematics, frames)[self.trunk][..., :3, :3]
         # The trace of R₁ᵀ R₂ is 1 + 2 cos of the angle between them.
         cosine = ((trunks * wanted).sum(axis=(-2, -1)) - 1) / 2
         return jnp.arccos(jnp.clip(cosine, -1, 1))
@@ -190,8 +192,10 @@ class Following(eqx.Module):
         return is_far | (self.tilt(states) > self.lost_tilt)
 
 
-def link_poses(kinematics: Kinematics, states: Float[Array, "*B S"]) -> Float[Array, "*B L 4 4"]:
-    """Return the matrices that bring points of each link into the world."""
+def link_poses(
+    kinematics: Kinematics, states: Float[Array, "*B S"]
+) -> list[Float[Array, "*B 4 4"]]:
+    """Return per link the matrix that brings its points into the world: what is not used of them is not computed."""
     transforms = kinematics.transforms(states)
     placed = []
     for link in kinematics.carried:
@@ -199,7 +203,7 @@ def link_poses(kinematics: Kinematics, states: Float[Array, "*B S"]) -> Float[Ar
         if link.frame >= 0:
             matrix = (transforms[link.frame][..., :, :, None] * matrix).sum(axis=-2)
         placed.append(jnp.broadcast_to(matrix, (*states.shape[:-1], 4, 4)))
-    return jnp.stack(placed, axis=-3)
+    return placed
 
 
 def following_rules(
@@ -293,6 +297,7 @@ def _soles(model: mujoco.MjModel, feet: tuple[str, ...]) -> Float[np.ndarray, "F
 
 
 def _about_root(
-    placed: Float[Array, "*B L 4 4"], states: Float[Array, "*B S"]
+    placed: list[Float[Array, "*B 4 4"]], states: Float[Array, "*B S"]
 ) -> Float[Array, "*B L 3"]:
-    return placed[..., :3, 3] - states[..., None, POSITION]
+    positions = jnp.stack([matrix[..., :3, 3] for matrix in placed], axis=-2)
+    return positions - states[..., None, POSITION]

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.control.policies.commands import Command, Commands
+from neuroanimator.control.policies.commands import STANDING_PACE, Command, Commands
 from neuroanimator.control.policies.reference_motion import (
     MAX_FRAMES,
     ORIENTATION,
@@ -22,6 +22,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.csv_text import csv_rows
+from neuroanimator.gym.shorter_strides import shorter_strides
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, upward
 from neuroanimator.systems.rigid.joints import JointView
@@ -45,6 +46,9 @@ SEAM = 0.05
 """Largest difference of an angle between the first and the last pose of a motion that is repeated [rad]."""
 
 FREE = "free"
+
+STRIDES = (0.0, 1 / 3, 2 / 3)
+"""Lengths of the shorter strides a motion on command is kept with, besides its own."""
 
 MIN_SPEED = 0.01
 """Least mean speed of a motion whose speed is commanded [m/s]."""
@@ -94,7 +98,9 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
             own_speed=_speed(path, laps, velocity),
             least=Command(table.commands.speed[0], table.commands.turning[0]),
             most=Command(table.commands.speed[1], table.commands.turning[1]),
+            standing_pace=STANDING_PACE,
         )
+        laps = _with_shorter_strides(path, body, laps, table.feet, dt, clock.position_entry)
     else:
         laps = _laid_out(states, table.laps, clock.position_entry, velocity)
     if len(laps) > MAX_FRAMES:
@@ -249,6 +255,36 @@ def _speed(path: Path, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
             f"{path}: the root goes {speed:.2g} m/s; wanted a motion that goes somewhere, whose speed can be commanded."
         )
     return speed
+
+
+def _with_shorter_strides(
+    path: Path,
+    body: MujocoSystem,
+    lap: Float[np.ndarray, "L S"],
+    feet: tuple[str, ...],
+    dt: float,
+    clock: int,
+) -> Float[np.ndarray, "K S"]:
+    """Return the laps of shorter strides, from those of no length on, and then the lap itself."""
+    most = MAX_FRAMES // (len(STRIDES) + 1)
+    if len(lap) > most:
+        raise BadFileError(
+            f"{path}: {len(lap):,} states; wanted at most {most:,} of a motion on command. Give a shorter cycle."
+        )
+    standing = _standing(body)
+    laps = [
+        shorter_strides(body.model, standing, lap, stride, feet, dt, clock) for stride in STRIDES
+    ]
+    return np.concatenate([*laps, lap])
+
+
+def _standing(system: System) -> Float[np.ndarray, " S"]:
+    """Return the system's state of rest, at the origin and its heading zero."""
+    rest = np.array(system.rest, float)
+    back = facing(-heading_of(rest[ORIENTATION]))
+    rest[:2] = 0
+    rest[ORIENTATION] = multiply(back, rest[ORIENTATION])
+    return rest
 
 
 def _from_heading(

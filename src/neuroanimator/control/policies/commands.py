@@ -2,6 +2,12 @@
 
 A clock's rate is the speed, a heading's rate is the turning rate and its angle the heading. So a policy that is steered stays a
 function of the state alone.
+
+Faster than recorded the clock turns faster. Slower it turns slower and strides are shorter, as people walk:
+
+    speed = own speed · pace · stride,  pace = c + (1 − c) · speed / own speed  below the own speed
+
+At a pace of c, the least, strides have no length, and the body stands.
 """
 
 from __future__ import annotations
@@ -18,6 +24,17 @@ TURN = 2 * np.pi
 
 MAX_RATE = 1e3
 """Largest speed [m/s] and turning rate [rad/s]."""
+
+STANDING_PACE = 0.7
+"""Pace of the clock while the body stands: slower, and a foot would be in the air for too long."""
+
+MAX_STANDING_PACE = 0.99
+
+STANDING_SHARE = 0.15
+"""Share of random commands to stand, where that is the least speed: of a range, a single number would never be drawn."""
+
+LEAST_RADIUS = 0.6
+"""Least radius of a turn on shorter strides [m]: a body that stands does not turn, for its feet do not leave the floor."""
 
 
 class Command(NamedTuple):
@@ -44,10 +61,25 @@ class Commands(NamedTuple):
     """Mean speed of the motion as it was recorded [m/s]."""
     least: Command
     most: Command
+    standing_pace: float = 0.0
+    """Pace of the clock at a speed of zero; 0: strides are as long as they were recorded, however slow."""
 
     def pace(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
         """Return how many times as fast as it was recorded the motion is to go."""
         return states[..., self.clock_rate] / self.own_rate
+
+    def stride(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
+        """Return how many times as long as they were recorded strides are to be: from 0, which is to stand, to 1."""
+        xp = states.__array_namespace__()
+        pace = self.pace(states)
+        if self.standing_pace == 0:
+            return xp.ones_like(pace)
+        share = (pace - self.standing_pace) / (1 - self.standing_pace)
+        return xp.clip(share / xp.maximum(pace, self.standing_pace), 0, 1)
+
+    def speed(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
+        """Return the commanded speed [m/s]."""
+        return self.own_speed * self.pace(states) * self.stride(states)
 
     def give(
         self,
@@ -57,9 +89,15 @@ class Commands(NamedTuple):
     ) -> Float[np.ndarray, "*B S"]:
         """Return the states with other commands, each pressed into what the policy learns."""
         told = states.copy()
-        pace = np.clip(speed, self.least.speed, self.most.speed) / self.own_speed
-        told[..., self.clock_rate] = self.own_rate * pace
-        told[..., self.turning] = np.clip(turning, self.least.turning, self.most.turning)
+        pressed = np.clip(speed, self.least.speed, self.most.speed)
+        share = pressed / self.own_speed
+        shortened = self.standing_pace + (1 - self.standing_pace) * share
+        told[..., self.clock_rate] = self.own_rate * np.where(share < 1, shortened, share)
+        turned = np.clip(turning, self.least.turning, self.most.turning)
+        if self.standing_pace > 0:
+            fastest = pressed / LEAST_RADIUS
+            turned = np.clip(turned, -fastest, fastest)
+        told[..., self.turning] = turned
         return told
 
     def draw(
@@ -67,6 +105,8 @@ class Commands(NamedTuple):
     ) -> Float[np.ndarray, "B S"]:
         """Return the states with random commands."""
         speed = rng.uniform(self.least.speed, self.most.speed, len(states))
+        if self.least.speed == 0:
+            speed *= rng.random(len(states)) >= STANDING_SHARE
         turning = rng.uniform(self.least.turning, self.most.turning, len(states))
         return self.give(states, speed, turning)
 
@@ -80,6 +120,7 @@ class Commands(NamedTuple):
             "own_speed": self.own_speed,
             "speed": [self.least.speed, self.most.speed],
             "turning_rate": [self.least.turning, self.most.turning],
+            "standing_pace": self.standing_pace,
         }
 
     @classmethod
@@ -87,6 +128,8 @@ class Commands(NamedTuple):
         """Return what `to_json` wrote of states of `size` numbers; ValueError for what it cannot have written."""
         slowest, fastest = values["speed"]
         right, left = values["turning_rate"]
+        # Older files have none.
+        standing_pace = values.get("standing_pace", 0.0)
         return cls(
             heading=whole(values["heading"], "commands: heading", 0, size - 1),
             turning=whole(values["turning"], "commands: turning", 0, size - 1),
@@ -95,6 +138,7 @@ class Commands(NamedTuple):
             own_speed=number(values["own_speed"], "commands: own_speed", 1e-6, MAX_RATE),
             least=_command(slowest, right),
             most=_command(fastest, left),
+            standing_pace=number(standing_pace, "commands: standing_pace", 0, MAX_STANDING_PACE),
         )
 
 

@@ -54,8 +54,11 @@ class ReferenceMotion(eqx.Module):
     """States of a body with a free root, one super step apart, by the angle of a clock among them."""
 
     frames: Float[AnyArray, "K S"]
-    """All laps, one after another; with commands one lap, without its last state, from a root that stands at the origin and whose
-    heading is zero."""
+    """All laps, one after another.
+
+    With commands these are of strides of evenly growing length, the whole one last; each is without its last state, from a root
+    that stands at the origin and whose heading is zero.
+    """
     lap: int = eqx.field(static=True)
     """Number of super steps in which the clock turns once."""
     phase: int = eqx.field(static=True)
@@ -124,17 +127,26 @@ class ReferenceMotion(eqx.Module):
         away = steps - xp.arange(self.lap, dtype=xp.float32)
         away = away - self.lap * xp.floor(away / self.lap + 0.5)
         weights = xp.maximum(1 - xp.abs(away), 0)
+        longest = len(self.frames) // self.lap - 1
+        if longest > 0:
+            longer = longest * commands.stride(states)[..., None]
+            longer = longer - xp.arange(longest + 1, dtype=xp.float32)
+            strides = xp.maximum(1 - xp.abs(longer), 0)
+            mixed = strides[..., :, None] * weights[..., None, :]
+            weights = mixed.reshape(*weights.shape[:-1], -1)
         own = weights @ xp.asarray(self.frames)
+        tilted = own[..., ORIENTATION]
+        tilted = tilted / xp.sqrt((tilted**2).sum(axis=-1, keepdims=True))
         dt = TURN / (commands.own_rate * self.lap)
         turning = states[..., commands.turning]
         turned = facing(states[..., commands.heading] + later * dt * turning)
         # A turn about the vertical, seen from the body.
-        spin = turning[..., None] * upward(own[..., ORIENTATION])
+        spin = turning[..., None] * upward(tilted)
         velocity = self.velocity
         parts = [
             states[..., :HEIGHT],
             own[..., HEIGHT : HEIGHT + 1],
-            multiply(turned, own[..., ORIENTATION]),
+            multiply(turned, tilted),
             own[..., ORIENTATION.stop : velocity],
             pace * rotate(turned, own[..., velocity : velocity + 3]),
             pace * own[..., velocity + 3 : velocity + 6] + spin,
@@ -225,8 +237,8 @@ class ReferenceMotion(eqx.Module):
             reach=number(values["reach"], "reference: reach", 0, TURN),
             commands=commands,
         )
-        if commands is not None and count != motion.lap:
-            raise ValueError(f"reference: wanted {motion.lap} frames of a lap, came {count}")
+        if commands is not None and (count % motion.lap or count < motion.lap):
+            raise ValueError(f"reference: wanted {motion.lap} frames of each lap, came {count}")
         for driven in (motion.driven, motion.driven_rates, motion.leads):
             if len(driven) != controls:
                 raise ValueError(f"reference: wanted {controls} angles that controls drive")

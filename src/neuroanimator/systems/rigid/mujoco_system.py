@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache, cached_property
 from importlib import resources
 
 import mujoco
@@ -32,8 +33,17 @@ STEPS_IN_MEMORY = 2_000_000
 MODELS_IN_MEMORY = 2**29
 """Maximum number of bytes of models kept at once while bodies of a family are simulated."""
 
+ARENA_KEPT = 2**24
+"""Largest part of MuJoCo's working memory that was used where it is kept for other runs [bytes]."""
+
 PARTS = 4
 """Number of parts each thread computes of many runs: some take longer than others."""
+
+
+@cache
+def _stepping_threads(count: int) -> ThreadPoolExecutor:
+    """Return threads that step bodies: to start them for each control of a policy would take as long as to step some."""
+    return ThreadPoolExecutor(count, thread_name_prefix="bodies")
 
 
 def load_model(file_name: str) -> mujoco.MjModel:
@@ -58,6 +68,11 @@ class MujocoSystem(System):
     """Entries of MuJoCo's sensor data that belong to the state."""
     family: Family | None = None
     """The models of bodies that differ in parameters; None of a single body."""
+
+    @cached_property
+    def _idle(self) -> list[mujoco.MjData]:
+        """Working memory that no thread uses at present: to get some costs the system more than to step a few bodies."""
+        return []
 
     @property
     def physical_size(self) -> int:
@@ -103,8 +118,7 @@ class MujocoSystem(System):
                 fill(part)
             return
         # Python's threads, for MuJoCo's own end the process where it raises a FatalError in these.
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(fill, parts))
+        list(_stepping_threads(threads).map(fill, parts))
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
         """Return (B,) True for each run (B, T+1, S) that is not finite or impossibly fast."""
@@ -162,16 +176,27 @@ class MujocoSystem(System):
         models: mujoco.MjModel | list[mujoco.MjModel] = model
         if self.family is not None:
             models = self._models_of(starts, model)
+        # Nothing of what it was used for before matters: MuJoCo's rollouts set all of the state.
+        data = self._taken(model)
         with warnings_counted:
             physics, readings = rollout.rollout(
-                models, mujoco.MjData(model), initial, signal, control_spec=int(kind)
+                models, data, initial, signal, control_spec=int(kind)
             )
+        if data.maxuse_arena <= ARENA_KEPT:
+            self._idle.append(data)
         ends = slice(substeps - 1, None, substeps)
         states = np.asarray(physics)[:, ends, 1:]
         sensed = np.asarray(readings)[:, ends]
         parameters = starts[:, None, self.parameter_entries]
         unchanged = np.repeat(parameters, states.shape[1], axis=1)
         return np.concatenate([states, sensed[..., list(self.sensors)], unchanged], axis=-1)
+
+    def _taken(self, model: mujoco.MjModel) -> mujoco.MjData:
+        """Return working memory for a rollout of `model`."""
+        try:
+            return self._idle.pop()
+        except IndexError:
+            return mujoco.MjData(model)
 
     def _models_of(self, starts: np.ndarray, model: mujoco.MjModel) -> list[mujoco.MjModel]:
         """Return the model of each of `starts` (B, S), a copy of `model`: one for all that are of the same body."""

@@ -1,0 +1,125 @@
+"""A recorded walk with shorter strides: feet go less far and are lifted less, on legs that reach where they are.
+
+Relative to the root a foot is where it is between its place in a standing pose and that in the walk, and as far tilted. So one
+that stands on the floor still does, at a speed that is as many times lower as strides are shorter. It is lifted by their square
+root, so that it clears the floor on short ones.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+STEPS = 40
+"""Number of steps in which legs are brought to where their feet are."""
+
+DAMPING = 1e-3
+"""Of these steps, where a leg is straight and cannot reach farther [m²]."""
+
+HEIGHT = 2
+
+HEIGHT_DOF = 2
+"""Velocity of a free root along the vertical."""
+
+ROOT_DOFS = 6
+
+
+def shorter_strides(
+    model: mujoco.MjModel,
+    standing: Float[np.ndarray, " S"],
+    lap: Float[np.ndarray, "L S"],
+    stride: float,
+    feet: tuple[str, ...],
+    dt: float,
+    clock: int,
+) -> Float[np.ndarray, "L S"]:
+    """Return a lap of a walk whose strides are `stride` times as long, from 0 to 1, as it goes at its own clock's rate.
+
+    Roots of `standing` and `lap` are at the origin, their headings zero; `dt` lies between states of the lap [s], `clock` is the
+    entry of the clock's angle.
+    """
+    states = standing + stride * (lap - standing)
+    states[:, clock] = lap[:, clock]
+    lifted = 1 / np.sqrt(stride) if stride > 0 else 1.0
+    positions = states[:, : model.nq]
+    _normalise(positions[:, 3:7])
+    data = mujoco.MjData(model)
+    places = _foot_poses(model, data, standing[: model.nq], feet)
+    for row, pose in enumerate(lap[:, : model.nq]):
+        away = stride * (_foot_poses(model, data, pose, feet) - places)
+        away[:, HEIGHT] *= lifted
+        wanted = places + away
+        _normalise(wanted[:, 3:])
+        for _ in range(STEPS):
+            _reach_nearer(model, data, positions[row], wanted, feet)
+    rates = np.empty((len(lap), model.nv))
+    following = np.roll(positions, -1, axis=0)
+    before = np.roll(positions, 1, axis=0)
+    for row in range(len(lap)):
+        mujoco.mj_differentiatePos(model, rates[row], 2 * dt, before[row], following[row])
+    # How fast the root goes is no matter of where it is: it stays at the origin.
+    velocities = states[:, model.nq :]
+    velocities[:, ROOT_DOFS:] = rates[:, ROOT_DOFS:]
+    velocities[:, HEIGHT_DOF] = rates[:, HEIGHT_DOF]
+    beside = lap[:, model.nq :] == lap[0, model.nq :]
+    velocities[:] = np.where(beside.all(axis=0), lap[:, model.nq :], velocities)
+    return states
+
+
+def _foot_poses(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    position: Float[np.ndarray, " Q"],
+    feet: tuple[str, ...],
+) -> Float[np.ndarray, "F 7"]:
+    """Return position and quaternion of each foot, the latter of the half in which w is positive."""
+    data.qpos[:] = position
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    poses = []
+    for foot in feet:
+        body = model.body(foot).id
+        quaternion = data.xquat[body] * (np.sign(data.xquat[body, 0]) or 1.0)
+        poses.append(np.concatenate([data.xpos[body], quaternion]))
+    return np.reshape(poses, (len(feet), 7))
+
+
+def _reach_nearer(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    position: Float[np.ndarray, " Q"],
+    wanted: Float[np.ndarray, "F 7"],
+    feet: tuple[str, ...],
+) -> None:
+    """Bring the feet nearer to where they are wanted, by hinges and the root's height: a damped step of least squares."""
+    poses = _foot_poses(model, data, position, feet)
+    errors = []
+    jacobians = []
+    for foot, pose, aim in zip(feet, poses, wanted, strict=True):
+        body = model.body(foot).id
+        moving = np.zeros((3, model.nv))
+        turning = np.zeros((3, model.nv))
+        mujoco.mj_jacBody(model, data, moving, turning, body)
+        off = np.zeros(3)
+        mujoco.mju_subQuat(off, aim[3:], pose[3:])
+        turned = np.zeros(3)
+        mujoco.mju_rotVecQuat(turned, off, pose[3:])
+        errors += [aim[:3] - pose[:3], turned]
+        jacobians += [moving, turning]
+    if not errors:
+        return
+    error = np.concatenate(errors)
+    jacobian = np.concatenate(jacobians)
+    held = [dof for dof in range(ROOT_DOFS) if dof != HEIGHT_DOF]
+    jacobian[:, held] = 0
+    damped = jacobian @ jacobian.T + DAMPING * np.eye(len(error))
+    mujoco.mj_integratePos(model, position, jacobian.T @ np.linalg.solve(damped, error), 1.0)
+    for joint in range(model.njnt):
+        if model.jnt_limited[joint]:
+            entry = model.jnt_qposadr[joint]
+            position[entry] = np.clip(position[entry], *model.jnt_range[joint])
+
+
+def _normalise(quaternions: Float[np.ndarray, "B 4"]) -> None:
+    quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
