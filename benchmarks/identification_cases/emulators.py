@@ -1,7 +1,8 @@
-"""Emulators of one arm and of its family, and what making them costs."""
+"""Emulators of single bodies and of their families, and what making them costs."""
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +29,8 @@ class Case(NamedTuple):
     """An emulator of the table."""
 
     name: str
-    toml: str
+    system: str
+    """A TOML file beside this module; or a system that ships, with its emulator."""
     transitions: int
     training: dict[str, Any]
     """What of the training is not as usual."""
@@ -36,7 +38,7 @@ class Case(NamedTuple):
     @property
     def of(self) -> str:
         """What it is of: "body" or "family"."""
-        return "family" if self.toml.endswith("family.toml") else "body"
+        return "family" if self.system.endswith("family.toml") else "body"
 
 
 BODY = Case("a300", "arm.toml", 300_000, {})
@@ -53,21 +55,52 @@ FREE_CASES = (
 )
 """Emulators of the same arm when nothing of it can touch anything."""
 
+CARRIER_FAMILY = Case("carriers1m", "carrier_family.toml", 1_000_000, LONG_RECIPE)
+
+CARRIER_CASES = (
+    Case("carrier300", "carrier.toml", 300_000, {}),
+    Case("carriers300", "carrier_family.toml", 300_000, {}),
+    CARRIER_FAMILY,
+)
+"""Emulators of an arm by URDF with a payload: six parameters, masses and dampings."""
+
+TRUCK_RECIPE = {"widths": (128, 96), "updates": 100_000}
+WIDE_TRUCK_RECIPE = {"widths": (192, 128), "updates": 100_000}
+
+TRUCK_CASES = (
+    Case("truck-50", "truck", 480_000, TRUCK_RECIPE),
+    Case("trucks480", "truck_family.toml", 480_000, TRUCK_RECIPE),
+    Case("trucks480w", "truck_family.toml", 480_000, WIDE_TRUCK_RECIPE),
+)
+"""Emulators of the truck that ships, and of trucks of other masses on other ground."""
+
+SYSTEMS = {
+    "arm": CASES,
+    "free arm": FREE_CASES,
+    "arm by URDF": CARRIER_CASES,
+    "truck": TRUCK_CASES,
+}
+"""Cases of the table by system; the first of each is of one body."""
+
 
 class Made(NamedTuple):
-    """An emulator and what it cost."""
+    """An emulator and what it cost; not numbers where it ships."""
 
     emulator: Emulator
+    updates: int
     data_seconds: float
     training_seconds: float
 
 
 def made(case: Case, folder: Path) -> Made:
-    """Return the emulator of `case`, from `folder` if it lies there, else made and put there.
+    """Return the emulator of `case`: the one that ships, or from `folder` if it lies there, else made and put there.
 
     The time of simulating its data is that of `SAMPLE` transitions, scaled.
     """
-    toml = FILES / case.toml
+    if not case.system.endswith(".toml"):
+        emulator = load_emulator(case.name)
+        return Made(emulator, case.training["updates"], math.nan, math.nan)
+    toml = FILES / case.system
     trust_files(toml)
     path = folder / f"{case.name}.emulator.safetensors"
     if not path.exists():
@@ -78,14 +111,15 @@ def made(case: Case, folder: Path) -> Made:
     began = time.perf_counter()
     simulate_transitions(sample)
     seconds = time.perf_counter() - began
-    return Made(load_emulator(path), seconds * case.transitions / SAMPLE, reports[-1].seconds)
+    data_seconds = seconds * case.transitions / SAMPLE
+    return Made(load_emulator(path), reports[-1].update, data_seconds, reports[-1].seconds)
 
 
 def make(case: Case, path: Path) -> None:
-    """Simulate the data of `case`, and train."""
-    name, definition, substeps = resolve(str(FILES / case.toml))
+    """Simulate the data of `case`, unless another case has had them made, and train."""
+    name, definition, substeps = resolve(str(FILES / case.system))
     config = DatasetConfig.usual(name, definition, substeps, count=case.transitions)
-    data_folder = path.with_name(f"{case.name}.data")
+    data_folder = path.with_name(f"{name}-{case.transitions}.data")
     generate(config, data_folder)
     data = read_transitions(data_folder)
     settings = TrainingConfig.usual(data.system.structure, **case.training)
