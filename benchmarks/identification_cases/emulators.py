@@ -42,9 +42,10 @@ class Case(NamedTuple):
 
 BODY = Case("a300", "arm.toml", 300_000, {})
 FAMILY = Case("f300", "family.toml", 300_000, {})
+WIDE_FAMILY = Case("f300w", "family.toml", 300_000, {"widths": (192, 128), "updates": 40_000})
 LARGE_FAMILY = Case("f1m", "family.toml", 1_000_000, LONG_RECIPE)
 
-CASES = (BODY, FAMILY, LARGE_FAMILY)
+CASES = (BODY, FAMILY, WIDE_FAMILY, LARGE_FAMILY)
 """Emulators of an arm whose first and last link can touch; the last one identifies."""
 
 SHORT_RECIPE = {"updates": 20_000}
@@ -54,6 +55,7 @@ CARRIER_FAMILY = Case("carriers100", "carrier_family.toml", 100_000, SHORT_RECIP
 CARRIER_CASES = (
     Case("carrier100", "carrier.toml", 100_000, SHORT_RECIPE),
     CARRIER_FAMILY,
+    Case("carriers300w", "carrier_family.toml", 300_000, {"widths": (192, 128), "updates": 20_000}),
 )
 """Emulators of an arm by URDF with a payload: six parameters, masses and dampings."""
 

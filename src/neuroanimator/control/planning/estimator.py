@@ -14,7 +14,7 @@ from neuroanimator.control.identification.unknowns import unknowns_of
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
-WINDOWS = 24
+WINDOWS = 48
 """Default number of windows of `SHORTEST` super steps that are remembered."""
 
 EVERY = 8
