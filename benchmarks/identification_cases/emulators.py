@@ -55,7 +55,6 @@ CARRIER_FAMILY = Case("carriers100", "carrier_family.toml", 100_000, SHORT_RECIP
 CARRIER_CASES = (
     Case("carrier100", "carrier.toml", 100_000, SHORT_RECIPE),
     CARRIER_FAMILY,
-    Case("carriers300w", "carrier_family.toml", 300_000, {"widths": (192, 128), "updates": 20_000}),
 )
 """Emulators of an arm by URDF with a payload: six parameters, masses and dampings."""
 
