@@ -43,23 +43,15 @@ from design_cases.fish import (
     record_fish,
     swim_truly,
 )
+from identification_cases.accuracy import accuracy_rows
 from identification_cases.recordings import write_recording
 
 import neuroanimator as na
 from neuroanimator.control.descent.descend import start_of_body, vary_parameters
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.problem import VariedParameters
-from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.csv_table import write_csv
-from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.machine import describe_machine
-from neuroanimator.evaluation.speed import (
-    IN_C,
-    TIMED_SUPER_STEPS,
-    emulator_players,
-    interleaved,
-    one_core,
-)
 from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
@@ -71,9 +63,6 @@ IDENTIFIED = RESULTS / "design_identify.csv"
 
 ONE_FISH = "fish-50"
 """Emulator of one body, of the same architecture as the family's."""
-
-TEST_RUNS = 100
-"""Number of unseen runs of the accuracy table."""
 
 METHOD = "adam"
 """How na.design descends: as for the task of swimming."""
@@ -173,24 +162,6 @@ def rows_of(emulator: na.Emulator, seeds: range, seconds: float) -> Rows:
     return rows
 
 
-def accuracy_rows(emulator: na.Emulator) -> Rows:
-    """Return a line for the emulator of one fish and one for the family's: error on unseen runs of its own system, and cost."""
-    models = {ONE_FISH: na.load_emulator(ONE_FISH), emulator.system: emulator}
-    players = {name: emulator_players(model)[IN_C] for name, model in models.items()}
-    with one_core():
-        seconds = interleaved(players)
-    rows: Rows = []
-    for name, model in models.items():
-        test = held_out_runs(model, TEST_RUNS)
-        row: dict[str, Any] = {"emulator": name}
-        row["widths"] = " ".join(map(str, model.network.widths))
-        row["one_step_error"] = float(root_mean_square(one_step_error(model, test)))
-        row["over_one_fish"] = row["one_step_error"] / (rows or [row])[0]["one_step_error"]
-        row["super_step_us"] = 1e6 * seconds[name] / TIMED_SUPER_STEPS
-        rows.append(row)
-    return rows
-
-
 def identified_rows(emulator: na.Emulator, seed: int) -> Rows:
     """Return a line for each parameter of a random fish: its true value, and what `na.identify` finds of a recording."""
     system = na.load_system(emulator.system)
@@ -229,7 +200,8 @@ def main() -> None:
     print(describe_machine())
     emulator = na.load_emulator(arguments.emulator)
     if arguments.part == "accuracy":
-        rows = accuracy_rows(emulator)
+        one_fish = na.load_emulator(ONE_FISH)
+        rows = accuracy_rows({ONE_FISH: one_fish, emulator.system: emulator})
         print_table(rows)
         keep(ACCURACY, rows, arguments.dry)
         return

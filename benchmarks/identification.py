@@ -1,6 +1,6 @@
-"""An emulator of a family of arms, and ten parameters of one of them from recordings, beside MuJoCo's own toolbox.
+"""Emulators of families, and ten parameters of an arm of one of them from recordings, beside MuJoCo's own toolbox.
 
-python benchmarks/identification.py accuracy                      errors of a family's emulators and of one body's
+python benchmarks/identification.py accuracy                      errors of families' emulators and of one body's of each
 python benchmarks/identification.py recordings                    six recordings; wants pip install 'mujoco[sysid]'
 python benchmarks/identification.py recordings --seeds 1 --dry
 python benchmarks/identification.py summary                       medians and ratios of these two tables
@@ -25,7 +25,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from identification_cases.emulators import CASES, FREE_CASES, LARGE_FAMILY, Case, made
+from identification_cases.accuracy import accuracy_rows
+from identification_cases.emulators import LARGE_FAMILY, SYSTEMS, made
 from identification_cases.recordings import Recording, record, write_recording
 from identification_cases.toolbox import (
     OPTIMISERS,
@@ -40,9 +41,8 @@ from jaxtyping import Float
 
 import neuroanimator as na
 from neuroanimator import Emulator
-from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.csv_table import write_csv
-from neuroanimator.evaluation.held_out import held_out_runs, system_of
+from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.systems.system import Scheme, System
 from neuroanimator.terminal import print_table
@@ -63,9 +63,6 @@ TOLERANCE = 0.05
 LIMIT = 120.0
 """Time a run of the toolbox gets [s]."""
 
-TEST_RUNS = 100
-"""Number of unseen runs of the accuracy table."""
-
 MODEL_STEP = Scheme("implicitfast", 0.002)
 TRUE_STEP = Scheme("rk4", 0.002)
 COARSE_STEP = Scheme("rk4", 0.01)
@@ -73,25 +70,22 @@ SCHEMES = (MODEL_STEP, TRUE_STEP, COARSE_STEP)
 """How the toolbox's physics is stepped: as the model says, as the recordings were made, and as coarsely as RK4 allows."""
 
 
-def accuracy_rows(folder: Path) -> Rows:
-    """Return a line for each emulator: its error on unseen runs over that of its one body's emulator."""
-    return [*_accuracy_rows("arm", CASES, folder), *_accuracy_rows("free arm", FREE_CASES, folder)]
-
-
-def _accuracy_rows(system: str, cases: Iterable[Case], folder: Path) -> Rows:
+def table_rows(folder: Path, only: str) -> Rows:
+    """Return a line for each emulator, of systems whose name has `only` in it: its error over that of its one body's emulator."""
     rows: Rows = []
-    for case in cases:
-        emulator, data_seconds, training_seconds = made(case, folder)
-        test = held_out_runs(emulator, TEST_RUNS)
-        row: dict[str, Any] = {"system": system, "emulator": case.name, "of": case.of}
-        row["transitions"] = case.transitions
-        row["widths"] = " ".join(map(str, case.training.get("widths", ("usual",))))
-        row["updates"] = case.training.get("updates", "usual")
-        row["one_step_error"] = float(root_mean_square(one_step_error(emulator, test)))
-        row["over_one_body"] = row["one_step_error"] / (rows or [row])[0]["one_step_error"]
-        row["data_s"] = data_seconds
-        row["training_s"] = training_seconds
-        rows.append(row)
+    for system, cases in SYSTEMS.items():
+        if only not in system:
+            continue
+        each = {case.name: made(case, folder) for case in cases}
+        lines = accuracy_rows({name: one.emulator for name, one in each.items()})
+        for case, line in zip(cases, lines, strict=True):
+            one = each[case.name]
+            row = {"system": system, "of": case.of} | line
+            row["transitions"] = case.transitions
+            row["updates"] = one.updates
+            row["data_s"] = one.data_seconds
+            row["training_s"] = one.training_seconds
+            rows.append(row)
     return rows
 
 
@@ -312,18 +306,21 @@ def main() -> None:
     )
     parser.add_argument("part", choices=["accuracy", "recordings", "summary"])
     parser.add_argument("--emulators", type=Path, default=Path("emulators"))
+    parser.add_argument(
+        "--systems", default="", help="accuracy of systems whose name has this in it"
+    )
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--repeats", type=int, default=1)
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
     if arguments.part == "accuracy":
-        rows = accuracy_rows(arguments.emulators)
+        rows = table_rows(arguments.emulators, arguments.systems)
         print_table(rows)
         keep(ACCURACY, rows, arguments.dry)
     elif arguments.part == "recordings":
         require_toolbox()
-        emulator, _, _ = made(LARGE_FAMILY, arguments.emulators)
+        emulator = made(LARGE_FAMILY, arguments.emulators).emulator
         rows = []
         for some in recording_rows(emulator, range(arguments.seeds), arguments.repeats):
             print_table(some)

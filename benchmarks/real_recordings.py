@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from real_recordings_cases.bounds import SHARES
 from real_recordings_cases.cases import CASES, Case, windows
 from real_recordings_cases.errors import error_rows
 from real_recordings_cases.excerpts import write_excerpts
@@ -69,9 +70,10 @@ FIGURES = (
     "cost_before",
     "cost_after",
     "at_bounds",
+    *SHARES,
     "fitted",
 )
-"""Cells that say what a method took; empty where they have no meaning."""
+"""Cells that say what a method took, and how often bounds of its error hold; empty where they have no meaning."""
 
 
 def rows_of(case: Case, data: Path, rows_told: str) -> list[dict[str, Any]]:
@@ -99,7 +101,8 @@ def rows_of(case: Case, data: Path, rows_told: str) -> list[dict[str, Any]]:
         made = time.perf_counter()
         states = prediction.predict(unseen.starts, unseen.controls)
         seconds = {"making_s": made - began, "predicting_s": time.perf_counter() - made}
-        tell(row, name, states, seconds | prediction.figures)
+        shares = {} if prediction.shares is None else prediction.shares(unseen)
+        tell(row, name, states, seconds | shares | prediction.figures)
     if unseen.halves is not None and NOISE_ROW in rows_told:
         tell(NOISE_ROW, "noise of the starts", start_noise(case, unseen), {})
     return rows

@@ -1,7 +1,8 @@
-"""Emulators of one arm and of its family, and what making them costs."""
+"""Emulators of single bodies and of their families, and what making them costs."""
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,6 @@ FILES = Path(__file__).parent
 SAMPLE = 20_000
 """Number of transitions by which the time of simulating data is measured."""
 
-RECIPE = {"widths": (192, 128), "updates": 40_000}
 LONG_RECIPE = {"widths": (192, 128), "updates": 80_000}
 
 
@@ -28,7 +28,8 @@ class Case(NamedTuple):
     """An emulator of the table."""
 
     name: str
-    toml: str
+    system: str
+    """A TOML file beside this module; or a system that ships, with its emulator."""
     transitions: int
     training: dict[str, Any]
     """What of the training is not as usual."""
@@ -36,38 +37,64 @@ class Case(NamedTuple):
     @property
     def of(self) -> str:
         """What it is of: "body" or "family"."""
-        return "family" if self.toml.endswith("family.toml") else "body"
+        return "family" if self.system.endswith("family.toml") else "body"
 
 
 BODY = Case("a300", "arm.toml", 300_000, {})
 FAMILY = Case("f300", "family.toml", 300_000, {})
-WIDE_FAMILY = Case("f300w", "family.toml", 300_000, RECIPE)
+WIDE_FAMILY = Case("f300w", "family.toml", 300_000, {"widths": (192, 128), "updates": 40_000})
 LARGE_FAMILY = Case("f1m", "family.toml", 1_000_000, LONG_RECIPE)
 
 CASES = (BODY, FAMILY, WIDE_FAMILY, LARGE_FAMILY)
 """Emulators of an arm whose first and last link can touch; the last one identifies."""
 
-FREE_CASES = (
-    Case("free_a300", "free_arm.toml", 300_000, {}),
-    Case("free_f300", "free_family.toml", 300_000, {}),
+SHORT_RECIPE = {"updates": 20_000}
+
+CARRIER_FAMILY = Case("carriers100", "carrier_family.toml", 100_000, SHORT_RECIPE)
+
+CARRIER_CASES = (
+    Case("carrier100", "carrier.toml", 100_000, SHORT_RECIPE),
+    CARRIER_FAMILY,
 )
-"""Emulators of the same arm when nothing of it can touch anything."""
+"""Emulators of an arm by URDF with a payload: six parameters, masses and dampings."""
+
+TRUCK_RECIPE = {"widths": (128, 96), "updates": 100_000}
+TRUCKS_RECIPE = {"widths": (128, 96), "updates": 40_000}
+WIDE_TRUCKS_RECIPE = {"widths": (192, 128), "updates": 27_000}
+
+TRUCK_CASES = (
+    Case("truck-50", "truck", 480_000, TRUCK_RECIPE),
+    Case("trucks480", "truck_family.toml", 480_000, TRUCKS_RECIPE),
+    Case("trucks480w", "truck_family.toml", 480_000, WIDE_TRUCKS_RECIPE),
+)
+"""Emulators of the truck that ships, and of trucks of other masses on other ground."""
+
+SYSTEMS = {
+    "arm": CASES,
+    "arm by URDF": CARRIER_CASES,
+    "truck": TRUCK_CASES,
+}
+"""Cases of the table by system; the first of each is of one body."""
 
 
 class Made(NamedTuple):
-    """An emulator and what it cost."""
+    """An emulator and what it cost; not numbers where it ships."""
 
     emulator: Emulator
+    updates: int
     data_seconds: float
     training_seconds: float
 
 
 def made(case: Case, folder: Path) -> Made:
-    """Return the emulator of `case`, from `folder` if it lies there, else made and put there.
+    """Return the emulator of `case`: the one that ships, or from `folder` if it lies there, else made and put there.
 
     The time of simulating its data is that of `SAMPLE` transitions, scaled.
     """
-    toml = FILES / case.toml
+    if not case.system.endswith(".toml"):
+        emulator = load_emulator(case.name)
+        return Made(emulator, case.training["updates"], math.nan, math.nan)
+    toml = FILES / case.system
     trust_files(toml)
     path = folder / f"{case.name}.emulator.safetensors"
     if not path.exists():
@@ -78,14 +105,15 @@ def made(case: Case, folder: Path) -> Made:
     began = time.perf_counter()
     simulate_transitions(sample)
     seconds = time.perf_counter() - began
-    return Made(load_emulator(path), seconds * case.transitions / SAMPLE, reports[-1].seconds)
+    data_seconds = seconds * case.transitions / SAMPLE
+    return Made(load_emulator(path), reports[-1].update, data_seconds, reports[-1].seconds)
 
 
 def make(case: Case, path: Path) -> None:
-    """Simulate the data of `case`, and train."""
-    name, definition, substeps = resolve(str(FILES / case.toml))
+    """Simulate the data of `case`, unless another case has had them made, and train."""
+    name, definition, substeps = resolve(str(FILES / case.system))
     config = DatasetConfig.usual(name, definition, substeps, count=case.transitions)
-    data_folder = path.with_name(f"{case.name}.data")
+    data_folder = path.with_name(f"{name}-{case.transitions}.data")
     generate(config, data_folder)
     data = read_transitions(data_folder)
     settings = TrainingConfig.usual(data.system.structure, **case.training)

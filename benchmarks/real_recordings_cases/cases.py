@@ -104,23 +104,24 @@ class Windows:
         return self.states[:, 0]
 
 
-def windows(case: Case, runs: list[Run]) -> Windows:
-    """Return the windows of runs: whole tosses, or a second of a pendulum's motion every tenth of a second."""
+def windows(case: Case, runs: list[Run], spacing: float = SPACING) -> Windows:
+    """Return the windows of runs: whole tosses, or a second of a pendulum's motion every `spacing` [s]."""
     if case.is_cube:
         return _whole_runs(runs)
     length = round(WINDOW / case.dt)
-    spacing = round(SPACING / case.dt)
+    every = round(spacing / case.dt)
     states = []
     controls = []
     halves = []
     for run in runs:
-        for start in range(0, len(run.states) - length, spacing):
+        for start in range(0, len(run.states) - length, every):
             states.append(run.states[start : start + length + 1])
             controls.append(run.controls[start : start + length])
             if run.halves is not None:
                 # The halves may end a sample early, never before the last start.
                 halves.append(run.halves[:, start])
-    return Windows(np.stack(states), np.stack(controls), np.stack(halves, axis=1))
+    both = np.stack(halves, axis=1) if halves else None
+    return Windows(np.stack(states), np.stack(controls), both)
 
 
 def _whole_runs(runs: list[Run]) -> Windows:

@@ -33,9 +33,11 @@ from neuroanimator import (
     train,
 )
 from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.evaluation.weakness.fine_tune import TAIL
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve, trust_files
-from real_recordings_cases.cases import MODELS, Case
+from real_recordings_cases.bounds import bounded_shares, super_steps
+from real_recordings_cases.cases import MODELS, Case, Windows
 from real_recordings_cases.methods import Method, Predict, Prediction
 from real_recordings_cases.runs import Columns, Run, write_recording
 
@@ -118,7 +120,9 @@ def identified_emulator(case: Case, training: list[Run]) -> Prediction:
     """Return the emulator of the family at these parameters."""
     family = _family(case, tuple(training))
     mine = family.emulator.at(**_inside(family))
-    return Prediction(_by_emulator(case, mine, _offsets(family)), _figures(family))
+    offsets = _offsets(family)
+    shares = bounded_shares(case, mine, offsets, training)
+    return Prediction(_by_emulator(case, mine, offsets), _figures(family), shares)
 
 
 def fine_tuned_emulator(case: Case, training: list[Run]) -> Prediction:
@@ -128,7 +132,17 @@ def fine_tuned_emulator(case: Case, training: list[Run]) -> Prediction:
     mine = family.emulator.at(**_inside(family))
     out = family.toml.parent / "tuned.emulator.safetensors"
     tuned = fine_tune(mine, family.recording, out).emulator
-    return Prediction(_by_emulator(case, tuned), _figures(family))
+    shares = bounded_shares(case, tuned, 0.0, _tails(training))
+    return Prediction(_by_emulator(case, tuned), _figures(family), shares)
+
+
+def _tails(training: list[Run]) -> list[Run]:
+    """Return the ends of runs that `fine_tune` keeps for its test."""
+    tails = []
+    for run in training:
+        cut = len(run.states) - round(TAIL * len(run.states))
+        tails.append(Run(run.name, run.states[cut:], run.controls[cut:]))
+    return tails
 
 
 def recording_alone(case: Case, training: list[Run]) -> Prediction:
@@ -156,18 +170,12 @@ def _by_emulator(
     def predict(
         starts: Float[np.ndarray, "W S"], controls: Float[np.ndarray, "W T C"]
     ) -> Float[np.ndarray, "W T+1 S"]:
-        whole = np.tile(emulator.rest, (len(starts), 1))
-        whole[:, : starts.shape[1]] = starts - offsets
-        count, rows, given = controls.shape
-        steps = rows // samples
-        held = np.zeros((count, steps, emulator.control.size))
-        means = controls[:, : steps * samples].reshape(count, steps, samples, given).mean(axis=2)
-        held[..., :given] = means
-        motion = emulator.rollout(whole, emulator.bounds.clip(held), may_diverge=True)
+        runs = super_steps(case, emulator, offsets, Windows(starts[:, None], controls, None))
+        motion = emulator.rollout(runs.states[:, 0], runs.controls, may_diverge=True)
         states = np.asarray(motion, float)[..., : starts.shape[1]] + offsets
         share = np.arange(samples)[:, None] / samples
         between = states[:, :-1, None] + share * np.diff(states, axis=1)[:, :, None]
-        flat = between.reshape(count, -1, states.shape[2])
+        flat = between.reshape(len(starts), -1, states.shape[2])
         return np.concatenate([flat, states[:, -1:]], axis=1)
 
     return predict

@@ -39,6 +39,8 @@ class Prediction:
     predict: Predict
     figures: dict[str, Any] = field(default_factory=dict)
     """Further cells of the table, such as iterations."""
+    shares: Callable[[Windows], dict[str, float]] | None = None
+    """Returns the shares of unseen windows below error bounds; None where there are none."""
 
 
 Method = Callable[[Case, list[Run]], Prediction | None]

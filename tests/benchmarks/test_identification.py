@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 from identification import TOLERANCE, errors_of, settings_of, summary_rows
-from identification_cases.emulators import CASES, FILES, FREE_CASES
+from identification_cases.emulators import FILES, SYSTEMS
 from identification_cases.recordings import NOISE, record, write_recording
 from identification_cases.toolbox import OPTIMISERS, WAYS
 
@@ -28,11 +29,11 @@ def family() -> System:
 
 
 def test_every_emulator_is_of_what_it_says():
-    for case in (*CASES, *FREE_CASES):
-        toml = FILES / case.toml
-        trust_files(toml)
-        system = load_system(str(toml))
-        assert bool(system.parameters) == (case.of == "family")
+    for case in itertools.chain(*SYSTEMS.values()):
+        reference = case.system
+        if reference.endswith(".toml"):
+            reference = str(FILES / reference)
+        assert bool(load_system(reference).parameters) == (case.of == "family")
 
 
 def test_a_recording_is_of_a_body_within_the_ranges_and_as_noisy_as_it_says(family: System):

@@ -16,6 +16,7 @@ from neuroanimator.control.planning.environments import Environment as Environme
 from neuroanimator.control.planning.environments import Episode as Episode
 from neuroanimator.control.planning.environments import control_environment as control_environment
 from neuroanimator.control.planning.environments import mujoco_state as mujoco_state
+from neuroanimator.control.planning.estimator import ParameterEstimator as ParameterEstimator
 from neuroanimator.control.planning.learn import learn_from as learn_from
 from neuroanimator.control.planning.planner import Plan as Plan
 from neuroanimator.control.planning.planner import Planner as Planner

@@ -213,7 +213,8 @@ def _find_model(name: str, named: Any, text: str) -> ModelFiles:
 def _model_beside(toml: Path) -> ModelFiles | None:
     """Return the files of the model that a TOML file beside an emulator names; None if there are none in its folder.
 
-    Nobody named that file: it may be a stranger's, and reaches no farther than the folder it lies in.
+    Nobody named that file: it may be a stranger's, and reaches no farther than the folder it lies in, and the models that
+    ship.
     """
     if not toml.is_file():
         return None
@@ -221,8 +222,11 @@ def _model_beside(toml: Path) -> ModelFiles | None:
     if not isinstance(definition, Definition | FlexDefinition):
         return None
     folder = toml.parent.resolve()
+    with _assets() as assets:
+        allowed = (folder, assets.resolve())
     for path in (definition.model, definition.tree or ""):
-        if not (folder / path).resolve().is_relative_to(folder):
+        whole = (folder / path).resolve()
+        if not any(whole.is_relative_to(place) for place in allowed):
             return None
     return _read_model(toml, definition)
 
@@ -376,17 +380,24 @@ def _read_definition(path: Path) -> tuple[Loader, Any]:
 
 
 def _whole_table(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the table of a file: one that is the `family_of` a body that ships has all tables of that but those it gives."""
+    """Return the table of a file: one that is the `family_of` a system that ships has all tables of that but those it gives."""
     values = dict(values)
     base = values.pop("family_of", None)
     if base is None:
         return values
     with _assets() as folder:
         tables = {path.stem: read_toml(path) for path in sorted(folder.glob("*.toml"))}
-    bodies = [name for name, table in tables.items() if table.get("kind") == "mass-spring"]
-    if base not in bodies:
+        for table in tables.values():
+            if "model" in table:
+                table["model"] = str(folder / table["model"])
+    bases = [
+        name
+        for name, table in tables.items()
+        if kind_of(table) in ("mujoco", "mass-spring") and "family_of" not in table
+    ]
+    if base not in bases:
         raise ArgumentError(
-            f"family_of: no mass-spring body called {quoted(base)} ships. Bodies: {', '.join(bodies)}."
+            f"family_of: no system called {quoted(base)} ships of which there are families. Systems: {', '.join(bases)}."
         )
     return tables[base] | values
 

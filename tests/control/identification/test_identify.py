@@ -16,12 +16,16 @@ from neuroanimator import (
     DatasetConfig,
     Emulator,
     NeuroAnimatorError,
+    Objective,
     TrainingConfig,
+    effort,
     identify,
     load_emulator,
     load_system,
+    reach_state,
     train,
 )
+from neuroanimator.control import EmulatorPlant, ParameterEstimator, Planner, control_plant
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.systems.loading import resolve, trust_files
@@ -267,3 +271,25 @@ def test_degrees_called_radians_are_found(
 def test_an_emulator_of_one_body_has_nothing_to_be_found(shipped: Emulator, tmp_path: Path) -> None:
     with pytest.raises(NeuroAnimatorError, match="has no parameters"):
         identify(shipped, tmp_path / "r.csv")
+
+
+def test_plans_know_the_body_after_a_while_if_its_parameters_are_estimated(
+    emulator: Emulator, system: System
+) -> None:
+    """The emulator itself stands in for the body, so that nothing but parameters differs."""
+    goal = reach_state(system, {"shoulder": [0.6], "elbow": [0.3]}, since=0.2)
+    planner = Planner.of(emulator, Objective.of(effort(0.001), goal), 10)
+    body = emulator.at(**TRUE).rest
+    plant = EmulatorPlant(emulator)
+    nominal = ParameterEstimator(emulator, every=1000)
+    adapting = ParameterEstimator(emulator)
+    misses = []
+    for estimator in (nominal, adapting):
+        motion = control_plant(planner, plant, body, 48, estimator=estimator)
+        misses.append(np.abs(motion.states[-8:, :2] - [0.6, 0.3]).max())
+    assert misses[1] < misses[0] / 2
+    found = dict(zip([p.name for p in emulator.parameters], adapting.values, strict=True))
+    assert found["mass"] == pytest.approx(TRUE["mass"], abs=0.02)
+    assert found["damping"] == pytest.approx(TRUE["damping"], abs=0.02)
+    product = found["gain"] * found["gear"]
+    assert product == pytest.approx(TRUE["gain"] * TRUE["gear"], abs=0.03)

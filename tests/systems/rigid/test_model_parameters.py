@@ -12,6 +12,7 @@ from families import RANGES, TARGETS, parameter_lines, write_arm
 from neuroanimator import NeuroAnimatorError, load_system
 from neuroanimator.definitions.parameter import ParameterTable
 from neuroanimator.systems.rigid.model_parameters import ATTRIBUTES, Family
+from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.system import System
 
 SCALED = """<mujoco><worldbody><body name="trunk" pos="0 0 {z}"><freejoint/>
@@ -95,7 +96,8 @@ def test_a_scaled_part_is_the_part_with_all_lengths_scaled() -> None:
 def test_every_attribute_is_read_as_it_was_set() -> None:
     text = """<mujoco><worldbody><body name="b" simple="false"><joint name="b" axis="0 1 0" damping="1" armature="0.1"
       frictionloss="0.1" stiffness="1" limited="true" range="-1 1"/>
-      <geom name="b" type="box" size=".3 .3 .3" mass="6.67"/></body></worldbody>
+      <geom name="b" type="box" size=".3 .3 .3" mass="6.67"/></body><geom name="floor" type="plane" size="1 1 1"/></worldbody>
+      <contact><pair name="b" geom1="b" geom2="floor"/></contact>
       <tendon><fixed name="b" stiffness="1" damping="1"><joint joint="b" coef="1"/></fixed></tendon>
       <actuator><position name="b" joint="b" kp="3" kv="0.2"/></actuator></mujoco>"""
     model = mujoco.MjModel.from_xml_string(text, {})
@@ -134,6 +136,8 @@ def test_every_attribute_is_read_as_it_was_set() -> None:
         ('m = { sets = "joint/elbow/range[0]", range = [-3, 3] }', "inverted"),
         ('shoulder = { sets = "body/upper/mass", range = [0.5, 2] }', "would be called 'shoulder'"),
         ('m = { sets = "body/upper/mass", range = [0.5, inf] }', "finite"),
+        ('m = { sets = "joint/damping", range = [0.1, 0.3] }', "differ, from 0.1 to 0.2"),
+        ('m = { sets = "body/gravcomp", range = [0, 1] }', "no body called ''"),
     ],
 )
 def test_a_body_that_cannot_be_is_refused_by_name(line: str, wanted: str, tmp_path: Path) -> None:
@@ -142,3 +146,28 @@ def test_a_body_that_cannot_be_is_refused_by_name(line: str, wanted: str, tmp_pa
         load_system(str(path))
     assert wanted in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_trucks_of_a_family_slide_and_weigh_as_their_model_written_out_does(tmp_path: Path) -> None:
+    """All four pairs of tyre and ground get the friction of their body."""
+    path = tmp_path / "trucks.toml"
+    path.write_text(
+        'name = "trucks"\nfamily_of = "truck"\n[parameters]\n'
+        'mass = { sets = "body/chassis/mass", range = [1050, 1950] }\n'
+        'friction = { sets = "pair/friction", range = [0.5, 1] }\n'
+    )
+    trucks = load_system(str(path))
+    truck = load_system("truck")
+    assert isinstance(truck, ModelSystem)
+    assert isinstance(trucks, ModelSystem)
+    turning = np.tile([2000.0, 0.6], (1, 20, 1))
+
+    def driven(friction: float) -> np.ndarray:
+        start = trucks.at(friction=friction).rest
+        return trucks.simulate(start[None], turning, 0.1).states[0, -1]
+
+    own = truck.simulate(truck.rest[None], turning, 0.1).states[0, -1]
+    np.testing.assert_allclose(driven(0.8)[:-2], own, rtol=1e-9, atol=1e-9)
+    assert np.abs(driven(0.5)[:2] - own[:2]).max() > 0.05
+    slippery = trucks.family.model_at(np.array([0.5, 1500.0]))
+    np.testing.assert_array_equal(slippery.pair_friction[:, :2], 0.5)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from neuroanimator.control.planning.estimator import ParameterEstimator
 from neuroanimator.control.planning.planner import Planner, moved_on
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import DivergedError
@@ -97,11 +98,13 @@ def control_plant(
     steps: int,
     disturb: Disturbance | None = None,
     *,
+    estimator: ParameterEstimator | None = None,
     on_step: Callable[[int], None] = lambda step: None,
 ) -> ControlledMotion:
     """Return the motion of `plant` from `start` (S,), planned again at each of `steps` super steps.
 
     A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
+    Plans know the parameters that the plant's states tell; with an `estimator` those that it finds on the way instead.
     `on_step` is told each super step that is done.
     """
     state = planner.emulator.state.check(start, "state")
@@ -111,10 +114,13 @@ def control_plant(
     for step in range(steps):
         if disturb is not None:
             state = disturb(step, state)
-        plan = planner.plan(state, first)
+        believed = state if estimator is None else estimator.believed(state)
+        plan = planner.plan(believed, first)
         states.append(state)
         plans.append(plan)
         state = plant(state, plan.controls[0])
+        if estimator is not None:
+            estimator.observe(states[-1], plan.controls[0], state)
         first = moved_on(plan.controls)
         on_step(step + 1)
     return ControlledMotion(

@@ -1,7 +1,8 @@
 """Parameters of a MuJoCo model: attributes of its elements, set in the compiled model.
 
 `body/forearm/mass` is the attribute `mass` of the body `forearm`; `geom/foot/friction` and `body/shin/pos[2]` are like
-it. Names of elements and attributes are those of MJCF, units are MuJoCo's.
+it; `geom/friction` is the friction of all geoms, which must have the same. Names of elements and attributes are those of
+MJCF, units are MuJoCo's.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ OBJECTS = {
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    "pair": mujoco.mjtObj.mjOBJ_PAIR,
 }
 """MuJoCo's kind of object for each element that has a name."""
 
@@ -44,6 +46,7 @@ COUNTS = {
     "geom": "ngeom",
     "actuator": "nu",
     "tendon": "ntendon",
+    "pair": "npair",
 }
 """Field of a model with the number of its elements of each kind."""
 
@@ -93,11 +96,11 @@ class Attribute(NamedTuple):
 
 
 class Target(NamedTuple):
-    """An attribute of one element of a model."""
+    """An attribute of one element of a model, or of all of a kind, which have the same value."""
 
     element: str
-    number: int
-    """Number of the element among those of its kind."""
+    numbers: tuple[int, ...]
+    """Numbers of the elements among those of their kind."""
     name: str
     """Name of the attribute."""
     attribute: Attribute
@@ -106,16 +109,17 @@ class Target(NamedTuple):
 
     def unit(self, model: mujoco.MjModel) -> str:
         """Return its unit."""
-        slides = self.element == "joint" and model.jnt_type[self.number] == SLIDE
+        slides = self.element == "joint" and model.jnt_type[self.numbers[0]] == SLIDE
         return self.attribute.sliding_unit if slides else self.attribute.unit
 
     def read(self, model: mujoco.MjModel) -> float:
         """Return its value in `model`."""
-        return self.attribute.read(model, self.number, self.place)
+        return self.attribute.read(model, self.numbers[0], self.place)
 
     def write(self, model: mujoco.MjModel, value: float) -> None:
         """Set it in `model`."""
-        self.attribute.write(model, self.number, self.place, value)
+        for number in self.numbers:
+            self.attribute.write(model, number, self.place, value)
 
 
 def _field(
@@ -198,6 +202,15 @@ def _write_kv(model: mujoco.MjModel, number: int, index: int, value: float) -> N
     model.actuator_biasprm[number, 2] = -value
 
 
+def _write_pair_friction(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
+    """Set how a pair slides in both directions."""
+    model.pair_friction[number, :2] = value
+
+
+def _read_pair_friction(model: mujoco.MjModel, number: int, index: int) -> float:
+    return float(model.pair_friction[number, 0])
+
+
 def _write_scale(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
     """Scale all lengths of a body and of those below it, at the same densities."""
     below = _subtree(model, number)
@@ -258,6 +271,11 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "stiffness": _field("tendon_stiffness", "1", 0.0),
         "damping": _field("tendon_damping", "1", 0.0),
         "frictionloss": _field("tendon_frictionloss", "1", 0.0),
+    },
+    "pair": {
+        "friction": Attribute("1", 0.0, 1, 0, _read_pair_friction, _write_pair_friction),
+        "solref": _field("pair_solref", "1", count=2, default=None),
+        "solimp": _field("pair_solimp", "1", count=5, default=None),
     },
     OPTION: {
         "gravity": _of_option("gravity", "m/s²", 3),
@@ -326,18 +344,20 @@ class Family:
         Only parameters of the same element are combined: masses and moments of inertia, or both ends of a joint's range.
         """
         nominal = nominal_values(self.parameters)
-        elements = {(target.element, target.number) for target in self._targets}
-        for element in sorted(elements):
+        elements = {
+            (target.element, number) for target in self._targets for number in target.numbers
+        }
+        for element, number in sorted(elements):
             places = [
                 place
                 for place, target in enumerate(self._targets)
-                if (target.element, target.number) == element
+                if target.element == element and number in target.numbers
             ][:MAX_CORNERS]
             ends = [(self.parameters[p].low, self.parameters[p].high) for p in places]
             for corner in itertools.product(*ends):
                 values = nominal.copy()
                 values[places] = corner
-                fault = self._fault(values, *element)
+                fault = self._fault(values, element, number)
                 if fault:
                     names = ", ".join(
                         f"{self.parameters[place].name} = {value:g}"
@@ -372,7 +392,7 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
             f"{where}: no attribute {quoted(match['attribute'])} that can be a parameter. "
             f"{did_you_mean(match['attribute'], attributes)}Attributes of {element}: {listed(attributes)}."
         )
-    number = _find_element(model, where, element, match["name"])
+    numbers = _find_elements(model, where, element, match["name"])
     index = attribute.default
     if match["index"] is not None:
         index = int(match["index"])
@@ -381,28 +401,34 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
             f"{where}: wanted which of its {attribute.numbers} numbers, {match['attribute']}[0] to "
             f"[{attribute.numbers - 1}], came {quoted(table.sets)}."
         )
-    target = Target(element, number, match["attribute"], attribute, index)
+    target = Target(element, numbers, match["attribute"], attribute, index)
     _refuse_unfit(model, where, target, table)
     return target
 
 
-def _find_element(model: mujoco.MjModel, where: str, element: str, name: str | None) -> int:
+def _find_elements(
+    model: mujoco.MjModel, where: str, element: str, name: str | None
+) -> tuple[int, ...]:
+    """Return the number of the element called `name`, or those of all of its kind, other than bodies, without one."""
     if element == OPTION:
-        return 0
+        return (0,)
     names = [
         model_name(mujoco.mj_id2name(model, OBJECTS[element], i) or "", f"{element}_{i}")
         for i in range(getattr(model, COUNTS[element]))
     ]
+    if name is None and names and element != "body":  # the world is a body, too
+        return tuple(range(len(names)))
     if name not in names:
         raise ArgumentError(
             f"{where}: no {element} called {quoted(name or '')}. {did_you_mean(name or '', names)}"
             f"Names: {listed(names) or 'none'}."
         )
-    return names.index(name)
+    return (names.index(name),)
 
 
 def _refuse_unfit(model: mujoco.MjModel, where: str, target: Target, table: ParameterTable) -> None:
-    """Raise ArgumentError for values below the least, for a body without mass, and for lengths of what cannot be scaled."""
+    """Raise ArgumentError for values below the least, for elements that differ, for a body without mass, and for lengths of
+    what cannot be scaled."""
     low = table.range[0]
     least = target.attribute.least
     if low < least:
@@ -410,12 +436,19 @@ def _refuse_unfit(model: mujoco.MjModel, where: str, target: Target, table: Para
         raise ArgumentError(
             f"{where}: with a {target.name} of {low:g} there is no such {target.element}; wanted {wanted}."
         )
-    if target.name == "mass" and model.body_mass[target.number] < LEAST:
+    own = {target.attribute.read(model, number, target.place) for number in target.numbers}
+    if len(own) > 1:
+        raise ArgumentError(
+            f"{where}: the values of all to be set at once differ, from {min(own):g} to {max(own):g}. Name one: "
+            f"{target.element}/NAME/{target.name}."
+        )
+    first = target.numbers[0]
+    if target.name == "mass" and model.body_mass[first] < LEAST:
         raise ArgumentError(
             f"{where}: this body has no mass of its own. Name the one that carries it."
         )
     if target.name == "scale":
-        inside = np.isin(model.geom_bodyid, _subtree(model, target.number))
+        inside = np.isin(model.geom_bodyid, _subtree(model, first))
         meshes = model.geom_dataid[inside] >= 0
         if meshes.any() or model.neq or model.ntendon:
             raise ArgumentError(

@@ -1,0 +1,124 @@
+"""An arm of unknown masses and friction reaches and holds: planned for the nominal arm, for the one estimated on the way, and
+for the true one.
+
+python benchmarks/adapting.py               twelve arms: minutes, with the emulator of identification.py accuracy
+python benchmarks/adapting.py --bodies 1 --dry
+
+The arm is that of identification_cases/carrier_family.toml: three joints and a payload, six parameters within 30 % of nominal
+ones. Every arm begins upright at rest and is to be at random angles, planned again at each super step; what is told is how far
+its angles are off in the last of three seconds on the true physics, and how far the estimate is off the true parameters.
+
+Writes results/adapting.csv, a line an arm and method, and medians.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from identification_cases.emulators import CARRIER_FAMILY, made
+
+import neuroanimator as na
+from neuroanimator.control import ParameterEstimator, PhysicsPlant, Planner, control_plant
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.terminal import print_table
+
+Rows = list[dict[str, Any]]
+
+TABLE = Path(__file__).parent / "results" / "adapting.csv"
+
+SECONDS = 3.0
+"""Length of a motion [s]."""
+
+JUDGED = 1.0
+"""Time at its end in which angles count [s]."""
+
+HORIZON = 30
+"""Number of super steps that plans look ahead: 0.6 s."""
+
+SINCE = 0.3
+"""From when on in a plan the arm is to be there [s]."""
+
+FAR = 1.2
+"""Largest angle that is asked for [rad]."""
+
+JOINTS = ("turn", "lift", "elbow")
+
+METHODS = ("nominal", "estimated", "true")
+"""The parameters that plans are made with."""
+
+
+def rows_of(emulator: na.Emulator, bodies: int) -> Rows:
+    """Return a line for each body and method."""
+    system: Any = system_of(emulator)
+    planner = Planner.of(emulator, reach(system, np.zeros(len(JOINTS))), HORIZON)
+    steps = round(SECONDS / emulator.dt)
+    judged = round(JUDGED / emulator.dt)
+    plant = PhysicsPlant(system, emulator.dt)
+    ranges = np.array([parameter.high - parameter.low for parameter in system.parameters])
+    entries = list(emulator.parameter_entries)
+    rows: Rows = []
+    for seed in range(bodies):
+        rng = np.random.default_rng(seed)
+        true = {p.name: rng.uniform(p.low, p.high) for p in system.parameters}
+        angles = rng.uniform(-FAR, FAR, len(JOINTS))
+        towards = planner.towards(reach(system, angles))
+        start = system.at(**true).rest
+        for method in METHODS:
+            estimator = None
+            if method != "true":
+                every = steps + 1 if method == "nominal" else 8
+                estimator = ParameterEstimator(emulator, every=every)
+            motion = control_plant(towards, plant, start, steps, estimator=estimator)
+            off = motion.states[-judged:, : len(JOINTS)] - angles
+            values = start[entries] if estimator is None else estimator.values
+            row: dict[str, Any] = {"seed": seed, "method": method}
+            row["angle_error_mrad"] = 1e3 * float(np.sqrt(np.mean(off**2)))
+            row["parameter_error"] = float(np.mean(np.abs(values - start[entries]) / ranges))
+            row["plan_ms"] = 1e3 * float(np.median(motion.plan_seconds))
+            rows.append(row)
+        print_table(rows[-len(METHODS) :])
+    return rows
+
+
+def reach(system: Any, angles: np.ndarray) -> na.Objective:
+    """Return the objective of being at these angles [rad], at rest."""
+    wanted = {joint: [float(angle)] for joint, angle in zip(JOINTS, angles, strict=True)}
+    wanted |= {f"{joint}.velocity": [0.0] for joint in JOINTS}
+    return na.Objective.of(na.effort(0.001), na.reach_state(system, wanted, since=SINCE))
+
+
+def medians(rows: Rows) -> Rows:
+    """Return the medians of each method."""
+    lines: Rows = []
+    for method in METHODS:
+        own = [row for row in rows if row["method"] == method]
+        line: dict[str, Any] = {"seed": "median", "method": method}
+        for key in ("angle_error_mrad", "parameter_error", "plan_ms"):
+            line[key] = float(np.median([row[key] for row in own]))
+        lines.append(line)
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--emulators", type=Path, default=Path("emulators"))
+    parser.add_argument("--bodies", type=int, default=12)
+    parser.add_argument("--dry", action="store_true", help="write no file")
+    arguments = parser.parse_args()
+    print(describe_machine())
+    rows = rows_of(made(CARRIER_FAMILY, arguments.emulators).emulator, arguments.bodies)
+    rows += medians(rows)
+    print_table(rows[-len(METHODS) :])
+    if not arguments.dry:
+        write_csv(TABLE, rows)
+
+
+if __name__ == "__main__":
+    main()
