@@ -151,10 +151,7 @@ def run(
         with phase("drawing"):
             export_clip(clip, model, out, film)
         return print_rows(_rows(clip, out))
-    if command:
-        raise ArgumentError("command: it is of policies that walk on command. Leave it out.")
-    if inside:
-        raise ArgumentError("inside: it is of policies' files. Leave it out.")
+    _refuse_without_a_policy({"command": command, "inside": inside})
     _refuse_without_hybrid(hybrid, threshold, system)
     _refuse_beside_a_path(path, path_speed, controls, start, seed)
     with phase("loading"):
@@ -240,6 +237,13 @@ def _refuse_with_a_policy(others: dict[str, object]) -> None:
     for name, value in others.items():
         if value is not None:
             raise ArgumentError(f"{name}: a policy moves the physics, from a start of its own.")
+
+
+def _refuse_without_a_policy(options: dict[str, object]) -> None:
+    """Refuse the options that only a policy's file has use for."""
+    for name, value in options.items():
+        if value:
+            raise ArgumentError(f"{name}: it is of policies' files. Leave it out.")
 
 
 def _moved_by_policy(

@@ -42,7 +42,7 @@ def loaded_policy(path: Path, toml: Path | None) -> tuple[StatePolicy, System, P
 
 
 def policy_motion(
-    path: Path, toml: Path | None, seconds: float | None, seed: int, *, is_inside: bool
+    path: Path, toml: Path | None, seconds: float | None, seed: int, *, is_inside: bool = False
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it).
 
@@ -65,7 +65,7 @@ def policy_motion(
 
 
 def commanded_motion(
-    path: Path, toml: Path | None, commands: list[str], *, is_inside: bool
+    path: Path, toml: Path | None, commands: list[str], *, is_inside: bool = False
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, the states of a body told `commands`, SECONDS,SPEED,TURN each, on the true physics).
 

@@ -111,7 +111,7 @@ def run(
     if data.endswith(POLICY_ENDING):
         if error_bounds:
             raise ArgumentError("error-bounds: they are of random controls. Leave it out.")
-        _train_in_policy(Path(data), out, settings)
+        train_in_policy(Path(data), out, settings)
         return
     memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
     with chosen_executor(executor, workers) as spread:
@@ -125,17 +125,25 @@ def run(
     print_rows(rows)
 
 
-def _train_in_policy(path: Path, out: Path, settings: dict[str, Any]) -> None:
+def train_in_policy(
+    path: Path, out: Path, settings: dict[str, Any], count: int | None = None
+) -> None:
     """Train the emulator of the policy in the file at `path` on what it does, and write the policy with it to `out`."""
     from neuroanimator.cli.policy_returns import loaded_policy  # needs the extra [gym]
     from neuroanimator.gym.policy_transitions import COUNT, policy_transitions
+
+    count = count or COUNT
 
     if not out.name.endswith(POLICY_ENDING):
         raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, came {out.name}.")
     policy, system, task = loaded_policy(path, None)
     with progress_bar("simulating what it does", PERCENT) as bar:
         data = policy_transitions(
-            policy, task, system, on_share=lambda share: bar.advance_to(round(PERCENT * share))
+            policy,
+            task,
+            system,
+            count=count,
+            on_share=lambda share: bar.advance_to(round(PERCENT * share)),
         )
     config = TrainingConfig.usual(system.structure, **settings)
     folder = run_folder(out)
@@ -144,7 +152,7 @@ def _train_in_policy(path: Path, out: Path, settings: dict[str, Any]) -> None:
     emulator, last = _train_with_bar(data, config, place)
     trained = replace(policy, emulator=emulator)
     trained.save(out, {"emulator": config.model_dump(mode="json")})
-    print_rows([("policy", out), ("of what it did", f"{COUNT:,} super steps")])
+    print_rows([("policy", out), ("of what it did", f"{count:,} super steps")])
     print_rows(_rows(emulator, last, place))
 
 
