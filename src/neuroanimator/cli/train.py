@@ -80,6 +80,10 @@ def run(
             help="Measure how far rollouts go astray, too, on new runs of the physics; takes about a minute.",
         ),
     ] = False,
+    system: Annotated[
+        Path | None,
+        typer.Option(help="Of a policy's file: your TOML file, whose model is then used."),
+    ] = None,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
@@ -111,8 +115,10 @@ def run(
     if data.endswith(POLICY_ENDING):
         if error_bounds:
             raise ArgumentError("error-bounds: they are of random controls. Leave it out.")
-        train_in_policy(Path(data), out, settings)
+        train_in_policy(Path(data), out, settings, toml=system)
         return
+    if system is not None:
+        raise ArgumentError("system: it is of policies' files. Leave it out.")
     memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
     with chosen_executor(executor, workers) as spread:
         place = ensure_data(data, out, spread)
@@ -126,17 +132,22 @@ def run(
 
 
 def train_in_policy(
-    path: Path, out: Path, settings: dict[str, Any], count: int | None = None
+    path: Path,
+    out: Path,
+    settings: dict[str, Any],
+    *,
+    count: int | None = None,
+    toml: Path | None = None,
 ) -> None:
     """Train the emulator of the policy in the file at `path` on what it does, and write the policy with it to `out`."""
     from neuroanimator.cli.policy_returns import loaded_policy  # needs the extra [gym]
-    from neuroanimator.gym.policy_transitions import COUNT, policy_transitions
+    from neuroanimator.gym.policy_transitions import COUNT, TRAINING, policy_transitions
 
     count = count or COUNT
 
     if not out.name.endswith(POLICY_ENDING):
         raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, came {out.name}.")
-    policy, system, task = loaded_policy(path, None)
+    policy, system, task = loaded_policy(path, toml)
     with progress_bar("simulating what it does", PERCENT) as bar:
         data = policy_transitions(
             policy,
@@ -145,7 +156,7 @@ def train_in_policy(
             count=count,
             on_share=lambda share: bar.advance_to(round(PERCENT * share)),
         )
-    config = TrainingConfig.usual(system.structure, **settings)
+    config = TrainingConfig.usual(system.structure, **(TRAINING | settings))
     folder = run_folder(out)
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / f"{system.name}.emulator.safetensors"

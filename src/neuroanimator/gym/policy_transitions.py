@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -21,20 +21,25 @@ from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.policy_gradient import noisy_controls
 from neuroanimator.gym.policy_task import PolicyTask
 from neuroanimator.gym.rules import unpaid
-from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
+from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.systems.system import System
+from neuroanimator.training.config import LARGE_BATCHES
 
 COUNT = 1_000_000
 """Default number of transitions."""
+
+TRAINING: dict[str, Any] = LARGE_BATCHES | {
+    "network": "linear-glu",
+    "widths": (128, 112),
+    "updates": 30_000,
+}
+"""Settings of training on them, if nothing else is said: around a motion much is nearly linear, and training begins with that."""
 
 BODIES = 200
 """Number of bodies side by side; each is a run of the data."""
 
 NOISE = (0.0, 0.5, 1.0, 2.0, 3.0)
 """Standard deviations of the noise, as multiples of that which the policy began to learn with: a fifth of the bodies each."""
-
-SHORT_EPISODE = 12
-"""Number of steps of episodes that begin in given states: the next ones tell what is new of them."""
 
 HELD_SHARE = 0.5
 """Probability that the noise of a control stays what it was a step before."""
@@ -47,18 +52,14 @@ def policy_transitions(
     *,
     count: int = COUNT,
     seed: int = 0,
-    starts: Float[np.ndarray, "M S"] | None = None,
     on_share: Callable[[float], None] = lambda share: None,
 ) -> Transitions:
     """Return windows of `count` transitions of bodies that `policy` moves on the physics, those with a disturbance left out.
 
-    Given `starts`, episodes are short and begin in these states. They follow from the arguments alone. `on_share` is told the
-    share that is done.
+    They follow from the arguments alone. `on_share` is told the share that is done.
     """
     rng = np.random.default_rng(seed)
     rules = replace(task.rules, reward=unpaid)
-    if starts is not None:
-        rules = replace(rules, draw_start=partial(_one_of, starts), steps=SHORT_EPISODE)
     stepper = physics_stepper(system, system.scheme, policy.dt)
     bodies = Bodies(stepper, rules, policy.emulator, rng, BODIES)
     steps = -(-count // BODIES)
@@ -89,29 +90,6 @@ def policy_transitions(
         seed=seed,
     )
     return _windows(config, system, states, controls, goes_on)
-
-
-def states_inside(
-    policy: StatePolicy, task: PolicyTask, *, count: int, seed: int = 0
-) -> Float[np.ndarray, "M S"]:
-    """Return `count` states, about, that bodies come to in the policy's emulator, where its errors have taken them."""
-    rng = np.random.default_rng(seed)
-    rules = replace(task.rules, reward=unpaid)
-    stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
-    bodies = Bodies(stepper, rules, policy.emulator, rng, BODIES)
-    still = np.zeros((BODIES, policy.emulator.control.size), np.float32)
-    reached = []
-    for _ in range(-(-count // BODIES)):
-        chosen = noisy_controls(policy, as_jax(bodies.states), as_jax(still))
-        moved = bodies.step(np.asarray(chosen))
-        reached.append(moved.following[~moved.is_last])
-        bodies.begin(rng, moved.is_last)
-    states = np.concatenate(reached)
-    return states[np.isfinite(states).all(axis=1)]
-
-
-def _one_of(starts: Float[np.ndarray, "M S"], rng: np.random.Generator) -> Float[np.ndarray, " S"]:
-    return starts[rng.integers(len(starts))].astype(float)
 
 
 def _windows(
