@@ -71,9 +71,13 @@ def commanded_motion(
 
     Those in the emulator where `is_inside`.
     """
-    policy, system, _ = loaded_policy(path, toml)
+    system = None
+    if is_inside:
+        policy = load_state_policy(path)
+    else:
+        policy, system, _ = loaded_policy(path, toml)
     with phase("simulating"):
-        pilot = Pilot(policy, None if is_inside else system)
+        pilot = Pilot(policy, system)
         states = [pilot.reset().state]
         for text in commands:
             seconds, speed, turn = _read_command(text)
