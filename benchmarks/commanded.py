@@ -43,7 +43,7 @@ from neuroanimator.control.policies.state_policy import StatePolicy, load_state_
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
-from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.gym.state_rows import Stepper, physics_stepper
 from neuroanimator.state.rotation import heading_of
 from neuroanimator.systems import load_system
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -95,7 +95,7 @@ IMAGES = 12
 
 
 class Walkers:
-    """Bodies that a policy moves on the physics, on commands of speeds in a range, without an end."""
+    """Bodies that a policy moves on the physics, or on what `stepper` is of, on commands of speeds in a range, without an end."""
 
     def __init__(
         self,
@@ -104,6 +104,7 @@ class Walkers:
         system: MujocoSystem,
         count: int,
         speeds: tuple[float, float],
+        stepper: Stepper | None = None,
     ):
         reference = policy.view.reference
         assert reference is not None
@@ -118,7 +119,7 @@ class Walkers:
         self.phase = reference.phase
         self.lap = reference.lap
         self.rng = np.random.default_rng(0)
-        self.stepper = physics_stepper(system, system.scheme, policy.dt)
+        self.stepper = stepper or physics_stepper(system, system.scheme, policy.dt)
         starts = np.stack([task.rules.draw_start(self.rng) for _ in range(count)])
         self.states = self.commands.draw(self.rng, starts)
         self.is_fallen = np.zeros(count, bool)
@@ -130,7 +131,8 @@ class Walkers:
 
     def step(self) -> None:
         """Go a super step on; who falls stays down."""
-        moved = self.stepper(self.states, self.controls(), np.zeros(len(self.states), bool))
+        # All anew: commands are written into the states between two steps.
+        moved = self.stepper(self.states, self.controls(), np.ones(len(self.states), bool))
         self._take(moved.states)
 
     def _take(self, states: Float[np.ndarray, "N S"]) -> None:
@@ -263,9 +265,10 @@ def walked(
     task: PolicyTask,
     system: MujocoSystem,
     told: list[tuple[float, float, float]],
+    stepper: Stepper | None = None,
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of one body under commands (seconds, speed [m/s], turning [rad/s]), one after another."""
-    walkers = Walkers(policy, task, system, 1, ANY)
+    walkers = Walkers(policy, task, system, 1, ANY, stepper)
     states = []
     for seconds, speed, turning in told:
         walkers.states = walkers.commands.give(

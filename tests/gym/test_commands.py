@@ -13,6 +13,7 @@ from soft_bodies import hasty_emulator
 
 from neuroanimator import Emulator, NeuroAnimatorError, Pilot, load_system
 from neuroanimator.cli.policy_returns import commanded_motion
+from neuroanimator.cli.train import train_in_policy
 from neuroanimator.control.policies.commands import Commands
 from neuroanimator.control.policies.pilot_motions import WALKING_LEAD
 from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, ReferenceMotion
@@ -25,6 +26,7 @@ from neuroanimator.gym.disturbances import pushed
 from neuroanimator.gym.following import Following
 from neuroanimator.gym.learner import CRITIC_FIRST, Learner
 from neuroanimator.gym.policy_task import FOLLOWING, PolicyTask, follow_table, task_to_learn
+from neuroanimator.gym.policy_transitions import policy_transitions
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, rotation_between
 from neuroanimator.systems.loading import trust_files
@@ -352,9 +354,16 @@ def test_a_pilot_tells_the_body_how_fast_and_which_way(
     assert lead == pytest.approx(WALKING_LEAD, abs=1e-5)
 
 
+def test_without_a_system_a_pilot_moves_the_emulator(policy: StatePolicy, commands: Commands):
+    pilot = Pilot(policy)
+    start = pilot.reset(phase=1.0).state
+    told = commands.give(start, np.asarray(0.6), np.asarray(0.0))
+    after = pilot.step(speed=0.6, dt=policy.dt).state
+    expected = policy.emulator.step(told, pilot.controls)
+    np.testing.assert_allclose(after, expected, atol=1e-4)
+
+
 def test_a_pilot_says_what_it_needs(policy: StatePolicy, system: MujocoSystem):
-    with pytest.raises(NeuroAnimatorError, match="moves the physics"):
-        Pilot(policy)
     with pytest.raises(NeuroAnimatorError, match="Leave it out"):
         Pilot("fish", system)
     with pytest.raises(NeuroAnimatorError, match="wanted the body of the policy"):
@@ -375,6 +384,40 @@ def test_commands_are_told_one_after_another(
     for text in ("3", "3,0.7,left", "-1,0.7,0"):
         with pytest.raises(NeuroAnimatorError, match="command: wanted"):
             commanded_motion(file, TOML, [text])
+
+
+def test_what_a_policy_does_is_learnt_as_the_physics_has_it(
+    policy: StatePolicy, task: PolicyTask, system: MujocoSystem, commands: Commands
+):
+    data = policy_transitions(policy, task, system, count=4_000, seed=1)
+    again = policy_transitions(policy, task, system, count=4_000, seed=1)
+    assert data.fingerprint == again.fingerprint
+    assert 400 < len(data.states) <= 200 * 17
+    told = [commands.clock_rate, commands.turning]
+    np.testing.assert_array_equal(np.ptp(data.states[:, :, told], axis=1), 0)
+    chosen = data.where(slice(0, 40))
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    for step in range(data.controls.shape[1]):
+        moved = stepper(chosen.states[:, step], chosen.controls[:, step], np.ones(40, bool))
+        np.testing.assert_allclose(moved.states, chosen.states[:, step + 1], atol=2e-2)
+
+
+def test_train_puts_the_emulator_into_the_policys_file(
+    policy: StatePolicy, tmp_path: Path, starts: np.ndarray
+):
+    file = tmp_path / "human.policy.safetensors"
+    policy.save(file)
+    out = tmp_path / "trained.policy.safetensors"
+    settings = {"updates": 250, "widths": (8,), "unroll_share": 0.0}
+    train_in_policy(file, out, settings, count=4_000)
+    trained = load_state_policy(out)
+    rows = jnp.asarray(starts, jnp.float32)
+    np.testing.assert_array_equal(trained.control_of(rows), policy.control_of(rows))
+    known = trained.emulator.validation
+    assert known is not None
+    assert known.emulator < known.no_change
+    with pytest.raises(NeuroAnimatorError, match="wanted a name that ends in"):
+        train_in_policy(file, tmp_path / "human.safetensors", settings)
 
 
 def _frame(motion: ReferenceMotion, states: np.ndarray) -> np.ndarray:

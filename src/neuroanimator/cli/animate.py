@@ -71,6 +71,9 @@ PUSH_OUT_HELP = (
 PATH_SPEED_HELP = "With --path: how fast it is played; 0.5 is half as fast."
 """The help of `--path-speed`."""
 
+INSIDE_HELP = "Of a policy's file: let its emulator move the body, not the physics; 'train' makes one that knows how."
+"""The help of `--inside`."""
+
 COMMAND_HELP = (
     "Of a policy that walks on command: SECONDS,SPEED,TURN [s, m/s, rad/s to the left], such as 3,0.7,0.4; may be given several "
     "times, one after another."
@@ -107,6 +110,7 @@ def run(
     path_speed: Annotated[float | None, typer.Option(help=PATH_SPEED_HELP)] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     command: Annotated[list[str] | None, typer.Option(help=COMMAND_HELP)] = None,
+    inside: Annotated[bool, typer.Option("--inside", help=INSIDE_HELP)] = False,
     seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
     school: Annotated[
         int | None,
@@ -139,13 +143,15 @@ def run(
                 "trust": trust or None,
             }
         )
-        model, states = _moved_by_policy(Path(emulator), system, command, seconds, seed)
-        clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="physics")
+        model, states = _moved_by_policy(
+            Path(emulator), system, command, seconds, seed, is_inside=inside
+        )
+        source = "emulator" if inside else "physics"
+        clip = make_clip(model, states, rate=rate, interpolation=interpolation, source=source)
         with phase("drawing"):
             export_clip(clip, model, out, film)
         return print_rows(_rows(clip, out))
-    if command:
-        raise ArgumentError("command: it is of policies that walk on command. Leave it out.")
+    _refuse_without_a_policy({"command": command, "inside": inside})
     _refuse_without_hybrid(hybrid, threshold, system)
     _refuse_beside_a_path(path, path_speed, controls, start, seed)
     with phase("loading"):
@@ -233,22 +239,31 @@ def _refuse_with_a_policy(others: dict[str, object]) -> None:
             raise ArgumentError(f"{name}: a policy moves the physics, from a start of its own.")
 
 
+def _refuse_without_a_policy(options: dict[str, object]) -> None:
+    """Refuse the options that only a policy's file has use for."""
+    for name, value in options.items():
+        if value:
+            raise ArgumentError(f"{name}: it is of policies' files. Leave it out.")
+
+
 def _moved_by_policy(
     policy: Path,
     system: Path | None,
     command: list[str] | None,
     seconds: float | None,
     seed: int | None,
+    *,
+    is_inside: bool,
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
-    """Return (the policy's emulator, states of the physics it moves): on command, or in an episode as it was learnt in."""
+    """Return (the policy's emulator, states of a motion): on command, or in an episode as it was learnt in."""
     from neuroanimator.cli.policy_returns import commanded_motion, policy_motion  # with MuJoCo
 
     if not command:
-        return policy_motion(policy, system, seconds, seed or 0)
+        return policy_motion(policy, system, seconds, seed or 0, is_inside=is_inside)
     for name, value in {"seconds": seconds, "seed": seed}.items():
         if value is not None:
             raise ArgumentError(f"{name}: commands say what the motion is. Leave one of them out.")
-    return commanded_motion(policy, system, command)
+    return commanded_motion(policy, system, command, is_inside=is_inside)
 
 
 def _paths(texts: list[str]) -> dict[str, str]:

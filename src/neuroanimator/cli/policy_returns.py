@@ -31,7 +31,7 @@ MAX_SECONDS = 3600.0
 """Longest time of a command [s]."""
 
 
-def _loaded(path: Path, toml: Path | None) -> tuple[StatePolicy, System, PolicyTask]:
+def loaded_policy(path: Path, toml: Path | None) -> tuple[StatePolicy, System, PolicyTask]:
     """Return (the policy, its physics, what it is to do)."""
     with phase("loading"):
         policy = load_state_policy(path)
@@ -42,10 +42,13 @@ def _loaded(path: Path, toml: Path | None) -> tuple[StatePolicy, System, PolicyT
 
 
 def policy_motion(
-    path: Path, toml: Path | None, seconds: float | None, seed: int
+    path: Path, toml: Path | None, seconds: float | None, seed: int, *, is_inside: bool = False
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
-    """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it)."""
-    policy, system, task = _loaded(path, toml)
+    """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it).
+
+    Those of one in the emulator where `is_inside`.
+    """
+    policy, system, task = loaded_policy(path, toml)
     steps = task.steps
     if seconds is not None:
         if not policy.dt <= seconds <= task.steps * policy.dt:
@@ -56,14 +59,23 @@ def policy_motion(
         steps = round(seconds / policy.dt)
     with phase("simulating"):
         stepper = physics_stepper(system, system.scheme, policy.dt)
+        if is_inside:
+            stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
         return policy.emulator, motion_of(policy, stepper, task.rules, steps, seed)
 
 
 def commanded_motion(
-    path: Path, toml: Path | None, commands: list[str]
+    path: Path, toml: Path | None, commands: list[str], *, is_inside: bool = False
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
-    """Return (the policy's emulator, the states of a body told `commands`, SECONDS,SPEED,TURN each, on the true physics)."""
-    policy, system, _ = _loaded(path, toml)
+    """Return (the policy's emulator, the states of a body told `commands`, SECONDS,SPEED,TURN each, on the true physics).
+
+    Those in the emulator where `is_inside`.
+    """
+    system = None
+    if is_inside:
+        policy = load_state_policy(path)
+    else:
+        policy, system, _ = loaded_policy(path, toml)
     with phase("simulating"):
         pilot = Pilot(policy, system)
         states = [pilot.reset().state]
@@ -101,7 +113,7 @@ def evaluate_policy(
     """Print the returns of `episodes` episodes without noise, and write them with the curve of learning to the page `report`."""
     if not 1 <= episodes <= MAX_EPISODES:
         raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
-    policy, system, task = _loaded(path, toml)
+    policy, system, task = loaded_policy(path, toml)
     if task.motion is not None and report is not None:
         raise ArgumentError("report: a policy that follows a motion has none yet. Leave it out.")
     if task.motion is not None:
@@ -197,7 +209,11 @@ def _evaluate_following(
     with phase(f"{episodes} episodes on the physics"):
         stepper = physics_stepper(system, system.scheme, policy.dt)
         found = episodes_of(policy, stepper, task.rules, episodes, seed)
+    with phase(f"{episodes} episodes in the emulator"):
+        leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
+        inside = episodes_of(policy, leaps, task.rules, episodes, seed)
     kept = int(episodes - found.is_fallen.sum())
+    kept_inside = int(episodes - inside.is_fallen.sum())
     if as_json:
         numbers = {
             "environment": "the physics",
@@ -207,6 +223,8 @@ def _evaluate_following(
             "largest_return": float(found.returns.max()),
             "largest_possible_return": task.steps,
             "on_the_motion_at_its_end": kept,
+            "mean_return_inside": float(inside.returns.mean()),
+            "on_the_motion_at_its_end_inside": kept_inside,
         }
         print(dumps(numbers, indent=2))
         return
@@ -217,5 +235,9 @@ def _evaluate_following(
             ("on the motion", f"{kept:,} of them at its end"),
             ("mean return", f"{found.returns.mean():.0f} of {task.steps}"),
             ("least, most", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
+            (
+                "in the emulator",
+                f"{inside.returns.mean():.0f}, {kept_inside:,} on the motion at its end",
+            ),
         ]
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +20,7 @@ from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANG
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.fleets.fleet_file import is_fleet, read_fleet
 from neuroanimator.evaluation.fleets.train_fleet import TABLE, train_fleet
+from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.files.tables import read_toml
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
@@ -27,6 +28,8 @@ from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.train import METRICS, Report, run_folder, train
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
+
+PERCENT = 100
 
 SHOWN_DIGITS = 12
 """Number of digits of a sha256 printed; the table's file has all."""
@@ -36,10 +39,12 @@ def run(
     data: Annotated[
         str,
         typer.Argument(
-            help="Folder or URL made by 'generate', a system, your own TOML file, or a fleet's."
+            help="Folder or URL made by 'generate', a system, your own TOML file, or a fleet's; or a policy's file."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="File for the emulator; folder of a fleet.")],
+    out: Annotated[
+        Path, typer.Option(help="File for the emulator, or for the policy; folder of a fleet.")
+    ],
     config: Annotated[
         Path | None, typer.Option(help="TOML file with any of the settings below.")
     ] = None,
@@ -75,10 +80,16 @@ def run(
             help="Measure how far rollouts go astray, too, on new runs of the physics; takes about a minute.",
         ),
     ] = False,
+    system: Annotated[
+        Path | None,
+        typer.Option(help="Of a policy's file: your TOML file, whose model is then used."),
+    ] = None,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
     """Train an emulator; of a system or a TOML file the data is generated first. Or a fleet of them, see docs/scale.md.
+
+    Of a policy's file the policy's own emulator is trained, on what the policy does on the physics; needs the extra [gym].
 
     Killed and started again it goes on and ends with the same bytes.
     """
@@ -101,6 +112,13 @@ def run(
             )
         train_fleet_file(Path(data), out, settings, executor, workers)
         return
+    if data.endswith(POLICY_ENDING):
+        if error_bounds:
+            raise ArgumentError("error-bounds: they are of random controls. Leave it out.")
+        train_in_policy(Path(data), out, settings, toml=system)
+        return
+    if system is not None:
+        raise ArgumentError("system: it is of policies' files. Leave it out.")
     memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
     with chosen_executor(executor, workers) as spread:
         place = ensure_data(data, out, spread)
@@ -111,6 +129,42 @@ def run(
     if error_bounds:
         rows.append(("goes astray", _bound_errors(emulator, transitions, out)))
     print_rows(rows)
+
+
+def train_in_policy(
+    path: Path,
+    out: Path,
+    settings: dict[str, Any],
+    *,
+    count: int | None = None,
+    toml: Path | None = None,
+) -> None:
+    """Train the emulator of the policy in the file at `path` on what it does, and write the policy with it to `out`."""
+    from neuroanimator.cli.policy_returns import loaded_policy  # needs the extra [gym]
+    from neuroanimator.gym.policy_transitions import COUNT, TRAINING, policy_transitions
+
+    count = count or COUNT
+
+    if not out.name.endswith(POLICY_ENDING):
+        raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, came {out.name}.")
+    policy, system, task = loaded_policy(path, toml)
+    with progress_bar("simulating what it does", PERCENT) as bar:
+        data = policy_transitions(
+            policy,
+            task,
+            system,
+            count=count,
+            on_share=lambda share: bar.advance_to(round(PERCENT * share)),
+        )
+    config = TrainingConfig.usual(system.structure, **(TRAINING | settings))
+    folder = run_folder(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    place = folder / f"{system.name}.emulator.safetensors"
+    emulator, last = _train_with_bar(data, config, place)
+    trained = replace(policy, emulator=emulator)
+    trained.save(out, {"emulator": config.model_dump(mode="json")})
+    print_rows([("policy", out), ("of what it did", f"{count:,} super steps")])
+    print_rows(_rows(emulator, last, place))
 
 
 def _settings(config: Path | None, widths: str | None, **options: object) -> dict[str, Any]:

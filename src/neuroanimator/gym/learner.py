@@ -38,7 +38,7 @@ from neuroanimator.gym.policy_gradient import (
     policy_loss,
     weight_of_slopes,
 )
-from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.rules import EpisodeRules, unpaid
 from neuroanimator.gym.started_policy import check_start, started
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.state.segments import Position
@@ -221,7 +221,7 @@ class Learner:
         memories = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
         stepper = physics_stepper(system, system.scheme, emulator.dt)
         # Rewards are those of whole rollouts at once: `advantages`.
-        moving = replace(rules, reward=_unpaid)
+        moving = replace(rules, reward=unpaid)
         self.bodies = Bodies(stepper, moving, emulator, self._rng(-1), learning.bodies)
         size = system.state.size
         remembered = MEMORY if self._has_slopes else 0
@@ -427,15 +427,6 @@ class Learner:
         )
         self.progress = self.progress._replace(network=network, memories=(*others, memory))
         self.emulator_error = float(np.sqrt(loss))
-
-
-def _unpaid(
-    states: Float[np.ndarray, "B S"],
-    controls: Float[np.ndarray, "B C"],
-    following: Float[np.ndarray, "B S"],
-    dt: float,
-) -> Float[np.ndarray, " B"]:
-    return np.zeros(len(states))
 
 
 def _clipped_adam(rate: float) -> optax.GradientTransformation:

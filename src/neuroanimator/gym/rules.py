@@ -46,6 +46,16 @@ def never(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
     return np.zeros(len(states), bool)
 
 
+def unpaid(
+    states: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B C"],
+    following: Float[np.ndarray, "B S"],
+    dt: float,
+) -> Float[np.ndarray, " B"]:
+    """Return a reward of zero: rewards are computed elsewhere, or do not matter."""
+    return np.zeros(len(states))
+
+
 @dataclass(frozen=True)
 class EpisodeRules:
     """A task in functions of many rows: whatever physics steps the states, the same rules hold.

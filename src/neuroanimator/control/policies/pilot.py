@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.control.policies.pilot_motions import (
+    CommandedMotion,
     EmulatedMotion,
-    PhysicalMotion,
     PilotMotion,
 )
 from neuroanimator.control.policies.policy import Policy, load_policy
@@ -49,15 +49,15 @@ class PilotFrame(NamedTuple):
 class Pilot:
     """A body that goes where it is told: `reset` it, then `step` it once per picture, at any rate.
 
-    Every super step the policy looks at the body and sets its muscles, and the emulator leaps, or the physics where the policy
-    follows a motion; in between, states are interpolated. What is asked for takes effect with the next super step.
+    Every super step the policy looks at the body and sets its muscles, and the emulator leaps, or the physics where it is given;
+    in between, states are interpolated. What is asked for takes effect with the next super step.
     """
 
     def __init__(self, policy: Policy | StatePolicy | str | Path, system: System | None = None):
         """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest.
 
-        A policy that follows a motion on command moves the physics of `system`, its own body. ArgumentError for a policy that
-        takes no commands, and where physics is missing or needless.
+        A policy that follows a motion on command moves the physics of `system`, its own body; without one its emulator, which
+        `train` makes of what the policy does. ArgumentError for a policy that takes no commands, and where physics is needless.
         """
         self.policy = _loaded(policy)
         self._motion = _motion_of(self.policy, system)
@@ -216,11 +216,7 @@ def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMoti
         if system is not None:
             raise ArgumentError("system: this policy moves its emulator. Leave it out.")
         return EmulatedMotion(policy)
-    if system is None:
-        raise ArgumentError(
-            "system: this policy moves the physics. Give it, as na.load_system('commanded.toml')."
-        )
-    return PhysicalMotion(policy, system)
+    return CommandedMotion(policy, system)
 
 
 def _finite(label: str, value: object) -> float:

@@ -128,18 +128,21 @@ class EmulatedMotion(PilotMotion):
 
 
 @final
-class PhysicalMotion(PilotMotion):
-    """The motion of the physics by a policy that follows a motion on command: clock and heading are in its state."""
+class CommandedMotion(PilotMotion):
+    """The motion of a policy that follows a motion on command: clock and heading are in its state."""
 
-    def __init__(self, policy: StatePolicy, system: System):
-        """ArgumentError for a policy that takes no commands, and for physics of another body."""
+    def __init__(self, policy: StatePolicy, system: System | None):
+        """The physics of `system` moves the body; without one the policy's emulator does.
+
+        ArgumentError for a policy that takes no commands, and for physics of another body.
+        """
         reference = policy.view.reference
         if reference is None or reference.commands is None:
             raise ArgumentError(
                 "policy: it takes no commands. Learn one whose TOML file has [follow.commands]."
             )
         emulator = policy.emulator
-        if (system.state, system.control) != (emulator.state, emulator.control):
+        if system and (system.state, system.control) != (emulator.state, emulator.control):
             raise ArgumentError(
                 f"system: wanted the body of the policy, {emulator.system}, came {system.name}."
             )
@@ -171,12 +174,20 @@ class PhysicalMotion(PilotMotion):
         told[self.commands.heading] = heading + lead
         controls = np.asarray(_control(self.policy, as_jax(told)), float)
         controls = self.policy.emulator.bounds.clip(controls)
-        runs = self.system.simulate_fastest(
-            told[None], controls[None, None], self._super_step, self.system.scheme
+        if self.system is None:
+            return Leap(np.asarray(self.policy.emulator.step(told, controls), float), controls)
+        return Leap(self._simulated(self.system, told, controls), controls)
+
+    def _simulated(
+        self, system: System, state: Float[np.ndarray, " S"], controls: Float[np.ndarray, " C"]
+    ) -> Float[np.ndarray, " S"]:
+        """Return the state a super step later; DivergedError if the physics diverged."""
+        runs = system.simulate_fastest(
+            state[None], controls[None, None], self._super_step, system.scheme
         )
         if runs.has_diverged[0]:
             raise DivergedError("The physics diverged. Reset the pilot.")
-        return Leap(runs.states[0, 1], controls)
+        return runs.states[0, 1]
 
     def finish(self) -> None:
         pass

@@ -1,0 +1,117 @@
+"""What a policy does on the physics, as transitions that an emulator learns from.
+
+Bodies go by the policy and are disturbed as its task has it: other commands, pushes. Each adds its own amount of noise to what
+the policy says, none of it or several times what the policy learnt with, so that an emulator knows what is around a motion, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from neuroanimator.control.policies.state_policy import StatePolicy
+from neuroanimator.data.config import USUAL_SAMPLES_PER_RUN, DatasetConfig
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.gym.bodies import Bodies
+from neuroanimator.gym.policy_gradient import noisy_controls
+from neuroanimator.gym.policy_task import PolicyTask
+from neuroanimator.gym.rules import unpaid
+from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.systems.system import System
+from neuroanimator.training.config import LARGE_BATCHES
+
+COUNT = 1_000_000
+"""Default number of transitions."""
+
+TRAINING: dict[str, Any] = LARGE_BATCHES | {
+    "network": "linear-glu",
+    "widths": (128, 112),
+    "updates": 30_000,
+}
+"""Settings of training on them, if nothing else is said: around a motion much is nearly linear, and training begins with that."""
+
+BODIES = 200
+"""Number of bodies side by side; each is a run of the data."""
+
+NOISE = (0.0, 0.5, 1.0, 2.0, 3.0)
+"""Standard deviations of the noise, as multiples of that which the policy began to learn with: a fifth of the bodies each."""
+
+HELD_SHARE = 0.5
+"""Probability that the noise of a control stays what it was a step before."""
+
+
+def policy_transitions(
+    policy: StatePolicy,
+    task: PolicyTask,
+    system: System,
+    *,
+    count: int = COUNT,
+    seed: int = 0,
+    on_share: Callable[[float], None] = lambda share: None,
+) -> Transitions:
+    """Return windows of `count` transitions of bodies that `policy` moves on the physics, those with a disturbance left out.
+
+    They follow from the arguments alone. `on_share` is told the share that is done.
+    """
+    rng = np.random.default_rng(seed)
+    rules = replace(task.rules, reward=unpaid)
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    bodies = Bodies(stepper, rules, policy.emulator, rng, BODIES)
+    steps = -(-count // BODIES)
+    levels = task.learning.spread * np.resize(NOISE, BODIES)
+    controls_size = policy.emulator.control.size
+    noise = np.zeros((BODIES, controls_size))
+    states = np.zeros((steps + 1, BODIES, policy.emulator.state.size), np.float32)
+    controls = np.zeros((steps, BODIES, controls_size), np.float32)
+    goes_on = np.zeros((steps, BODIES), bool)
+    states[0] = bodies.states
+    for step in range(steps):
+        drawn = rng.normal(size=noise.shape)
+        noise = np.where(rng.random((BODIES, 1)) < HELD_SHARE, noise, drawn)
+        added = (levels[:, None] * noise).astype(np.float32)
+        chosen = np.asarray(noisy_controls(policy, as_jax(states[step]), as_jax(added)))
+        controls[step] = policy.emulator.bounds.clip(chosen)
+        moved = bodies.step(controls[step])
+        bodies.begin(rng, moved.is_last)
+        states[step + 1] = bodies.states
+        goes_on[step] = (bodies.states == moved.following).all(axis=1)
+        on_share((step + 1) / steps)
+    config = DatasetConfig(
+        system=system.name,
+        definition=system.definition_text,
+        substeps=task.hold,
+        count=count,
+        samples_per_run=USUAL_SAMPLES_PER_RUN,
+        seed=seed,
+    )
+    return _windows(config, system, states, controls, goes_on)
+
+
+def _windows(
+    config: DatasetConfig,
+    system: System,
+    states: Float[np.ndarray, "K N S"],
+    controls: Float[np.ndarray, "T N C"],
+    goes_on: Bool[np.ndarray, "T N"],
+) -> Transitions:
+    """Return all windows in which each step `goes_on` from the one before."""
+    length = system.window_steps
+    firsts = len(goes_on) - length + 1
+    is_whole = np.ones((firsts, goes_on.shape[1]), bool)
+    for step in range(length):
+        is_whole &= goes_on[step : step + firsts]
+    first, body = np.nonzero(is_whole)
+    steps = first[:, None] + np.arange(length + 1)
+    return Transitions(
+        config=config,
+        system=system,
+        states=states[steps, body[:, None]],
+        controls=controls[steps[:, :-1], body[:, None]],
+        run=body,
+        diverged=0,
+    )
