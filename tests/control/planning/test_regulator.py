@@ -16,7 +16,8 @@ OFF = np.array([0.006, -0.004, 0.002, 0.02, 0.04, -0.06])
 
 
 def upright(emulator: Emulator, plant: Plant) -> Regulator:
-    found = regulator_of(emulator, plant, PENDULUM, find_goal(PENDULUM, "upright"), 1.0)
+    goal = find_goal(PENDULUM, "upright")
+    found = regulator_of(plant, PENDULUM, goal, emulator.bounds, emulator.dt, 1.0)
     assert found is not None
     return found
 
@@ -52,4 +53,4 @@ def test_what_leaves_part_free_or_cannot_stand_still_has_no_regulator(shipped: E
     moving = {"angle": [0.0] * 3, "velocity": [9.0, 0.0, 0.0]}
     for goal in (free, state_goal(PENDULUM, moving, {})):
         plant = PhysicsPlant(PENDULUM, shipped.dt)
-        assert regulator_of(shipped, plant, PENDULUM, goal, 1.0) is None
+        assert regulator_of(plant, PENDULUM, goal, shipped.bounds, shipped.dt, 1.0) is None

@@ -126,7 +126,7 @@ def pursue_goal(
     planned = pursuit_of(control_plant(planner, plant, begin, steps, on_step=on_step))
     if planned.is_reached or not is_on_physics:
         return planned
-    regulator = regulator_of(emulator, plant, system, wanted, weight)
+    regulator = regulator_of(plant, system, wanted, emulator.bounds, dt, weight)
     way_steps = min(steps, steps_in(wanted.seconds, dt, MAX_SECONDS * slowness(dt)))
     began = time.perf_counter()
     with phase("searching for the way there"):

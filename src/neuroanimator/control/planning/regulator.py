@@ -1,4 +1,4 @@
-"""Hold a body still where all of its state is asked for: the linear-quadratic regulator of the emulator's own derivative."""
+"""Hold a body still where all of its state is asked for: the linear-quadratic regulator of what super steps do there."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from neuroanimator.control.objective.goals import (
 )
 from neuroanimator.control.planning.plants import Plant, drive
 from neuroanimator.emulator.arrays import as_parameter
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import DivergedError
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
@@ -25,6 +24,9 @@ from neuroanimator.systems.system import System
 
 MAX_DRIFT = 0.1
 """Largest change in a super step of a state that can be held, over the goal's tolerances."""
+
+SMALL = 1e-3
+"""Differences are taken by this much, of controls as a share of their bounds: small, and far above rounding."""
 
 TRIED_STEPS = 100
 """Number of super steps after which a body that is held must be at its goal."""
@@ -68,11 +70,12 @@ class Regulator:
 
 
 def regulator_of(
-    emulator: Emulator, plant: Plant, system: System, goal: Goal, effort_weight: float
+    plant: Plant, system: System, goal: Goal, bounds: Bounds, dt: float, effort_weight: float
 ) -> Regulator | None:
-    """Return what holds `plant` at `goal`; None where that leaves part of the state free, or cannot be held.
+    """Return what holds `plant`, whose super step is `dt` [s], at `goal`; None where it cannot.
 
-    What a change of state or control does is the emulator's derivative; what holds the goal's state is tried on the plant.
+    It cannot where the goal leaves part of the state free, or cannot be stood at.
+    What a change of state or control does is found by central differences of the plant at the goal, a few super steps.
     The weights are those of `goal_objective` all along: Q = dt WᵀW with the goal's weights W, R = dt `effort_weight` / scale².
     K and P solve the discrete algebraic Riccati equation (Anderson and Moore, Optimal Control, 1990).
     """
@@ -80,27 +83,31 @@ def regulator_of(
     weights = np.asarray(reach.judged, float)
     if np.linalg.matrix_rank(weights) < weights.shape[1]:
         return None
-    frame, dt, bounds = reach.frame, emulator.dt, emulator.bounds
+    frame = reach.frame
     target = np.asarray(reach.goal, float)
-
-    def drift(control: np.ndarray) -> Float[np.ndarray, " V"]:
-        return frame.difference(target, plant(target, control))
-
     point = jax.numpy.asarray(target)
     seen = np.asarray(jax.jacfwd(lambda state: frame.difference(point, state))(point), float)
-    idle = np.clip(np.zeros(emulator.control.size), bounds.low, bounds.high)
-    by_state, by_control = jax.jacfwd(emulator.step, argnums=(0, 1))(point, jax.numpy.asarray(idle))
-    state_matrix = seen @ np.asarray(by_state, float) @ np.linalg.pinv(seen)
-    control_matrix = seen @ np.asarray(by_control, float)
-    held = idle - np.linalg.lstsq(control_matrix, drift(idle), rcond=None)[0]
-    held = np.clip(held, bounds.low, bounds.high)
-    if not np.abs(weights @ drift(held)).max() <= MAX_DRIFT * ERRORS_PER_TOLERANCE:
-        return None
-    effort = dt * effort_weight * np.diag(1 / np.asarray(bounds.half, float) ** 2)
+    directions = np.linalg.pinv(seen).T
+    idle = np.clip(np.zeros(len(bounds.low)), bounds.low, bounds.high)
+
+    def drift(change: np.ndarray, control: np.ndarray) -> Float[np.ndarray, " V"]:
+        return frame.difference(target, plant(target + change, control))
+
+    still = np.zeros_like(target)
+    pulls = SMALL * np.diag(np.asarray(bounds.half, float))
     try:
+        by_state = [drift(SMALL * way, idle) - drift(-SMALL * way, idle) for way in directions]
+        by_control = [drift(still, idle + pull) - drift(still, idle - pull) for pull in pulls]
+        state_matrix = np.transpose(by_state) / (2 * SMALL)
+        control_matrix = np.transpose(by_control) / (2 * SMALL * np.asarray(bounds.half, float))
+        held = idle - np.linalg.lstsq(control_matrix, drift(still, idle), rcond=None)[0]
+        held = np.clip(held, bounds.low, bounds.high)
+        if not np.abs(weights @ drift(still, held)).max() <= MAX_DRIFT * ERRORS_PER_TOLERANCE:
+            return None
+        effort = dt * effort_weight * np.diag(1 / np.asarray(bounds.half, float) ** 2)
         cost = solve_discrete_are(state_matrix, control_matrix, dt * weights.T @ weights, effort)
         np.linalg.cholesky(cost)
-    except (np.linalg.LinAlgError, ValueError):
+    except (DivergedError, np.linalg.LinAlgError, ValueError):
         return None
     inverse = effort + control_matrix.T @ cost @ control_matrix
     gain = np.linalg.solve(inverse, control_matrix.T @ cost @ state_matrix)
