@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from neuroanimator.control.planning.estimator import ParameterEstimator
-from neuroanimator.control.planning.planner import Planner, moved_on
+from neuroanimator.control.planning.planner import Plan, Planner, moved_on
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import DivergedError
 from neuroanimator.systems.system import System
+
+if (
+    TYPE_CHECKING
+):  # identification takes a third of a second to import, which most motions do without
+    from neuroanimator.control.planning.estimator import ParameterEstimator
 
 Plant = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """A plant: (state (S,), control (C,)) → the state one super step later."""
@@ -78,17 +83,22 @@ def drive(
     start: np.ndarray,
     control_of: Callable[[int, np.ndarray], np.ndarray],
     steps: int,
+    disturb: Disturbance | None = None,
     *,
     on_step: Callable[[int], None] = lambda step: None,
 ) -> ControlledMotion:
     """Return the motion of `plant` from `start` (S,) under `control_of(super step, state)`, without a plan."""
-    states = [start]
+    state = start
+    states = []
     controls = []
     for step in range(steps):
-        controls.append(control_of(step, states[-1]))
-        states.append(plant(states[-1], controls[-1]))
+        if disturb is not None:
+            state = disturb(step, state)
+        states.append(state)
+        controls.append(control_of(step, state))
+        state = plant(state, controls[-1])
         on_step(step + 1)
-    return ControlledMotion(np.stack(states), np.stack(controls), np.empty(0))
+    return ControlledMotion(np.stack([*states, state]), np.stack(controls), np.empty(0))
 
 
 def control_plant(
@@ -107,24 +117,20 @@ def control_plant(
     Plans know the parameters that the plant's states tell; with an `estimator` those that it finds on the way instead.
     `on_step` is told each super step that is done.
     """
-    state = planner.emulator.state.check(start, "state")
-    first = None
-    states = []
-    plans = []
-    for step in range(steps):
-        if disturb is not None:
-            state = disturb(step, state)
+    plans: list[Plan] = []
+
+    def first_control(step: int, state: np.ndarray) -> np.ndarray:
         believed = state if estimator is None else estimator.believed(state)
-        plan = planner.plan(believed, first)
-        states.append(state)
-        plans.append(plan)
-        state = plant(state, plan.controls[0])
+        first = moved_on(plans[-1].controls) if plans else None
+        plans.append(planner.plan(believed, first))
+        return plans[-1].controls[0]
+
+    def observed(state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        following = plant(state, control)
         if estimator is not None:
-            estimator.observe(states[-1], plan.controls[0], state)
-        first = moved_on(plan.controls)
-        on_step(step + 1)
-    return ControlledMotion(
-        np.stack([*states, state]),
-        np.stack([plan.controls[0] for plan in plans]),
-        np.array([plan.seconds for plan in plans]),
-    )
+            estimator.observe(state, control, following)
+        return following
+
+    begin = planner.emulator.state.check(start, "state")
+    motion = drive(observed, begin, first_control, steps, disturb, on_step=on_step)
+    return replace(motion, plan_seconds=np.array([plan.seconds for plan in plans]))

@@ -53,7 +53,7 @@ class Regulator:
     def __call__(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " C"]:
         """Return the control (C,) for `state` (S,)."""
         off = self.reach.frame.difference(np.asarray(self.reach.goal, float), state)
-        return np.clip(self.control - self.gain @ off, self.bounds.low, self.bounds.high)
+        return self.bounds.clip(self.control - self.gain @ off)
 
     def cost_to_go(self) -> ReachState:
         """Return the cost, at the end of a motion, of what it takes to come to the goal from there and stay."""
@@ -88,23 +88,24 @@ def regulator_of(
     point = jax.numpy.asarray(target)
     seen = np.asarray(jax.jacfwd(lambda state: frame.difference(point, state))(point), float)
     directions = np.linalg.pinv(seen).T
-    idle = np.clip(np.zeros(len(bounds.low)), bounds.low, bounds.high)
+    idle = bounds.idle
+    half = np.asarray(bounds.half, float)
 
     def drift(change: np.ndarray, control: np.ndarray) -> Float[np.ndarray, " V"]:
         return frame.difference(target, plant(target + change, control))
 
     still = np.zeros_like(target)
-    pulls = SMALL * np.diag(np.asarray(bounds.half, float))
+    pulls = SMALL * np.diag(half)
     try:
         by_state = [drift(SMALL * way, idle) - drift(-SMALL * way, idle) for way in directions]
         by_control = [drift(still, idle + pull) - drift(still, idle - pull) for pull in pulls]
         state_matrix = np.transpose(by_state) / (2 * SMALL)
-        control_matrix = np.transpose(by_control) / (2 * SMALL * np.asarray(bounds.half, float))
+        control_matrix = np.transpose(by_control) / (2 * SMALL * half)
         held = idle - np.linalg.lstsq(control_matrix, drift(still, idle), rcond=None)[0]
-        held = np.clip(held, bounds.low, bounds.high)
+        held = bounds.clip(held)
         if not np.abs(weights @ drift(still, held)).max() <= MAX_DRIFT * ERRORS_PER_TOLERANCE:
             return None
-        effort = dt * effort_weight * np.diag(1 / np.asarray(bounds.half, float) ** 2)
+        effort = dt * effort_weight * np.diag(1 / half**2)
         cost = solve_discrete_are(state_matrix, control_matrix, dt * weights.T @ weights, effort)
         np.linalg.cholesky(cost)
     except (DivergedError, np.linalg.LinAlgError, ValueError):
