@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, cached_property
+from functools import cached_property
 from importlib import resources
 
 import mujoco
@@ -38,12 +38,6 @@ ARENA_KEPT = 2**24
 
 PARTS = 4
 """Number of parts each thread computes of many runs: some take longer than others."""
-
-
-@cache
-def _stepping_threads(count: int) -> ThreadPoolExecutor:
-    """Return threads that step bodies: to start them for each control of a policy would take as long as to step some."""
-    return ThreadPoolExecutor(count, thread_name_prefix="bodies")
 
 
 def load_model(file_name: str) -> mujoco.MjModel:
@@ -118,7 +112,8 @@ class MujocoSystem(System):
                 fill(part)
             return
         # Python's threads, for MuJoCo's own end the process where it raises a FatalError in these.
-        list(_stepping_threads(threads).map(fill, parts))
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(fill, parts))
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
         """Return (B,) True for each run (B, T+1, S) that is not finite or impossibly fast."""
