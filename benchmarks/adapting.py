@@ -73,9 +73,10 @@ def rows_of(emulator: na.Emulator, bodies: int) -> Rows:
         start = system.at(**true).rest
         for method in METHODS:
             estimator = None
-            if method != "true":
-                every = steps + 1 if method == "nominal" else 8
-                estimator = ParameterEstimator(emulator, every=every)
+            if method == "nominal":  # an estimate is never made
+                estimator = ParameterEstimator(emulator, every=steps + 1)
+            elif method == "estimated":
+                estimator = ParameterEstimator(emulator)
             motion = control_plant(towards, plant, start, steps, estimator=estimator)
             off = motion.states[-judged:, : len(JOINTS)] - angles
             values = start[entries] if estimator is None else estimator.values

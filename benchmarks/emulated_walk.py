@@ -27,11 +27,8 @@ from commanded import BODIES, WALKING, Walkers, commanded, draw_sheet, walked
 from following import HUMAN, RESULTS
 from jaxtyping import Array, Float
 
-from neuroanimator.control.policies.state_policy import (
-    StatePolicy,
-    load_state_policy,
-    policy_leaves,
-)
+from neuroanimator.cli.policy_returns import loaded_policy
+from neuroanimator.control.policies.state_policy import StatePolicy, policy_leaves
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import c_rows
 from neuroanimator.emulator.tensors import to_numpy
@@ -47,10 +44,9 @@ from neuroanimator.evaluation.speed import (
 from neuroanimator.files.atomic import digest
 from neuroanimator.gym.bodies import episodes_of
 from neuroanimator.gym.following import following_rules
-from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_of_policy
+from neuroanimator.gym.policy_task import PolicyTask, follow_table
 from neuroanimator.gym.state_rows import Stepper, emulator_stepper, physics_stepper
 from neuroanimator.state.rotation import rotation_between
-from neuroanimator.systems import load_system
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.terminal import print_table
 
@@ -184,10 +180,8 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
-    system = load_system(str(HUMAN / "commanded.toml"))
+    policy, system, task = loaded_policy(arguments.policy, HUMAN / "commanded.toml")
     assert isinstance(system, MujocoSystem)
-    policy = load_state_policy(arguments.policy)
-    task = task_of_policy(policy, arguments.policy, system)
     parts = {
         "compared": ("emulated_walk.csv", lambda: compared(policy, task, system)),
         "errors": ("emulated_walk_errors.csv", lambda: errors(policy, task, system)),

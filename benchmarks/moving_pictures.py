@@ -84,7 +84,7 @@ window.nextImage = (milliseconds) => {
     due.forEach((draw) => draw(now));
 };
 """
-"""The page's time goes on when it is told, so that a slow machine makes the same film."""
+"""The page's time goes on when it is told, so that a slow machine films as smoothly; what fish do differs from film to film."""
 
 ALONE = (
     "body > :not(main) { display: none !important } main { position: fixed !important; inset: 0 }"
@@ -143,8 +143,6 @@ def life(folder: Path) -> None:
                 page.evaluate("nextImage(16)")
                 page.wait_for_timeout(200)
             page.add_style_tag(content=ALONE)
-            page.set_viewport_size({"width": width, "height": height + 2})
-            page.set_viewport_size({"width": width, "height": height})
             images.mkdir()
             for number in range(round(LIFE_SECONDS * RATE)):
                 if number in [round(time * RATE) for time in FOOD_AT]:

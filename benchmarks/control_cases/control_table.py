@@ -68,7 +68,7 @@ QUICK = ControlBudget(trials=100, runs=1, patience=12.0, cosines=1)
 """Minutes; that a baseline takes ten times as long can just be seen."""
 
 THOROUGH = ControlBudget(trials=100, runs=5, patience=20.0, cosines=10)
-"""Hours."""
+"""Twenty minutes."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,6 @@ def train_in_policy(
     from neuroanimator.gym.policy_transitions import COUNT, TRAINING, policy_transitions
 
     count = count or COUNT
-
     if not out.name.endswith(POLICY_ENDING):
         raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, came {out.name}.")
     policy, system, task = loaded_policy(path, toml)
