@@ -118,8 +118,8 @@ def synthesise(
     and all begins again, up to `refinements` times, if their data and trainings take no longer than `minutes` in all;
     `on_refine` is told the gap before each.
 
-    All ends as soon as `is_enough` says so of the states (T+1, S) of the physics. Whether the emulator's gradient can
-    be trusted is measured at random controls, if `measures_trust`: at its optimum it vanishes.
+    All ends as soon as `is_enough` says so of the states (T+1, S) of the physics. Where the physics disagrees at last,
+    `measures_trust` measures whether the emulator's gradient can be trusted, at random controls: at its optimum it vanishes.
 
     Of recordings, and of a model that is not at hand, there is no physics: the controller is then the best on the emulator,
     which proves nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
@@ -140,7 +140,7 @@ def synthesise(
     attempt = restart(search, attempt, restarts)
     attempt = finetune(search, attempt, refinements, minutes, data, on_refine)
     trust = None
-    if measures_trust:
+    if measures_trust and attempt.has_large_gap:
         trust = _measure_trust(emulator, system, objective, state, steps, options)
     return Synthesis.of(attempt, trust)
 
