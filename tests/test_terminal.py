@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import time
+from threading import Thread
 
 from neuroanimator.terminal import phase, phase_seconds
 
@@ -103,6 +104,20 @@ def test_time_within_an_inner_phase_counts_for_it_alone():
     spent = phase_seconds()
     assert spent["inner"] >= 0.2
     assert 0.05 <= spent["outer"] <= total - spent["inner"]
+
+
+def test_what_another_thread_does_meanwhile_is_no_phase():
+    def work() -> None:
+        with phase("beside"):
+            time.sleep(0.05)
+
+    with phase("waiting"):
+        thread = Thread(target=work)
+        thread.start()
+        thread.join()
+    spent = phase_seconds()
+    assert spent["waiting"] >= 0.05
+    assert "beside" not in spent
 
 
 def test_a_phase_that_fails_is_over():

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
-from threading import Event, Thread, Timer
+from threading import Event, Thread, Timer, current_thread, main_thread
 
 from rich.console import Console
 from rich.progress import (
@@ -98,8 +98,12 @@ def inner_bar(title: str, total: int) -> Iterator[Bar]:
 def phase(name: str) -> Iterator[None]:
     """Say what is going on while the block runs, where a command line runs (`show_phases`).
 
-    How long each phase took is in `phase_seconds`; a phase within another counts for itself alone.
+    How long each phase took is in `phase_seconds`; a phase within another counts for itself alone. What other threads do
+    meanwhile is no phase: the main thread waits for it in one of its own.
     """
+    if current_thread() is not main_thread():
+        yield
+        return
     with _clock.running(name):
         if not _screen.shows_phases:
             yield

@@ -67,6 +67,7 @@ def test_every_row_has_a_recipe_and_ships_small():
         assert shipped_path(system, substeps).stat().st_size < 300_000
 
 
+@pytest.mark.endurance
 def test_a_sweep_names_the_largest_n_that_keeps_the_tolerance(tmp_path: Path):
     with PackedHere() as executor:
         rows = sweep(

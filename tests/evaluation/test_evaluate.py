@@ -9,7 +9,6 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brief import BRIEF
 
 from neuroanimator import Emulator, evaluate, write_report
 from neuroanimator.data.store import Transitions
@@ -57,7 +56,6 @@ def test_a_wild_emulator_is_kept_where_training_was(shipped: Emulator):
 
     wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 500 * out)
     assert count_diverged(wild, starts=20, steps=200) == 0
-    assert evaluate(wild, budget=BRIEF).verdict.is_useless
 
 
 def test_an_evaluation_is_complete_and_its_report_stands_alone(

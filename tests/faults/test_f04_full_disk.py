@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Cli
-from processes import GENERATE, command, leftovers, run
+from processes import GENERATE, command, leftovers
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
@@ -31,10 +31,12 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", disk], check=True)
 
 
-def test_f04_a_full_disk_is_said_and_resumed_from(small_disk: Path, dataset: Path, tally: Tally):
+def test_f04_a_full_disk_is_said_and_resumed_from(
+    small_disk: Path, dataset: Path, tally: Tally, cli: Cli
+):
     folder = small_disk / "data"
-    full = run(*GENERATE, folder)
-    told = full.stderr.decode()
+    full = cli(*GENERATE, folder)
+    told = full.stderr
     assert full.returncode == 4, told
     assert f"Could not write {folder}/shard-0000" in told
     assert "bytes needed" in told
@@ -70,9 +72,9 @@ def test_f04_a_limit_on_files_is_said(tmp_path: Path):
     assert not leftovers(tmp_path)
 
 
-def test_f06_a_second_process_is_refused_with_the_first_ones_number(tmp_path: Path):
+def test_f06_a_second_process_is_refused_with_the_first_ones_number(tmp_path: Path, cli: Cli):
     folder = tmp_path / "data"
     with locked(folder):
-        second = run(*GENERATE, folder)
+        second = cli(*GENERATE, folder)
     assert second.returncode == 4
-    assert f"{folder} is in use by process {os.getpid()}." in second.stderr.decode()
+    assert f"{folder} is in use by process {os.getpid()}." in second.stderr

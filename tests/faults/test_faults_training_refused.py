@@ -16,10 +16,8 @@ from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.training.train import run_folder
 
 
-def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(
-    cli_process: Cli, tmp_path: Path
-):
-    result = cli_process(
+def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(cli: Cli, tmp_path: Path):
+    result = cli(
         "train", "pendulum", "--widths", MAX_LAYER + 2, "--out", tmp_path / "e.safetensors"
     )
     assert result.returncode == 2

@@ -402,6 +402,7 @@ def test_what_a_policy_does_is_learnt_as_the_physics_has_it(
         np.testing.assert_allclose(moved.states, chosen.states[:, step + 1], atol=2e-2)
 
 
+@pytest.mark.endurance
 def test_train_puts_the_emulator_into_the_policys_file(
     policy: StatePolicy, tmp_path: Path, starts: np.ndarray
 ):

@@ -34,7 +34,15 @@ def random_actions(emulator: Emulator, *shape: int) -> np.ndarray:
     )
 
 
-@pytest.fixture(scope="module", params=["pendulum-50", "lander-50", "fish-50", "cube"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        "pendulum-50",
+        pytest.param("lander-50", marks=pytest.mark.endurance),
+        "fish-50",
+        "cube",
+    ],
+)
 def every_kind(request: pytest.FixtureRequest) -> Emulator:
     """Hinges, a free root, a body with muscles and one that is pushed."""
     if request.param == "cube":

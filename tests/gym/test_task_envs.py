@@ -22,7 +22,12 @@ from neuroanimator.gym.task_envs import TaskEnv, TaskVectorEnv
 from neuroanimator.gym.task_rows import TRIALS, TaskRows
 from neuroanimator.gym.vector_env import RowsVectorEnv
 
-KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
+KINDS = [
+    "pendulum-swing-up",
+    "truck-park",
+    pytest.param("lander-land", marks=pytest.mark.endurance),
+    "fish-reach",
+]
 """Hinges, wheels among obstacles, a root that flies, a body with muscles."""
 
 

@@ -68,22 +68,21 @@ def same(one: Any, other: Any) -> bool:
     return one == other
 
 
-@pytest.mark.parametrize("name", SHIPPED_BUNDLES)
-def test_no_file_that_ships_is_large(name: str):
-    files = list((shipped_folder() / name).iterdir())
-    assert {"bundle.json", "emulator.wasm"} <= {path.name for path in files}
-    largest = MAX_SOFT_FILE if load_emulator(name).skeleton.shapes else MAX_FILE
-    assert max(path.stat().st_size for path in files) <= largest
+def test_no_file_that_ships_is_large():
+    for name in SHIPPED_BUNDLES:
+        files = list((shipped_folder() / name).iterdir())
+        assert {"bundle.json", "emulator.wasm"} <= {path.name for path in files}, name
+        largest = MAX_SOFT_FILE if load_emulator(name).skeleton.shapes else MAX_FILE
+        assert max(path.stat().st_size for path in files) <= largest, name
 
 
-@pytest.mark.parametrize("name", SHIPPED_BUNDLES)
-def test_a_bundle_says_how_good_its_emulator_is_where_it_was_trained(name: str):
-    verdict = load_emulator(name).verdict
+def test_a_bundle_says_how_good_its_emulator_is_where_it_was_trained():
+    verdict = load_emulator("fish-50").verdict
     assert verdict is not None
-    assert shipped(name)["verdict"] == describe_verdict(verdict)
+    assert shipped("fish-50")["verdict"] == describe_verdict(verdict)
 
 
-@pytest.mark.parametrize("name", SHIPPED_BUNDLES)
+@pytest.mark.parametrize("name", ["fish-50", "truck-50"])  # by its nodes, and by its joints
 def test_bones_are_complete_and_pose_as_the_emulators_do(name: str):
     emulator = load_emulator(name)
     skeleton = Skeleton.from_json(shipped(name)["skeleton"], emulator.state.size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import runpy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from neuroanimator import load_emulator
 from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.objective.goals import goal_state
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.wasm_file import Module
 from neuroanimator_studio.catalogue import shipped_folder
@@ -56,7 +57,18 @@ def test_the_descent_of_every_bundle_finds_what_the_emulator_calls_success(name:
 @pytest.mark.parametrize("name", some_bundles("pendulum-50"))
 def test_a_shipped_module_computes_what_python_does(name: str):
     content = (shipped_folder() / name / DESCENT_FILE).read_bytes()
+    assert not wasmtime.Module(wasmtime.Engine(), content).imports
     check_module(Module(wasmtime, content, "descent"), made(name))
+
+
+def test_a_module_that_computes_something_else_is_refused():
+    content = (shipped_folder() / "pendulum-50" / DESCENT_FILE).read_bytes()
+    descent = made("pendulum-50")
+    parametrisation = descent.problem.parametrisation
+    weaker = replace(parametrisation, half=0.9 * parametrisation.half)
+    other = replace(descent, problem=replace(descent.problem, parametrisation=weaker))
+    with pytest.raises(NeuroAnimatorError, match="other numbers than in Python"):
+        check_module(Module(wasmtime, content, "descent"), other)
 
 
 def test_a_truck_that_stays_out_of_its_bay_is_not_parked_and_one_in_it_is():

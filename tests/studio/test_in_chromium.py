@@ -173,7 +173,13 @@ VideoEncoder.isConfigSupported = (config) =>
 """Makes the browser one that has no licence for H.264."""
 
 
-@pytest.mark.parametrize(("prelude", "start"), [("", b"ftyp"), (WITHOUT_H264, b"\x1aE\xdf\xa3")])
+@pytest.mark.parametrize(
+    ("prelude", "start"),
+    [
+        ("", b"ftyp"),
+        pytest.param(WITHOUT_H264, b"\x1aE\xdf\xa3", marks=pytest.mark.endurance),
+    ],
+)
 def test_the_page_films_what_it_shows_itself_at_an_even_rate(
     prelude: str, start: bytes, browser: Browser, tmp_path: Path
 ):
@@ -208,6 +214,7 @@ def test_the_page_films_what_it_shows_itself_at_an_even_rate(
     assert changes.min() > 30
 
 
+@pytest.mark.endurance
 def test_a_film_is_cancelled_by_a_key_and_leaves_nothing(browser: Browser, tmp_path: Path):
     export_site(page_folder(), [PENDULUM], tmp_path / "site")
     with hosting(tmp_path / "site") as site, looking(browser) as look:

@@ -122,19 +122,6 @@ def test_a_person_looks_around_steers_and_comes_back(browser: Browser, address: 
         assert complaints == []
 
 
-def test_a_body_is_pushed_with_the_mouse(browser: Browser, address: str) -> None:
-    with open_page(browser, f"{address}&show=lander-50") as (page, complaints):
-        shows(page, "lander")
-        page.keyboard.press("h")
-        middle = middle_of_stage(page)
-        page.mouse.move(*middle)
-        page.mouse.down()
-        page.mouse.move(middle[0] + 60, middle[1] - 50, steps=3)
-        wait_until(page, "document.querySelector('.hud').textContent.includes('live')")
-        page.mouse.up()
-        assert complaints == []
-
-
 def test_physics_beside_it_is_pushed_with_it(browser: Browser, address: str) -> None:
     with open_page(browser, f"{address}&show=pendulum-50") as (page, complaints):
         shows(page, "pendulum")

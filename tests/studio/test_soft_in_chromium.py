@@ -44,6 +44,7 @@ def places_of(image: np.ndarray, colour: tuple[int, int, int], within: int) -> n
     return np.argwhere(np.abs(image - np.array(colour)).max(axis=2) < within)
 
 
+@pytest.mark.endurance
 def test_a_cloth_is_drawn_dragged_and_multiplied(site: Path):
     with browsing() as browser, hosting(site) as address, looking(browser, WINDOW) as look:
         page = look.page

@@ -148,12 +148,11 @@ def check_upright(picture: Float[np.ndarray, "H W 3"]) -> None:
     ("screen", "name"),
     [
         ("laptop", "pendulum-50"),
-        ("phone", "pendulum-50"),
         *(
             pytest.param(screen, name, marks=pytest.mark.endurance)
             for screen in SCREENS
             for name in WITH_DESCENT
-            if (screen, name) not in (("laptop", "pendulum-50"), ("phone", "pendulum-50"))
+            if (screen, name) != ("laptop", "pendulum-50")
         ),
     ],
 )

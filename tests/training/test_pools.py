@@ -181,6 +181,7 @@ train(stored, config.model_copy(update={"memory": int(sys.argv[3])}), sys.argv[2
 """
 
 
+@pytest.mark.endurance  # tests/training/test_train.py kills a run; that pools go on as they were is above
 def test_f02_killed_and_started_again_a_streamed_run_ends_with_the_same_bytes(
     stored: StoredTransitions, tmp_path: Path
 ):
@@ -224,6 +225,7 @@ print(memory_taken(dataset, system) / config.memory, peak / config.memory)
 """
 
 
+@pytest.mark.endurance
 def test_resident_memory_is_bounded_by_the_limit_and_not_by_the_dataset(tmp_path: Path):
     folder = tmp_path / "one"
     config = DatasetConfig(system="pendulum", substeps=5, count=9216, samples_per_run=36)

@@ -24,10 +24,3 @@ def linear_of(colours: ArrayLike) -> Float[np.ndarray, "*B"]:
     screen = np.clip(np.asarray(colours, float), 0.0, 1.0)
     bright = ((screen + OFFSET) / (1 + OFFSET)) ** EXPONENT
     return np.where(screen <= DARK, screen / SLOPE, bright)
-
-
-def screen_of(light: ArrayLike) -> Float[np.ndarray, "*B"]:
-    """Return the sRGB colours of amounts of `light` (of any shape): the inverse of `linear_of`."""
-    amounts = np.clip(np.asarray(light, float), 0.0, 1.0)
-    bright = (1 + OFFSET) * amounts ** (1 / EXPONENT) - OFFSET
-    return np.where(amounts <= DARK / SLOPE, amounts * SLOPE, bright)

@@ -31,9 +31,6 @@ LARGEST = 1e4
 TOLERANCE = 1e-4
 """Relative to the largest number of each entry: both sum float32 in orders of their own."""
 
-GRADIENT_TOLERANCE = 1e-3
-"""The same of gradients, relative to their largest entry."""
-
 ROUNDING = 2.0**-22
 """Share of its size by which an input is changed, at most, to see what rounding does in JAX alone."""
 

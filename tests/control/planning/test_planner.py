@@ -138,9 +138,9 @@ def test_tighter_bounds_are_kept(short: Planner):
 
 
 def test_planning_keeps_pace_with_a_display(planner: Planner, shipped: Emulator):
-    """The best of a dozen: other programs, and the checks of the tests, hold the machine up."""
+    """One of a dozen does: other programs, and the checks of the tests, hold the machine up."""
     plant = EmulatorPlant(shipped)
-    assert min(control_plant(planner, plant, REST, 60).p99_ms for _ in range(12)) <= 16
+    assert any(control_plant(planner, plant, REST, 60).p99_ms <= 16 for _ in range(12))
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ def table_of(out: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(lines[1:]))
 
 
+@pytest.mark.endurance  # tests/faults and tests/executor show the same of other tasks
 def test_a_fleet_is_the_same_bytes_by_one_process_and_by_two_and_makes_nothing_twice(
     tmp_path: Path,
 ):

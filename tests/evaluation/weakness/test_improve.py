@@ -141,6 +141,7 @@ def test_f02_killed_within_a_round_it_ends_with_the_same_bytes(
     assert bytes_of(broken) == bytes_of(whole[0])
 
 
+@pytest.mark.endurance  # tests/faults/test_f04_full_disk.py fills one while data are made
 def test_f04_a_disk_that_fills_is_said_and_gone_on_from(
     weak: Path,
     transitions: Transitions,

@@ -8,6 +8,9 @@ Derivatives go along sixteen tangents of z at a time, or back from sixteen resid
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from copy import copy
 from functools import cache, partial
 
@@ -15,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_map import (
     CMap,
     MapDefinition,
@@ -187,6 +191,23 @@ class CEvaluator(Evaluator):
             states = self._emulator.decode(latents)
         states[0] = self._start
         return EmulatedMotion(states.astype(float), controls.astype(float))
+
+
+@contextmanager
+def loading_programs(emulator: Emulator, parametrisation: Parametrisation) -> Iterator[None]:
+    """Load the programs of a descent, but that of its objective, while the block runs.
+
+    On a new machine they are made side by side with the objective's, on all cores. What fails here fails again in
+    `c_evaluator`, which says so. With the backend JAX nothing is loaded.
+    """
+    if backend() == "jax":
+        yield
+        return
+    with ThreadPoolExecutor() as pool:
+        pool.submit(link_of, emulator)  # the longest first
+        pool.submit(_library)
+        pool.submit(controls_map, parametrisation)
+        yield
 
 
 @cache

@@ -15,7 +15,11 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.codegen.backend import backend
-from neuroanimator.control.descent.c_evaluator import c_evaluator, controls_in_c
+from neuroanimator.control.descent.c_evaluator import (
+    c_evaluator,
+    controls_in_c,
+    loading_programs,
+)
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
@@ -76,7 +80,7 @@ def descend(
     check_steps(steps)
     state = emulator.state.check(start, "state")
     parametrisation = options.parametrisation_of(emulator, steps)
-    with phase("compiling"):
+    with phase("compiling"), loading_programs(emulator, parametrisation):
         check_objective(objective, emulator, state, steps)
         check_reachable(objective, emulator, state, steps)
     problem = pose_problem(emulator, objective, parametrisation, state, options.defects)
