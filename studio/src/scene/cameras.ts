@@ -82,10 +82,9 @@ export class CameraRig {
       }
       this.controls.target.add(shift);
       this.camera.position.add(shift);
-      this.#owedTurn = this.mode === "chase" ? this.#owedTurn + turned : 0;
-      const turn = this.#owedTurn * (1 - Math.exp(-seconds / TURN_LAG));
-      this.#owedTurn -= turn;
-      this.turn(turn, 0);
+      if (this.mode === "chase") {
+        this.#chase(turned, seconds);
+      }
     }
     this.controls.update();
     this.#rise(seconds);
@@ -94,6 +93,13 @@ export class CameraRig {
       this.camera.position.y = lowest;
       this.camera.lookAt(this.controls.target);
     }
+  }
+
+  #chase(turned: number, seconds: number): void {
+    this.#owedTurn += turned;
+    const turn = this.#owedTurn * (1 - Math.exp(-seconds / TURN_LAG));
+    this.#owedTurn -= turn;
+    this.turn(turn, 0);
   }
 
   // A leap is seen from above the water, whether the camera was under it or not.
@@ -132,6 +138,7 @@ export class CameraRig {
   }
 
   nextMode(): CameraMode {
+    this.#owedTurn = 0;
     const next = (CAMERA_MODES.indexOf(this.mode) + 1) % CAMERA_MODES.length;
     this.mode = CAMERA_MODES[next]!;
     return this.mode;
