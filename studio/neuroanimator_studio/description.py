@@ -14,14 +14,12 @@ from neuroanimator import Emulator, Policy, is_reached, read_pose
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
-from neuroanimator.control.policies.commands import COMMAND_LAYOUT
-from neuroanimator.control.policies.policy import COMMAND
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.emulator.verdict import Verdict
 from neuroanimator.export.morphs import CLOTH_RGBA
-from neuroanimator.export.programs.definition import commands_of
+from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
@@ -135,15 +133,12 @@ def describe_policy(policy: Policy | StatePolicy) -> dict[str, Any]:
 
     The clock and the commands of a state policy are in the state: its `phase_per_step` is None.
     """
-    if isinstance(policy, StatePolicy):
-        commands = commands_of(policy)
-        assert commands is not None
-        layout, ranges, tick = COMMAND_LAYOUT, commands.bounds, None
-    else:
-        layout, ranges, tick = COMMAND, policy.ranges, policy.tick
+    facts = definition_of(policy).facts
     command = []
-    for part, low, high in zip(layout.slices, ranges.low, ranges.high, strict=True):
-        command.append([part.name, part.unit, low, high])
+    ranges = zip(facts["command_low"], facts["command_high"], strict=True)
+    for (name, _, unit), (low, high) in zip(facts["command"], ranges, strict=True):
+        command.append([name, unit, low, high])
+    tick = facts.get("phase_per_step")
     return {"wasm": "policy.wasm", "command": command, "phase_per_step": tick}
 
 
