@@ -91,8 +91,11 @@ PUSH_SEED = 0
 RECOVERY = 4.5
 """[s] How long he walks on after it, as he was told last."""
 
-HUMAN_SIZE = (640, 480)
-"""[pixels]"""
+HUMAN_SIZE = (960, 720)
+"""[pixels] What is drawn, with him in the middle."""
+
+HUMAN_CUT = "crop=480:420:240:120"
+"""The part of it that is kept."""
 
 FOOD_AT = (2.0, 7.0)
 """[s] Times at which food is dropped."""
@@ -186,7 +189,7 @@ def human(folder: Path) -> None:
     with tempfile.TemporaryDirectory() as place:
         drawn = Path(place) / "human.mp4"
         na.write_video(clip, drawn, size=HUMAN_SIZE, camera="follow")
-        write_small(["-i", str(drawn)], out)
+        write_small(["-i", str(drawn), "-vf", HUMAN_CUT], out)
     print(f"{out}: {clip.times[-1]:.1f} s, {out.stat().st_size / 1e6:.2f} MB")
 
 
