@@ -14,7 +14,7 @@ STAMP := .venv/.ready
 DOCS_STAMP := .venv/.ready-docs
 PAGE := studio/neuroanimator_studio/page/index.html
 PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*' -not -path 'studio/neuroanimator_studio/*')
-BUNDLES := $(foreach name,dolphin-50 fish-50 fishes-50 truck-50 lander-50 pendulum-50 pendulum-passive-50 cape-40 flag-40 jelly-40 cube,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
+BUNDLES := $(foreach name,dolphin-50 fish-50 fishes-50 truck-50 lander-50 pendulum-50 pendulum-passive-50 cape-40 flag-40 jelly-40 cube human,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
 
 .PHONY: setup studio demo test page docs wheel wheels blender endurance fuzz lint check bench lock clean
 
@@ -75,6 +75,10 @@ studio/neuroanimator_studio/bundles/%/bundle.json: src/neuroanimator/emulators/%
 # No emulator of the cube ships: the page runs its physics.
 studio/neuroanimator_studio/bundles/cube/bundle.json: src/neuroanimator/systems/assets/cube.toml | $(STAMP)
 	@$(BIN)/python -m neuroanimator_studio.ship cube
+
+# What was learnt in the examples.
+studio/neuroanimator_studio/bundles/human/bundle.json: examples/human/human.policy.safetensors | $(STAMP)
+	@$(BIN)/python -m neuroanimator_studio.ship human
 
 $(PAGE): $(PAGE_SOURCES) | $(STAMP)
 	@$(BIN)/python studio/build.py

@@ -1,11 +1,12 @@
-"""Make the moving pictures of the README and the documentation: a leap, a swing-up, and a shark among small fish.
+"""Make the moving pictures of the README and the documentation: a leap, a swing-up, a shark among small fish, a human.
 
-python benchmarks/moving_pictures.py                # into docs/images; three minutes
+python benchmarks/moving_pictures.py                # into docs/images; four minutes
 python benchmarks/moving_pictures.py life           # one of them
 python benchmarks/moving_pictures.py --out pictures
 
-Leap and swing-up are on the true physics: the springs and the water of the dolphin, MuJoCo's arm. They need OpenGL (EGL or
-OSMesa). The shark's is the studio's page, an image at a time, as Chromium draws it; all of its fish are emulators.
+Leap, swing-up and human are on the true physics: the springs and the water of the dolphin, MuJoCo's arm, and MuJoCo's human, who
+is pushed; his motion is written as GLB, too. They need OpenGL (EGL or OSMesa). The shark's is the studio's page, an image at a
+time, as Chromium draws it; all of its fish are emulators.
 """
 
 from __future__ import annotations
@@ -18,13 +19,18 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
+from commanded import WALKING, Walkers
 from contact_sheets import ROOT, clip_of
+from following import HUMAN
 
 sys.path.insert(0, str(ROOT / "tests" / "studio"))
-from chromium import browsing, hosting, looking
+from chromium import STEPPED, browsing, hosting, looking
 
 import neuroanimator as na
+from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control import PhysicsPlant, Planner, control_plant
+from neuroanimator.gym.disturbances import pushed
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 RATE = 15
 """[1/s] Pictures a second: half of what is drawn, and smooth enough for a loop."""
@@ -56,7 +62,7 @@ LIFE_SECONDS = 14.0
 LIFE_SIZE = (640, 360)
 """[pixels]"""
 
-LIFE_FILM = [
+SMALL_FILM = [
     "libx264",
     "-preset",
     "veryslow",
@@ -69,22 +75,30 @@ LIFE_FILM = [
 ]
 """How it is written: half a megabyte."""
 
+HUMAN_COMMANDS = (
+    (3.0, 0.8, 0.0),
+    (4.0, 0.7, 0.6),
+    (2.5, 0.8, 0.0),
+)
+"""Commands of the human: time [s], speed [m/s] and turning rate [rad/s]; then he is pushed."""
+
+IMPULSE = 30.0
+"""[N s] Of the push."""
+
+PUSH_SEED = 0
+"""Seed of its direction."""
+
+RECOVERY = 4.5
+"""[s] How long he walks on after it, as he was told last."""
+
+HUMAN_SIZE = (960, 720)
+"""[pixels] What is drawn, with him in the middle."""
+
+HUMAN_CUT = "crop=480:420:240:120"
+"""The part of it that is kept."""
+
 FOOD_AT = (2.0, 7.0)
 """[s] Times at which food is dropped."""
-
-STEPPED = """
-let now = 0;
-let waiting = [];
-performance.now = () => now;
-window.requestAnimationFrame = (draw) => waiting.push(draw);
-window.nextImage = (milliseconds) => {
-    now += milliseconds;
-    const due = waiting;
-    waiting = [];
-    due.forEach((draw) => draw(now));
-};
-"""
-"""The page's time goes on when it is told, so that a slow machine films as smoothly; what fish do differs from film to film."""
 
 ALONE = (
     "body > :not(main) { display: none !important } main { position: fixed !important; inset: 0 }"
@@ -108,7 +122,7 @@ PALETTE = (
 
 def main() -> None:
     """Make the pictures that the command line names."""
-    makers = {"leap": leap, "swing-up": swing, "life": life}
+    makers = {"leap": leap, "swing-up": swing, "life": life, "human": human}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -150,10 +164,49 @@ def life(folder: Path) -> None:
                 page.evaluate(f"nextImage({1000 / RATE})")
                 page.screenshot(path=images / f"{number:04}.png")
         out = folder / "life.mp4"
-        ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", "-framerate", str(RATE)]
-        film = [*ffmpeg, "-i", str(images / "%04d.png"), "-c:v", *LIFE_FILM, str(out)]
-        subprocess.run(film, check=True)
+        write_small(["-framerate", str(RATE), "-i", str(images / "%04d.png")], out)
     print(f"{out}: {LIFE_SECONDS:.1f} s, {out.stat().st_size / 1e6:.2f} MB")
+
+
+def human(folder: Path) -> None:
+    """Film a human who walks, turns, is pushed and recovers, on the physics."""
+    policy, system, task = loaded_policy(
+        HUMAN / "human.policy.safetensors", HUMAN / "commanded.toml"
+    )
+    assert isinstance(system, MujocoSystem)
+    walkers = Walkers(policy, task, system, 1, WALKING)
+    states = []
+    for seconds, speed, turning in HUMAN_COMMANDS:
+        states += walked_on(walkers, seconds, speed, turning)
+    trunk = system.model.body(walkers.trunk).name
+    rng = np.random.default_rng(PUSH_SEED)
+    walkers.states = pushed(system.model, trunk, walkers.states, np.array([IMPULSE]), rng)
+    _, speed, turning = HUMAN_COMMANDS[-1]
+    states += walked_on(walkers, RECOVERY, speed, turning)
+    clip = na.make_clip(policy.emulator, np.array(states))
+    na.write_glb(clip, folder / "human.glb")
+    out = folder / "human.mp4"
+    with tempfile.TemporaryDirectory() as place:
+        drawn = Path(place) / "human.mp4"
+        na.write_video(clip, drawn, size=HUMAN_SIZE, camera="follow")
+        write_small(["-i", str(drawn), "-vf", HUMAN_CUT], out)
+    print(f"{out}: {clip.times[-1]:.1f} s, {out.stat().st_size / 1e6:.2f} MB")
+
+
+def walked_on(walkers: Walkers, seconds: float, speed: float, turning: float) -> list[np.ndarray]:
+    """Return the states (S,) of the one body that walks on, as it is told [s], [m/s], [rad/s]."""
+    walkers.states = walkers.commands.give(walkers.states, np.array([speed]), np.array([turning]))
+    states = []
+    for _ in range(round(seconds / walkers.policy.dt)):
+        states.append(walkers.states[0])
+        walkers.step()
+    return states
+
+
+def write_small(source: list[str], out: Path) -> None:
+    """Write the pictures that ffmpeg reads by the options `source` as a small film."""
+    ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y"]
+    subprocess.run([*ffmpeg, *source, "-c:v", *SMALL_FILM, str(out)], check=True)
 
 
 def part_of(clip: na.Clip, begin: float, end: float) -> na.Clip:

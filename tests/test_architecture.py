@@ -39,7 +39,7 @@ BEYOND_PUBLIC_NAMES = {
     "control.objective.c_objective",
     "control.objective.goals",
     "control.objective.objective",
-    "control.policies.policy",
+    "control.policies.state_policy",
     "control.synthesis.synthesise",
     "data.generate",
     "data.store",

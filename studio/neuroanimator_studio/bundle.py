@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 
 import neuroanimator
 from neuroanimator import Emulator, Policy, load_policy
+from neuroanimator.control.policies.state_policy import StatePolicy, load_any_policy
 from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import replayable_system
-from neuroanimator.export.programs.definition import definition_of
+from neuroanimator.export.programs.definition import commands_of, definition_of
 from neuroanimator.export.programs.wasm_file import checked_wasm
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.zoo import (
@@ -128,25 +129,38 @@ class Models(NamedTuple):
     """What a file has in it."""
 
     emulator: Emulator
-    policy: Policy | None
+    policy: Policy | StatePolicy | None
 
 
 def load_models(source: Path) -> Models:
     """Return the emulator in a file, and its policy: the one that ships with it, or all of a policy's file.
 
-    Raises BadFileError for a file that is neither; it says what is wrong with it as an emulator.
+    Raises BadFileError for a file that is neither; it says what is wrong with it as an emulator. So it does for a state policy
+    that takes no commands: nobody could steer it.
     """
     try:
         emulator = Emulator.load(source)
     except BadFileError:
         try:
-            policy = load_policy(source)
+            policy = load_any_policy(source)
         except BadFileError:
             policy = None
         if policy is None:
             raise
+        if isinstance(policy, StatePolicy) and commands_of(policy) is None:
+            raise BadFileError(
+                f"{source} is a policy that takes no commands, and the page steers by them. Learn one whose TOML file has "
+                "[follow.commands]."
+            ) from None
         return Models(policy.emulator, policy)
     return Models(emulator, policy_beside(source, emulator))
+
+
+def walk_drive(policy: StatePolicy) -> dict[str, Any]:
+    """Return the start of a body that follows a motion on command; from there on its policy drives it, in the page."""
+    reference = policy.view.reference
+    assert reference is not None
+    return {"start": short_numbers(reference.begun(0.0)), "controls": []}
 
 
 def policy_beside(source: Path, emulator: Emulator) -> Policy | None:
@@ -160,7 +174,7 @@ def policy_beside(source: Path, emulator: Emulator) -> Policy | None:
 def bundle_facts(
     source: Path,
     emulator: Emulator,
-    policy: Policy | None,
+    policy: Policy | StatePolicy | None,
     bundle_id: str,
     drive: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -172,7 +186,9 @@ def bundle_facts(
     facts["digest"] = digest(emulator)
     facts["licence"] = licence_of(source)
     facts["policy"] = None if policy is None else describe_policy(policy)
-    if drive is None:
+    if isinstance(policy, StatePolicy):
+        drive = walk_drive(policy)
+    elif drive is None:
         opening = opening_drive(emulator, system)
         drive = {
             "start": short_numbers(opening.start),

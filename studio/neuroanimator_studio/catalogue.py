@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import neuroanimator
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS, WITHOUT_EMULATOR, emulator_name
@@ -33,6 +33,26 @@ PHYSICS_BUNDLES = WITHOUT_EMULATOR
 """The systems without an emulator, of which the page runs the physics itself; they come after the others."""
 
 
+class Example(NamedTuple):
+    """A file among the examples that ships as a bundle."""
+
+    file: str
+    """Its path in a checkout."""
+    about: str
+
+
+EXAMPLE_BUNDLES = {
+    "human": Example(
+        "examples/human/human.policy.safetensors",
+        "A human who walks as he is told, after a recorded walk; arrow keys steer him",
+    )
+}
+"""Bundles of what was learnt in the examples, by id; they come last, each with its file: no emulator of the package is theirs."""
+
+EMULATOR = "emulator.safetensors"
+"""File of the emulator or policy that a bundle was made of, in it."""
+
+
 def shipped_folder() -> Path:
     """Return where the shipped bundles lie."""
     return Path(__file__).parent / "bundles"
@@ -40,7 +60,9 @@ def shipped_folder() -> Path:
 
 def shipped_bundles() -> list[Path]:
     """Return the folders of the bundles that ship."""
-    return [shipped_folder() / name for name in (*SHIPPED_BUNDLES, *PHYSICS_BUNDLES)]
+    return [
+        shipped_folder() / name for name in (*SHIPPED_BUNDLES, *PHYSICS_BUNDLES, *EXAMPLE_BUNDLES)
+    ]
 
 
 def catalogue(folders: Iterable[Path], *, has_server: bool) -> dict[str, Any]:

@@ -14,11 +14,12 @@ from neuroanimator import Emulator, Policy, is_reached, read_pose
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
-from neuroanimator.control.policies.policy import COMMAND
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.emulator.verdict import Verdict
 from neuroanimator.export.morphs import CLOTH_RGBA
+from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
@@ -127,14 +128,18 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
     }
 
 
-def describe_policy(policy: Policy) -> dict[str, Any]:
-    """Return what there is to command, [name, unit, low, high] each, and what the clock gains with a super step [rad]."""
+def describe_policy(policy: Policy | StatePolicy) -> dict[str, Any]:
+    """Return what there is to command, [name, unit, low, high] each, and what the clock gains with a super step [rad].
+
+    The clock and the commands of a state policy are in the state: its `phase_per_step` is None.
+    """
+    facts = definition_of(policy).facts
     command = []
-    for number, part in enumerate(COMMAND.slices):
-        command.append(
-            [part.name, part.unit, policy.ranges.low[number], policy.ranges.high[number]]
-        )
-    return {"wasm": "policy.wasm", "command": command, "phase_per_step": policy.tick}
+    ranges = zip(facts["command_low"], facts["command_high"], strict=True)
+    for (name, _, unit), (low, high) in zip(facts["command"], ranges, strict=True):
+        command.append([name, unit, low, high])
+    tick = facts.get("phase_per_step")
+    return {"wasm": "policy.wasm", "command": command, "phase_per_step": tick}
 
 
 def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -80,3 +81,22 @@ def _checked_controls(
     spec.bounds.check(rows, spec.control.names)
     # What the page brings to a bound in float32 may be one rounding beyond it.
     return spec.bounds.clip(rows)
+
+
+def checked_states(
+    spec: EmulatorSpec, states: str | Sequence[Sequence[float]]
+) -> Float[np.ndarray, "K S"]:
+    """Return states that came as rows, or in base64 of little-endian float32; ArgumentError for anything else."""
+    size = spec.state.size
+    if not isinstance(states, str):
+        return spec.state.check(states, "states")
+    try:
+        content = base64.b64decode(states, validate=True)
+    except ValueError as error:
+        raise ArgumentError("states: wanted base64 of float32 numbers.") from error
+    if not content or len(content) % (4 * size):
+        raise ArgumentError(
+            f"states: wanted rows of {size} float32 numbers, came {len(content)} bytes."
+        )
+    rows = np.frombuffer(content, "<f4").reshape(-1, size).astype(float)
+    return spec.state.check(rows, "states")

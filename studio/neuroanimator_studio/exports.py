@@ -9,18 +9,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from neuroanimator import Clip, make_clip, write_clip, write_glb, write_usd
+from neuroanimator import Clip, Emulator, make_clip, write_clip, write_glb, write_usd
 from neuroanimator.animation.clip import clip_of
 from neuroanimator.animation.gauges import drawable
-from neuroanimator.errors import DivergedError
+from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.unfinished import folder_until_exit
-from neuroanimator_studio.drive import checked_drive
+from neuroanimator_studio.drive import checked_drive, checked_states
 from neuroanimator_studio.judge import replay_physics
 from neuroanimator_studio.library import Shown
 from neuroanimator_studio.limits import Limits
 from neuroanimator_studio.requests import Export
+
+MAX_OFF_UNIT = 0.1
+"""Largest difference of a quaternion's length from one."""
 
 ID_BYTES = 16
 """Random bytes of a download's id."""
@@ -114,15 +118,27 @@ def _shown_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
     emulator = shown.emulator
     if emulator is None or wanted.source == "physics":
         return _physics_clip(shown, wanted, limits)
-    drive = checked_drive(shown.spec, wanted, limits)
-    states = drive.played(
-        lambda start, held: np.asarray(emulator.rollout(start, held, may_diverge=True), float)
-    )
+    if wanted.states is not None:
+        states = checked_states(shown.spec, wanted.states)
+        _check_orientations(emulator, states)
+    else:
+        drive = checked_drive(shown.spec, wanted, limits)
+        states = drive.played(
+            lambda start, held: np.asarray(emulator.rollout(start, held, may_diverge=True), float)
+        )
     if not np.isfinite(states).all():
         raise DivergedError(
             "The emulator's motion ends in numbers that are not finite. Shorten it."
         )
     return make_clip(emulator, states, rate=wanted.rate, source="emulator")
+
+
+def _check_orientations(emulator: Emulator, states: Float[np.ndarray, "K S"]) -> None:
+    """Refuse states that say no orientation where there must be one."""
+    for entry, _ in emulator.state_structure.orientations:
+        lengths = np.linalg.norm(states[:, entry : entry + 4], axis=1)
+        if not (np.abs(lengths - 1) < MAX_OFF_UNIT).all():
+            raise ArgumentError("states: wanted quaternions of length one.")
 
 
 def _physics_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:

@@ -23,6 +23,7 @@ from neuroanimator.systems.system import System
 from neuroanimator_studio.bundle_worker import FAULT, PHASE
 from neuroanimator_studio.catalogue import (
     BUNDLE,
+    EMULATOR,
     PHYSICS_BUNDLES,
     SHIPPED_BUNDLES,
     shipped_bundles,
@@ -37,9 +38,6 @@ ID_LENGTH = 16
 
 KEPT = 20
 """Bundles that are kept; of more the oldest go."""
-
-EMULATOR = "emulator.safetensors"
-"""The file of a kept bundle's emulator."""
 
 MAX_MAKING = 600.0
 """Time after which making a bundle is given up [s]."""

@@ -6,12 +6,10 @@ A page that floods the server, asks what is no JSON or takes nothing in is left;
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from starlette.responses import JSONResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -20,7 +18,7 @@ from neuroanimator import NeuroAnimatorError
 from neuroanimator.errors import ArgumentError
 from neuroanimator_studio.descents import judge_motion
 from neuroanimator_studio.description import packed
-from neuroanimator_studio.drive import checked_drive
+from neuroanimator_studio.drive import checked_drive, checked_states
 from neuroanimator_studio.job_plan import check_packaged, checked_plan
 from neuroanimator_studio.judge import judge, replay_physics
 from neuroanimator_studio.library import Shown
@@ -150,7 +148,7 @@ def judged(studio: Studio, request: Judge) -> Answer:
 def descent_judged(studio: Studio, request: JudgeDescent) -> Answer:
     """Return the answer to `judge_descent`."""
     shown = studio.library.load(request.bundle)
-    states = _all_states(shown, request)
+    states = checked_states(shown.spec, request.states)
     if shown.emulator is None:
         raise ArgumentError(f"{shown.bundle_id} has no emulator, and so no descents to judge.")
     return judge_motion(shown.emulator, shown.system, request.values, states)._asdict()
@@ -188,20 +186,4 @@ def started(studio: Studio, request: Train) -> str:
 
 def _last_state(shown: Shown, request: Judge) -> np.ndarray:
     """Return the last of the states."""
-    return _all_states(shown, request)[-1]
-
-
-def _all_states(shown: Shown, request: Judge | JudgeDescent) -> Float[np.ndarray, "K S"]:
-    """Return the states, which came as rows or in base64."""
-    size = shown.spec.state.size
-    if not isinstance(request.states, str):
-        return shown.spec.state.check(request.states, "states")
-    try:
-        content = base64.b64decode(request.states, validate=True)
-    except ValueError as error:
-        raise ArgumentError("states: wanted base64 of float32 numbers.") from error
-    if not content or len(content) % (4 * size):
-        raise ArgumentError(
-            f"states: wanted rows of {size} float32 numbers, came {len(content)} bytes."
-        )
-    return np.frombuffer(content, "<f4").reshape(-1, size).astype(float)
+    return checked_states(shown.spec, request.states)[-1]

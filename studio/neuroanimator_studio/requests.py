@@ -24,6 +24,9 @@ MAX_TEXTS = 1_000
 MAX_TEXT = 1 << 20
 """Characters of states in base64."""
 
+MAX_MOTION = 7 << 20
+"""Characters of the states of a whole motion in base64."""
+
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Number = Annotated[int, Field(ge=0, le=2**53)]
 """What a page counts its requests by: JavaScript's whole numbers."""
@@ -113,6 +116,9 @@ class Export(Table):
     start: Vector
     controls: Rows
     pushes: Pushes = Field(default_factory=list)
+    states: Annotated[str, Field(max_length=MAX_MOTION)] | None = None
+    """The motion as the page has it, a row a super step, in base64 of little-endian float32: what hangs on rounding, such as a
+    walk, is not made again from its controls."""
     source: Literal["emulator", "physics"] = "emulator"
     """What makes the motion that is shown."""
     ghost: bool = False

@@ -6,23 +6,32 @@ With `--facts` only what they say is made anew, and programs stay as they are.
 from __future__ import annotations
 
 import sys
+from pathlib import Path
+from typing import Any
 
 from neuroanimator import Emulator
+from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.zoo import find_emulator
 from neuroanimator.text import print_line
 from neuroanimator_studio.bundle import (
     bundle_facts,
+    load_models,
     make_bundle,
     policy_beside,
     write_facts,
 )
 from neuroanimator_studio.catalogue import (
     BUNDLE,
+    EMULATOR,
+    EXAMPLE_BUNDLES,
     PHYSICS_BUNDLES,
     SHIPPED_BUNDLES,
     shipped_folder,
 )
 from neuroanimator_studio.physics import physics_facts, write_physics_module
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+"""Root of the checkout that the studio lies in."""
 
 
 def ship(names: list[str]) -> None:
@@ -33,6 +42,13 @@ def ship(names: list[str]) -> None:
             folder.mkdir(parents=True, exist_ok=True)
             write_physics_module(name, folder)
             write_facts(physics_facts(name, folder), folder)
+        elif name in EXAMPLE_BUNDLES:
+            folder.mkdir(parents=True, exist_ok=True)
+            # Made where its model is not beside: nobody who installs the studio has that.
+            source = CHECKOUT / EXAMPLE_BUNDLES[name].file
+            write_whole(folder / EMULATOR, source.read_bytes())
+            make_bundle(str(folder / EMULATOR), folder, name)
+            ship_facts([name])
         else:
             make_bundle(name, folder)
         for path in sorted(folder.iterdir()):
@@ -46,10 +62,21 @@ def ship_facts(names: list[str]) -> None:
         if name in PHYSICS_BUNDLES:
             write_facts(physics_facts(name, path.parent), path.parent)
             continue
+        if name in EXAMPLE_BUNDLES:
+            write_facts(example_facts(name, path.parent), path.parent)
+            continue
         source = find_emulator(name)
         emulator = Emulator.load(source)
         facts = bundle_facts(source, emulator, policy_beside(source, emulator), name)
         write_facts(facts, path.parent)
+
+
+def example_facts(name: str, folder: Path) -> dict[str, Any]:
+    """Return what the bundle of an example says, by the file in its `folder`."""
+    source = folder / EMULATOR
+    emulator, policy = load_models(source)
+    facts = bundle_facts(source, emulator, policy, name)
+    return facts | {"title": name, "about": EXAMPLE_BUNDLES[name].about}
 
 
 if __name__ == "__main__":
@@ -57,6 +84,7 @@ if __name__ == "__main__":
     chosen = [word for word in words if not word.startswith("--")] or [
         *SHIPPED_BUNDLES,
         *PHYSICS_BUNDLES,
+        *EXAMPLE_BUNDLES,
     ]
     if "--facts" in words:
         ship_facts(chosen)

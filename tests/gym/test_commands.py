@@ -15,8 +15,12 @@ from neuroanimator import Emulator, NeuroAnimatorError, Pilot, load_system
 from neuroanimator.cli.policy_returns import commanded_motion
 from neuroanimator.cli.train import train_in_policy
 from neuroanimator.control.policies.commands import Commands
-from neuroanimator.control.policies.pilot_motions import WALKING_LEAD
-from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, ReferenceMotion
+from neuroanimator.control.policies.reference_motion import (
+    ORIENTATION,
+    POSITION,
+    WALKING_LEAD,
+    ReferenceMotion,
+)
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.definitions.follow import CommandsTable, FollowTable
 from neuroanimator.export.programs.formats import export_programs
@@ -150,6 +154,22 @@ def test_strides_are_as_long_as_the_commanded_speed_needs(
         states = np.stack([motion.begun(phase) for phase in np.linspace(0, 2 * np.pi, 54)[:-1]])
         frames = _frame(motion, commands.give(states, np.full(53, speed), np.zeros(53)))
         np.testing.assert_allclose(frames[:, motion.velocity].mean(), speed, atol=0.01)
+
+
+def test_a_command_is_three_numbers_of_a_state_and_told_twice_is_told_once(
+    motion: ReferenceMotion, commands: Commands, starts: np.ndarray
+):
+    command = np.stack([np.linspace(-1, 2, 20), np.linspace(-2, 2, 20)], axis=1)
+    starts = starts.copy()
+    starts[:, commands.heading] = np.linspace(-9, 9, 20)
+    told = motion.with_command(starts, command)
+    changed = np.flatnonzero((told != starts).any(axis=0))
+    assert set(changed) == {commands.heading, commands.turning, commands.clock_rate}
+    lead = told[:, commands.heading] - heading_of(told[:, ORIENTATION])
+    assert np.abs(lead).max() <= WALKING_LEAD + 1e-9
+    np.testing.assert_allclose(motion.with_command(told, command), told, atol=1e-12)
+    in_jax = motion.with_command(*(jnp.asarray(one, jnp.float32) for one in (starts, command)))
+    np.testing.assert_allclose(in_jax, told, atol=1e-4)
 
 
 def test_who_is_told_to_stand_stands_as_the_model_does_at_rest(

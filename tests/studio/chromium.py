@@ -32,6 +32,21 @@ WINDOW: ViewportSize = {"width": 480, "height": 320}
 """Small, for every pixel is computed by the processor."""
 
 
+STEPPED = """
+let now = 0;
+let waiting = [];
+performance.now = () => now;
+window.requestAnimationFrame = (draw) => waiting.push(draw);
+window.nextImage = (milliseconds) => {
+    now += milliseconds;
+    const due = waiting;
+    waiting = [];
+    due.forEach((draw) => draw(now));
+};
+"""
+"""Makes the page's time go on when it is told, by `nextImage(milliseconds)`: so a slow machine sees as much as a fast one."""
+
+
 def chromium_path() -> str:
     """Return where Chromium is; skip the tests, with one line, where it is not."""
     found = shutil.which("chromium") or shutil.which("chromium-browser")

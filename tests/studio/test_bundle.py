@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -15,12 +17,22 @@ from neuroanimator import load_emulator
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.control.objective.goals import is_reached
+from neuroanimator.control.policies.state_policy import Perceptron, StatePolicy, View
+from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.files.zoo import find_emulator, shipped_policy
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
-from neuroanimator_studio.bundle import bundle_facts, digest, make_bundle, policy_beside
+from neuroanimator_studio.bundle import (
+    bundle_facts,
+    digest,
+    load_models,
+    make_bundle,
+    policy_beside,
+)
 from neuroanimator_studio.catalogue import (
+    EMULATOR,
+    EXAMPLE_BUNDLES,
     PHYSICS_BUNDLES,
     SHIPPED_BUNDLES,
     catalogue,
@@ -28,6 +40,7 @@ from neuroanimator_studio.catalogue import (
     shipped_folder,
 )
 from neuroanimator_studio.description import describe_verdict, unpacked
+from neuroanimator_studio.ship import example_facts
 
 MAX_FILE = 1 << 20
 """No file of a bundle that ships is larger [bytes], but those of soft bodies."""
@@ -221,6 +234,34 @@ def test_a_policys_bundle_takes_the_programs_of_the_emulator_it_was_trained_thro
     assert made["policy"] is not None
 
 
+MAX_EXAMPLE_FILE = 5 << 19
+"""Maximum size of a file of an example's bundle [bytes]: an emulator's weights are in it more than once."""
+
+
+def test_the_human_that_ships_is_the_one_of_the_examples_and_takes_commands():
+    folder = shipped_folder() / "human"
+    file = Path(__file__).parents[2] / EXAMPLE_BUNDLES["human"].file
+    assert (folder / EMULATOR).read_bytes() == file.read_bytes()
+    assert max(path.stat().st_size for path in folder.iterdir()) <= MAX_EXAMPLE_FILE
+    facts = shipped("human")
+    remade = json.loads(json.dumps(example_facts("human", folder)))
+    assert remade.keys() == facts.keys()
+    assert all(same(remade[key], value) for key, value in facts.items() if key != "version")
+    names = [row[:2] for row in facts["policy"]["command"]]
+    assert names == [["speed", "m/s"], ["turning", "rad/s"]]
+    assert not facts["can_simulate"]
+
+
+def test_a_state_policy_that_takes_no_commands_is_refused(tmp_path: Path):
+    emulator = load_emulator("pendulum")
+    view = View(jnp.zeros(2), jnp.ones(2), (0, 1))
+    network = Perceptron.fresh((2, 4, emulator.control.size), jax.random.key(0), 1.0)
+    file = tmp_path / "swing.policy.safetensors"
+    StatePolicy(emulator, view, network).save(file)
+    with pytest.raises(BadFileError, match="takes no commands"):
+        load_models(file)
+
+
 def test_an_emulator_with_one_other_weight_has_another_digest():
     emulator = load_emulator("pendulum-50")
     assert digest(emulator) == shipped("pendulum-50")["digest"]
@@ -230,6 +271,7 @@ def test_an_emulator_with_one_other_weight_has_another_digest():
 
 def test_the_catalogue_names_every_shipped_bundle_once(tmp_path: Path):
     described = catalogue(shipped_bundles(), has_server=False)
-    assert [row["id"] for row in described["entries"]] == [*SHIPPED_BUNDLES, *PHYSICS_BUNDLES]
+    shipped = [*SHIPPED_BUNDLES, *PHYSICS_BUNDLES, *EXAMPLE_BUNDLES]
+    assert [row["id"] for row in described["entries"]] == shipped
     assert all(row["bundle"] == f"bundles/{row['id']}/" for row in described["entries"])
     assert not described["has_server"]

@@ -30,6 +30,7 @@ from neuroanimator.files.zoo import find_emulator, shipped_policy
 from neuroanimator_studio import run
 from neuroanimator_studio.bundle import load_models
 from neuroanimator_studio.catalogue import (
+    EXAMPLE_BUNDLES,
     PHYSICS_BUNDLES,
     SHIPPED_BUNDLES,
     shipped_bundles,
@@ -51,7 +52,7 @@ def test_the_page_and_the_bundles_are_served_as_what_they_are(studio: Serving):
     assert studio.ask("/assets/main.js").headers["content-type"].startswith("text/javascript")
     described = studio.ask("/catalogue.json").json
     assert described["has_server"]
-    bundles = [*SHIPPED_BUNDLES, *PHYSICS_BUNDLES]
+    bundles = [*SHIPPED_BUNDLES, *PHYSICS_BUNDLES, *EXAMPLE_BUNDLES]
     assert [row["id"] for row in described["entries"]][: len(bundles)] == bundles
     for row in described["entries"][:2]:
         facts = studio.ask(f"/{row['bundle']}bundle.json")
@@ -188,6 +189,36 @@ def test_a_policys_file_is_its_emulator_and_what_steers_it(tmp_path: Path):
     shutil.copy(shipped_policy("fish"), tmp_path / ("0" * 16) / "emulator.safetensors")
     (tmp_path / ("0" * 16) / "bundle.json").write_text("{}")
     assert library.load("0" * 16).system.name == "fish"
+
+
+def test_a_walk_is_exported_as_the_page_has_it(studio: Serving):
+    facts = bundle("human")
+    start = np.array(facts["default_motion"]["start"], np.float32)
+    states = np.tile(start, (3, 1))
+    states[:, 0] = [0.0, 0.1, 0.2]
+    request = {
+        "bundle": "human",
+        "format": "csv",
+        "start": start.tolist(),
+        "controls": [[0.0] * 23] * 2,
+        "states": packed(states, "<f4"),
+    }
+    reply = studio.post_json("/api/exports", request)
+    assert reply.status == 200, reply.body
+    rows = studio.ask(f"/api/downloads/{reply.json['download']}").body.decode().splitlines()
+    assert float(rows[-1].split(",")[1]) == pytest.approx(0.2, abs=1e-3)
+    nothing = states * 0
+    for wrong in (
+        "?",
+        packed(states[0, :5], "<f4"),
+        packed(states * np.nan, "<f4"),
+        packed(nothing, "<f4"),
+    ):
+        for kind in ("csv", "glb"):
+            status = studio.post_json(
+                "/api/exports", request | {"states": wrong, "format": kind}
+            ).status
+            assert status < 500, (wrong[:10], kind)
 
 
 def test_a_site_is_the_same_files_without_a_server(tmp_path: Path):

@@ -24,11 +24,17 @@ export function reachOf(bone: Bone): number {
   return Math.max(0, ...reaches);
 }
 
+/** Return those of `bones` that have shapes; all of them where a skin is drawn instead. */
+function drawnOf(skeleton: readonly Bone[], bones: readonly number[]): readonly number[] {
+  const drawn = bones.filter((number) => skeleton[number]!.shapes.length > 0);
+  return drawn.length > 0 ? drawn : bones;
+}
+
 /** Return the box around so many `bones`; each reaches as far as its shapes. */
 export function extentOf(skeleton: readonly Bone[], bones: readonly number[], pose: Pose): Extent {
   const low = [Infinity, Infinity, Infinity];
   const high = [-Infinity, -Infinity, -Infinity];
-  for (const number of bones) {
+  for (const number of drawnOf(skeleton, bones)) {
     const reach = reachOf(skeleton[number]!);
     for (let axis = 0; axis < 3; axis++) {
       const at = pose.positions[3 * number + axis]!;
@@ -46,10 +52,11 @@ export function extentOf(skeleton: readonly Bone[], bones: readonly number[], po
 /** Return the longest side of the box around the bones [m]. */
 export function sizeOfBody(skeleton: readonly Bone[], bones: readonly number[], pose: Pose): number {
   let size = 1e-3;
+  const drawn = drawnOf(skeleton, bones);
   for (let axis = 0; axis < 3; axis++) {
     let low = Infinity;
     let high = -Infinity;
-    for (const number of bones) {
+    for (const number of drawn) {
       const reach = reachOf(skeleton[number]!);
       low = Math.min(low, pose.positions[3 * number + axis]! - reach);
       high = Math.max(high, pose.positions[3 * number + axis]! + reach);

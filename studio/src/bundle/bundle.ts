@@ -114,7 +114,8 @@ export type CommandPart = readonly [name: string, unit: string, low: number, hig
 export interface PolicyFacts {
   readonly wasm: string;
   readonly command: readonly CommandPart[];
-  readonly phase_per_step: number;
+  /** What its clock gains with a super step [rad]; null of a policy whose clock and commands are in the state. */
+  readonly phase_per_step: number | null;
 }
 
 export interface DefaultMotion {
@@ -206,6 +207,11 @@ export function isPhysics(facts: Bundle): boolean {
 /** Return whether a bundle is of a soft body on solid ground, which may be thrown and tumble: no side of it is its front. */
 export function isTumbling(facts: Bundle): boolean {
   return facts.skin !== null && facts.scene.kind === "plain";
+}
+
+/** Return whether a bundle is of a body that walks on command: its policy's commands are in its state. */
+export function isWalking(facts: Bundle): boolean {
+  return facts.policy?.phase_per_step === null;
 }
 
 /** A bundle and the address of its folder. */

@@ -1,4 +1,4 @@
-// A policy in WebAssembly: from a state, the phase of a clock and a command to a control.
+// Policies in WebAssembly: from a state, the phase of a clock and a command to a control; or with clock and command in the state.
 
 import { checkLength, exportedFunction, Heap, startModule, type ModuleExports } from "./instance";
 
@@ -47,5 +47,54 @@ export class Policy {
     heap.view(this.#command, COMMAND_SIZE).set(command);
     exportedFunction(this.exports, `${PREFIX}_control`)(this.#state, phase, this.#command, this.#control);
     return heap.view(this.#control, this.controlSize).slice();
+  }
+}
+
+/** What a body that is commanded does. */
+export interface Commanded {
+  /** The control (C), to be held for one super step. */
+  readonly control: Float32Array;
+  /** The state (S) with the command in it, from which the super step begins. */
+  readonly state: Float32Array;
+}
+
+/** A policy of a body whose clock and commands are in its state. */
+export class CommandedPolicy {
+  readonly #heap: Heap;
+  readonly #state: number;
+  readonly #command: number;
+  readonly #control: number;
+  readonly #commanded: number;
+
+  private constructor(
+    private readonly exports: ModuleExports,
+    readonly stateSize: number,
+    readonly controlSize: number,
+    readonly commandSize: number,
+  ) {
+    this.#heap = new Heap(exports);
+    this.#state = this.#heap.room(stateSize);
+    this.#command = this.#heap.room(commandSize);
+    this.#control = this.#heap.room(controlSize);
+    this.#commanded = this.#heap.room(stateSize);
+  }
+
+  /** Start a compiled module that reads states and commands and gives controls of so many numbers. */
+  static async start(module: WebAssembly.Module, stateSize: number, controlSize: number, commandSize: number): Promise<CommandedPolicy> {
+    return new CommandedPolicy(await startModule(module), stateSize, controlSize, commandSize);
+  }
+
+  /** Return what a body in `state` (S) does under `command`, each number in the order of the bundle's. */
+  control(state: ArrayLike<number>, command: ArrayLike<number>): Commanded {
+    checkLength(state, this.stateSize, "state");
+    checkLength(command, this.commandSize, "command");
+    const heap = this.#heap;
+    heap.view(this.#state, this.stateSize).set(state);
+    heap.view(this.#command, this.commandSize).set(command);
+    exportedFunction(this.exports, `${PREFIX}_control`)(this.#state, this.#command, this.#control, this.#commanded);
+    return {
+      control: heap.view(this.#control, this.controlSize).slice(),
+      state: heap.view(this.#commanded, this.stateSize).slice(),
+    };
   }
 }

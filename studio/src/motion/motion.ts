@@ -68,6 +68,11 @@ export class Motion {
     }
   }
 
+  /** Let the motion go on from `state` (S), to rounding, instead of its last one. */
+  setLast(state: ArrayLike<number>): void {
+    this.pushLast(this.state(this.#steps).map((number, i) => state[i]! - number));
+  }
+
   /** What was added to states from super step `from` up to `to`, by how many super steps after `from`. */
   pushes(from = 0, to = this.#steps): Push[] {
     const within = [...this.#pushes].filter(([step]) => step >= from && step < to);

@@ -18,6 +18,8 @@ export const MAX_SECONDS = 600;
 export interface Pilot {
   /** Return the control (C) to hold from super step `step` on, in which the body is in `state`. */
   control(state: Float32Array, step: number): ArrayLike<number>;
+  /** Return a state (S) with what it is told in it: only of a body whose commands are in its state. */
+  told?(state: Float32Array): Float32Array;
 }
 
 export type PlayerEvent = "motion" | "lost";
@@ -182,6 +184,9 @@ export class Player {
     const state = motion.state(motion.steps);
     if (this.force) {
       motion.pushLast(this.force(state));
+    }
+    if (this.pilot?.told) {
+      motion.setLast(this.pilot.told(state));
     }
     const control = this.pilot ? this.pilot.control(state, motion.steps) : this.#middle();
     const { next, score } = this.emulator.stepTrusted(state, control);

@@ -1,20 +1,21 @@
 // One system on the stage: its emulator, its player, its world, and what steers it.
 
 import { rootPose } from "../body/root";
-import { loadBundle, type Bundle, type LoadedBundle } from "../bundle/bundle";
+import { isWalking, loadBundle, type Bundle, type LoadedBundle } from "../bundle/bundle";
 import { bundleFolder, type CatalogueEntry } from "../bundle/catalogue";
 import { sizeOf } from "../bundle/layout";
 import { Emulator } from "../emulator/emulator";
 import { fetchModule } from "../emulator/instance";
-import { Policy } from "../emulator/policy";
+import { CommandedPolicy, Policy } from "../emulator/policy";
 import { Player } from "../motion/player";
 import { World } from "../scene/world";
 import type { Stage } from "../scene/stage";
-import { GaitPilot, PolicyPilot, SliderPilot } from "../steering/pilots";
+import { GaitPilot, PolicyPilot, SliderPilot, WalkPilot } from "../steering/pilots";
 import { Crowd } from "../steering/crowd";
 import { Life, POPULATION, SMALL } from "../steering/life";
 import { MoverPilot, WanderPath } from "../steering/movers";
 import { School } from "../steering/school";
+import { Walkers } from "../steering/walkers";
 
 /** Time in which a browser shows what a page says, before a new stage keeps it busy [ms]. */
 const PAINTING = 30;
@@ -26,6 +27,7 @@ export class Session {
   readonly player: Player;
   readonly sliders: SliderPilot;
   readonly swimmer: PolicyPilot | null;
+  readonly walker: WalkPilot | null;
   /** What leads the movers of a soft body, and the paths they wander along. */
   readonly movers: { readonly pilot: MoverPilot; readonly path: WanderPath } | null;
   /** What the emulator needs for a super step [s], measured when it was loaded. */
@@ -35,13 +37,16 @@ export class Session {
   /** The small fish around this one, if they are shown. */
   life: Life | null = null;
   crowd: Crowd | null = null;
+  /** Others who walk around this one, if they are shown. */
+  walkers: Walkers | null = null;
   #wantedCrowd = 0;
+  #wantedWalkers = 0;
 
   private constructor(
     readonly entry: CatalogueEntry,
     readonly bundle: LoadedBundle,
     readonly emulator: Emulator,
-    private readonly policy: Policy | null,
+    private readonly policy: Policy | CommandedPolicy | null,
     private readonly emulatorModule: WebAssembly.Module,
     stage: Stage,
     isDark: boolean,
@@ -49,16 +54,17 @@ export class Session {
     const facts = bundle.facts;
     this.player = new Player(emulator, facts);
     this.sliders = new SliderPilot(facts);
-    this.swimmer = policy && new PolicyPilot(policy, facts);
+    this.swimmer = policy instanceof Policy ? new PolicyPilot(policy, facts) : null;
+    this.walker = policy instanceof CommandedPolicy ? new WalkPilot(policy, facts) : null;
     this.movers = null;
     if (facts.surface) {
       const path = new WanderPath(this.player.motion, facts);
       this.movers = { path, pilot: new MoverPilot(facts, path) };
-      // A cloth would jump where its motion begins again.
-      this.player.goesOn = true;
     }
+    // A cloth would jump where its motion begins again; a walker has none but that which its policy makes.
+    this.player.goesOn = this.movers !== null || this.walker !== null;
     const gait = facts.gait ? new GaitPilot(facts, facts.gait) : null;
-    this.player.pilot = this.swimmer ?? this.movers?.pilot ?? gait ?? this.sliders;
+    this.player.pilot = this.swimmer ?? this.walker ?? this.movers?.pilot ?? gait ?? this.sliders;
     this.secondsPerStep = timeSteps(emulator, facts);
     this.world = new World(stage, facts, this.player.motion.state(0), isDark);
   }
@@ -82,7 +88,7 @@ export class Session {
       new Promise((resume) => setTimeout(resume, PAINTING)),
     ]);
     const emulator = await Emulator.start(emulatorModule, sizes);
-    const policy = policyModule && (await Policy.start(policyModule, state, control));
+    const policy = policyModule && (await startPolicy(policyModule, facts));
     // The stage is set for the system that was asked for last, whichever comes last.
     if (!isWanted()) {
       return null;
@@ -99,7 +105,7 @@ export class Session {
     this.world.showSchool(null);
     this.school = null;
     this.life = null;
-    if (count === 0 || !this.policy || !this.facts.root) {
+    if (count === 0 || !(this.policy instanceof Policy) || !this.facts.root) {
       return;
     }
     // A module of its own: its memory goes when the school goes.
@@ -111,7 +117,7 @@ export class Session {
 
   /** Whether small fish can live around this body: it is a fish that a policy steers. */
   get canLive(): boolean {
-    return this.facts.system === "fish" && this.policy !== null && this.facts.root !== null;
+    return this.facts.system === "fish" && this.policy instanceof Policy && this.facts.root !== null;
   }
 
   /** Let small fish live around this one, which is their shark. */
@@ -122,7 +128,7 @@ export class Session {
     const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
     const room = { low: world.room.low / SMALL, high: world.room.high / SMALL };
     const centre = world.ahead(3.5, 0).map((value) => value / SMALL) as [number, number, number];
-    const school = new School(emulator, this.policy!, facts, world.size, room, centre, POPULATION);
+    const school = new School(emulator, this.policy as Policy, facts, world.size, room, centre, POPULATION);
     this.life = new Life(school, centre, facts.dt, world.size, () => rootPose(root, player.state()), world.room.low);
     world.showLife(this.life);
   }
@@ -156,9 +162,35 @@ export class Session {
     }
   }
 
+  /** Let so many others walk around the body, each on its way; none takes them away. */
+  async keepWalkers(count: number): Promise<void> {
+    this.world.showWalkers(null);
+    this.walkers = null;
+    this.#wantedWalkers = count;
+    const { facts, policy } = this;
+    if (count === 0 || !(policy instanceof CommandedPolicy)) {
+      return;
+    }
+    const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
+    // They may have been sent away since.
+    if (count === this.#wantedWalkers) {
+      this.walkers = new Walkers(emulator, policy, facts, count, () => rootPose(facts.root!, this.player.state()).position);
+      this.world.showWalkers(this.walkers);
+    }
+  }
+
   dispose(): void {
     this.world.dispose();
   }
+}
+
+async function startPolicy(module: WebAssembly.Module, facts: Bundle): Promise<Policy | CommandedPolicy> {
+  const state = sizeOf(facts.state);
+  const control = sizeOf(facts.control);
+  const { command } = facts.policy!;
+  return isWalking(facts)
+    ? CommandedPolicy.start(module, state, control, command.length)
+    : Policy.start(module, state, control);
 }
 
 function timeSteps(emulator: Emulator, facts: Bundle): number {

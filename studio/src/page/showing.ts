@@ -2,7 +2,7 @@
 
 import { isPhysics } from "../bundle/bundle";
 import { EDGE } from "../motion/motion";
-import { controlPanel, steerPanel, type Panel } from "../panels/controls";
+import { controlPanel, steerPanel, walkPanel, type Panel } from "../panels/controls";
 import { moverPanel } from "../panels/movers";
 import { parameterPanel } from "../panels/parameters";
 import { MeasurePanel } from "../panels/measure";
@@ -75,7 +75,7 @@ export class Showing {
     const goLive = (): void => this.goLive();
     this.#hand = session.movers ? new MoverDrag(session, session.movers.pilot, goLive) : new BodyPull(session, goLive);
     this.#measure = new MeasurePanel(session, this.#twin, () => this.toggleGhost());
-    const steer = moverPanel(session, goLive) ?? steerPanel(session, goLive, () => this.toggleTarget());
+    const steer = moverPanel(session, goLive) ?? walkPanel(session, goLive) ?? steerPanel(session, goLive, () => this.toggleTarget());
     const parameters = parameterPanel(session, goLive);
     const goal = panel("Reach a goal", steer === null && parameters === null);
     const controls = controlPanel(session, () => this.goLive());
@@ -142,6 +142,9 @@ export class Showing {
     }
     if (session.crowd && player.isPlaying) {
       session.crowd.advance(seconds * player.speed, (number, state) => world.showInCrowd(number, state));
+    }
+    if (session.walkers && player.isPlaying) {
+      session.walkers.advance(seconds * player.speed, (number, state) => world.showWalker(number, state));
     }
     if (!isMotionReduced()) {
       this.#sceneTime += seconds * (player.isPlaying ? player.speed : IDLE_SPEED);

@@ -15,6 +15,9 @@ const MAX_CLIMB = 0.8;
 /** Sizes of schools to choose from. */
 const SCHOOLS = [0, 20, 200, 1000] as const;
 
+/** How many others walk around. */
+const WALKERS = 10;
+
 export interface Panel {
   readonly element: HTMLElement;
   update(): void;
@@ -79,6 +82,54 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
       const hasTarget = pilot.target !== null && session.life === null;
       target.setAttribute("aria-pressed", String(hasTarget));
       life?.update();
+    },
+  };
+}
+
+/** Sliders of what a walker is told: speed, and how fast to turn. */
+export function walkPanel(session: Session, goLive: () => void): Panel | null {
+  const pilot = session.walker;
+  if (!pilot) {
+    return null;
+  }
+  const { details, body } = panel("Steer", true);
+  const { command } = pilot;
+  const take = (set: (value: number) => void) => (value: number) => {
+    session.player.pilot = pilot;
+    set(value);
+    goLive();
+  };
+  const speed = slider({
+    label: "speed",
+    unit: "m/s",
+    ...pilot.speeds,
+    value: command.speed,
+    onInput: take((value) => (command.speed = value)),
+  });
+  const turning = slider({
+    label: "turn left",
+    unit: "rad/s",
+    ...pilot.turnings,
+    value: command.turning,
+    onInput: take((value) => (command.turning = value)),
+  });
+  const company = button({
+    label: `${WALKERS} more, each on its way`,
+    title: "Others who walk around, each where it likes",
+    onClick: () => void session.keepWalkers(session.walkers ? 0 : WALKERS),
+  });
+  body.append(
+    element("p", "", ["Arrow keys steer: up and down for faster and slower, left and right to turn."]),
+    speed.row,
+    turning.row,
+    element("div", "row", [company]),
+  );
+  return {
+    element: details,
+    update() {
+      speed.value = command.speed;
+      turning.value = command.turning;
+      company.setAttribute("aria-pressed", String(session.walkers !== null));
     },
   };
 }

@@ -9,7 +9,7 @@ const KEYS: readonly (readonly [keys: string, does: string])[] = [
   ["[  ]", "slower, faster"],
   ["L", "live: the emulator goes on from where the playhead stands"],
   ["R", "live from the start"],
-  ["↑ ↓ ← →", "steer a swimmer: faster, slower, left, right; what moves a cloth: away, nearer, left, right; other systems: the first two controls"],
+  ["↑ ↓ ← →", "steer a swimmer or a human: faster, slower, left, right; what moves a cloth: away, nearer, left, right; other systems: the first two controls"],
   ["Page Up  Page Down", "steer a swimmer: climb, dive; what moves a cloth: up, down"],
   ["G", "physics beside the emulator, as a ghost"],
   ["T", "target: swim to it, drag it"],

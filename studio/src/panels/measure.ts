@@ -125,9 +125,10 @@ export class MeasurePanel implements Panel {
     const top = this.#scores.reduce((most, score) => Math.max(most, score), 1.5 * EDGE);
     this.#trust.draw([edge, { values: this.#scores, colour: "--accent" }], length, 0, Math.min(top, TOP_SCORE), at);
     this.#trust.note = this.score.toFixed(2);
-    const { school, crowd } = this.session;
-    const work = player.workPerImage + (school?.workPerImage ?? 0) + (crowd?.workPerImage ?? 0);
-    this.#work.value.textContent = player.isLive || school || crowd ? `${work.toFixed(2)} ms` : "–";
+    const { school, crowd, walkers } = this.session;
+    const others = school ?? crowd ?? walkers;
+    const work = player.workPerImage + (others?.workPerImage ?? 0);
+    this.#work.value.textContent = player.isLive || others ? `${work.toFixed(2)} ms` : "–";
     const cost = this.twin?.cost;
     if (cost) {
       const own = this.session.secondsPerStep / this.session.facts.dt;

@@ -1,5 +1,6 @@
 // Leave with something: files of the motion that is shown, and the lines that make the same elsewhere.
 
+import { base64Of } from "../bundle/base64";
 import { isPhysics } from "../bundle/bundle";
 import type { Layout } from "../bundle/layout";
 import { button, element, panel } from "../page/dom";
@@ -7,6 +8,7 @@ import { lineOf, type Banners } from "../page/banner";
 import type { Film } from "../page/film";
 import type { Session } from "../page/session";
 import type { Live } from "../server/live";
+import type { WalkPilot } from "../steering/pilots";
 import type { Panel } from "./controls";
 
 const SERVER_FORMATS = ["glb", "usda", "html"] as const;
@@ -64,6 +66,9 @@ export function equivalentLines(session: Session): string {
     const train = `neuroanimator train ${system} --out ${system}.emulator.safetensors`;
     return [...physicsLines(session), "", "# shell: an emulator of it, to animate, export and control", train].join("\n");
   }
+  if (session.walker) {
+    return walkerLines(session.walker).join("\n");
+  }
   const isByPhysics = session.player.motion.source === "physics";
   const shell = [
     "# shell",
@@ -92,6 +97,12 @@ function emulatorLines(id: string): string[] {
     'clip = na.make_clip(emulator, states, rate=60, source="emulator")',
     'na.write_glb(clip, Path("motion.glb"))',
   ];
+}
+
+/** The line that walks as it is told now, by the file its bundle was made of. */
+function walkerLines({ command }: WalkPilot): string[] {
+  const told = `10,${command.speed.toFixed(2)},${command.turning.toFixed(2)}`;
+  return ["# shell", `neuroanimator animate human.policy.safetensors --command ${told} \\`, "  --inside --out motion.glb"];
 }
 
 /** The same where the physics makes the motion. */
@@ -154,7 +165,7 @@ export function takePanel(session: Session, live: Live | null, banners: Banners,
     made.disabled = live === null;
     return made;
   });
-  const pushed = element("p", "", ["What the mouse pushed is not in these lines: motion.csv has every state."]);
+  const pushed = element("p", "", ["What the mouse pushed, and commands that a state holds, are not in these lines: motion.csv has every state."]);
   const code = element("pre", "code", [equivalentLines(session)]);
   code.tabIndex = 0;
   const copy = button({
@@ -230,6 +241,8 @@ async function exportBy(
       controls,
       pushes: motion.pushes(),
       source: motion.source,
+      // In another program's rounding a walk would be another one, and soon a fall.
+      ...(session.walker ? { states: base64Of(motion.states()) } : {}),
     };
     const answer = await live.post("api/exports", JSON.stringify(wanted), "application/json");
     const link = element("a");

@@ -9,6 +9,9 @@ export type CameraMode = (typeof CAMERA_MODES)[number];
 /** Time in which the camera comes after the body [s]. */
 const LAG = 0.35;
 
+/** Time in which a camera that turns with the body comes after it [s]: not with every stroke and every stride. */
+const TURN_LAG = 0.5;
+
 /** A picture narrower than this over its height shows the body from further away. */
 const NARROW = 1.2;
 
@@ -32,6 +35,8 @@ export class CameraRig {
   #lift = 0;
   #clearance = 0;
   #maxLag = Infinity;
+  /** By how much the body has turned left and the camera has not [rad]. */
+  #owedTurn = 0;
 
   constructor(
     private readonly camera: PerspectiveCamera,
@@ -78,7 +83,7 @@ export class CameraRig {
       this.controls.target.add(shift);
       this.camera.position.add(shift);
       if (this.mode === "chase") {
-        this.turn(turned, 0);
+        this.#chase(turned, seconds);
       }
     }
     this.controls.update();
@@ -88,6 +93,13 @@ export class CameraRig {
       this.camera.position.y = lowest;
       this.camera.lookAt(this.controls.target);
     }
+  }
+
+  #chase(turned: number, seconds: number): void {
+    this.#owedTurn += turned;
+    const turn = this.#owedTurn * (1 - Math.exp(-seconds / TURN_LAG));
+    this.#owedTurn -= turn;
+    this.turn(turn, 0);
   }
 
   // A leap is seen from above the water, whether the camera was under it or not.
@@ -126,6 +138,7 @@ export class CameraRig {
   }
 
   nextMode(): CameraMode {
+    this.#owedTurn = 0;
     const next = (CAMERA_MODES.indexOf(this.mode) + 1) % CAMERA_MODES.length;
     this.mode = CAMERA_MODES[next]!;
     return this.mode;

@@ -1,15 +1,13 @@
 // A crowd of soft bodies as it is drawn: all cloths in one draw call, and one for each thing that strikes them.
 
-import { Color, Group, InstancedMesh, Matrix4, Vector3, type Object3D } from "three";
+import { Color, Group, type Object3D } from "three";
 import { emptyPose, poseBones } from "../body/pose";
-import type { Bundle, Shape } from "../bundle/bundle";
+import type { Bundle } from "../bundle/bundle";
 import type { Crowd } from "../steering/crowd";
-import { toQuaternion } from "./axes";
 import { clothKind, surfaceColour } from "./body/body";
 import { makeCloth } from "./body/cloth";
-import { fittingsMaterial, shapeMaterial, surfaceMaterial } from "./body/materials";
-import { shapeColour, shapeGeometry } from "./body/shapes";
-import { boneMatrix } from "./body/skin";
+import { ShapeInstances } from "./body/instances";
+import { fittingsMaterial, surfaceMaterial } from "./body/materials";
 import type { Patch } from "./glsl";
 
 /** Distance of neighbours in a crowd, over the body's size. */
@@ -39,14 +37,13 @@ export function makeCrowdView(facts: Bundle, crowd: Crowd, size: number, patches
   });
   // Over so wide a place shadows are coarse: on the ground they will do.
   cloth.surfaces.receiveShadow = false;
-  const shapes = facts.skeleton.flatMap((bone, number) => bone.shapes.map((shape) => makeStrikers(shape, number, crowd.count, patches)));
+  const strikers = new ShapeInstances(facts.skeleton, [...facts.skeleton.keys()], crowd.count, patches);
   const object = new Group();
   object.name = "crowd";
-  object.add(cloth.object, ...shapes.map((one) => one.mesh));
+  object.add(cloth.object, ...strikers.meshes);
   const places = placesAround(crowd.count).map(([x, y]) => [SPACING * size * x, SPACING * size * y, 0] as const);
   places.forEach((_, number) => cloth.surfaces.setColorAt(number, shade(base, number)));
   const pose = emptyPose(facts.skeleton.length);
-  const matrix = new Matrix4();
   return {
     object,
     radius: Math.max(...places.map(([x, y]) => Math.hypot(x, y))),
@@ -54,40 +51,13 @@ export function makeCrowdView(facts: Bundle, crowd: Crowd, size: number, patches
       const [x, y] = places[number]!;
       poseBones(facts.skeleton, state, pose);
       cloth.show(number, state, pose, places[number]!);
-      for (const { mesh, bone, own } of shapes) {
-        boneMatrix(pose, bone, matrix).multiply(own);
-        matrix.elements[12] += x;
-        matrix.elements[13] += y;
-        mesh.setMatrixAt(number, matrix);
-        mesh.instanceMatrix.needsUpdate = true;
-      }
+      strikers.show(number, pose, x, y);
     },
     dispose() {
       cloth.dispose();
-      for (const { mesh } of shapes) {
-        mesh.geometry.dispose();
-        mesh.material.dispose();
-        mesh.dispose();
-      }
+      strikers.dispose();
     },
   };
-}
-
-interface Strikers {
-  readonly mesh: InstancedMesh<ReturnType<typeof shapeGeometry>, ReturnType<typeof shapeMaterial>>;
-  readonly bone: number;
-  /** From the shape into its bone. */
-  readonly own: Matrix4;
-}
-
-/** Return a shape of a bone so many times over. */
-function makeStrikers(shape: Shape, bone: number, count: number, patches: readonly Patch[]): Strikers {
-  const mesh = new InstancedMesh(shapeGeometry(shape), shapeMaterial(shapeColour(shape), shape.colour[3], patches), count);
-  mesh.frustumCulled = false;
-  mesh.castShadow = true;
-  mesh.receiveShadow = true;
-  const own = new Matrix4().compose(new Vector3(...shape.position), toQuaternion(shape.orientation), new Vector3(1, 1, 1));
-  return { mesh, bone, own };
 }
 
 /** Return the `count` places of a grid that are nearest to its middle, the middle left out. */

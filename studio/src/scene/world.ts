@@ -5,7 +5,7 @@ import { collidersOf, endsOf, type Collider } from "../body/colliders";
 import { extentOf, movingBones, reachOf, sizeOfBody } from "../body/extent";
 import { emptyPose, poseBones, type Pose } from "../body/pose";
 import { cornersOf, facing, inWorld, surfaceFrame, surfaceOf, type Box, type Frame, type Surface } from "../body/surface";
-import { isTumbling, type Bundle } from "../bundle/bundle";
+import { isTumbling, isWalking, type Bundle } from "../bundle/bundle";
 import { toPhysics, toQuaternion, toThree } from "./axes";
 import { makeBody, makeGhost, type BodyView } from "./body/body";
 import { makeMount } from "./body/mount";
@@ -14,12 +14,14 @@ import { makeLot } from "./lot";
 import { makeMoon } from "./moon";
 import { makePlain } from "./plain";
 import { makeCrowdView, type CrowdView } from "./crowd";
+import { makeWalkersView, type WalkersView } from "./walkers";
 import { makeFoodView, type FoodView } from "./food";
 import { makeSchoolView, type SchoolView } from "./school";
 import type { ShadowGround } from "./school_shadows";
 import type { Crowd } from "../steering/crowd";
 import { SMALL, type Life } from "../steering/life";
 import type { Room, School } from "../steering/school";
+import { RADIUS as WALKERS_RADIUS, type Walkers } from "../steering/walkers";
 import type { Measure, Scenery } from "./scenery";
 import type { Atmosphere, PictureSize, Stage } from "./stage";
 import { makeWater } from "./water/water";
@@ -60,6 +62,10 @@ const UNDER_CLOTH = 0.25;
 
 /** A shark among small fish is seen from this far, over its size. */
 const LIFE_DISTANCE = 4.5;
+
+/** A walker is seen from behind and a little aside; with others around it from further away, and from higher up. */
+const WALKER_VIEW: View = { azimuth: 2.7, elevation: 0.16, distance: 2.3 };
+const AMONG_WALKERS: View = { azimuth: 2.7, elevation: 0.42, distance: 6 };
 
 /** A crowd is seen from this far, over how far its outermost stand, and from higher up [rad]. */
 const CROWD_DISTANCE = 1.8;
@@ -112,6 +118,7 @@ export class World {
   #school: SchoolView | null = null;
   #food: FoodView | null = null;
   #crowd: CrowdView | null = null;
+  #walkers: WalkersView | null = null;
   readonly #groundHeight = { value: 0 };
   #low = 0;
   #high = 0;
@@ -165,6 +172,9 @@ export class World {
     this.#atmosphere = this.#surface ? { ...this.#scenery.atmosphere, sunDirection: sunFor(this.#face) } : this.#scenery.atmosphere;
     stage.light(this.#atmosphere, SHADOW_REACH * this.size);
     this.camera = new CameraRig(stage.camera, stage.canvas);
+    if (isWalking(facts)) {
+      this.camera.mode = "chase";
+    }
     this.home();
   }
 
@@ -190,6 +200,9 @@ export class World {
     }
     if (this.#isTumbling) {
       return THROWN_VIEW;
+    }
+    if (isWalking(this.facts)) {
+      return this.#walkers ? AMONG_WALKERS : WALKER_VIEW;
     }
     const view = this.#fixedFocus ? HUNG_VIEW : VIEWS[this.facts.scene.kind];
     return this.#food ? { ...view, distance: LIFE_DISTANCE } : view;
@@ -274,6 +287,26 @@ export class World {
     }
     this.stage.light(this.#atmosphere, SHADOW_REACH * this.size + (this.#crowd?.radius ?? 0));
     this.home();
+  }
+
+  /** Draw others who walk around the body, or none, and look at all of them. */
+  showWalkers(walkers: Walkers | null): void {
+    if (this.#walkers) {
+      this.stage.root.remove(this.#walkers.object);
+      this.#walkers.dispose();
+    }
+    this.#walkers = walkers && makeWalkersView(this.facts, walkers.count, this.#scenery.bodyPatches);
+    if (this.#walkers) {
+      walkers!.show((number, state) => this.showWalker(number, state));
+      this.stage.root.add(this.#walkers.object);
+    }
+    this.stage.light(this.#atmosphere, SHADOW_REACH * this.size + (this.#walkers ? WALKERS_RADIUS : 0));
+    this.home();
+  }
+
+  /** Show one of those who walk around in `state` (S). */
+  showWalker(number: number, state: Float32Array): void {
+    this.#walkers?.show(number, state);
   }
 
   /** Show one of the crowd in `state` (S). */
@@ -448,9 +481,11 @@ export class World {
 
   dispose(): void {
     this.showSchool(null);
-    if (this.#crowd) {
-      this.stage.root.remove(this.#crowd.object);
-      this.#crowd.dispose();
+    for (const view of [this.#crowd, this.#walkers]) {
+      if (view) {
+        this.stage.root.remove(view.object);
+        view.dispose();
+      }
     }
     this.stage.root.remove(...this.#objects);
     this.#body.dispose();

@@ -1,10 +1,10 @@
-// Steering by keys that are held: what a swimmer is told, or the first controls of anything else.
+// Steering by keys that are held: what a swimmer or a walker is told, or the first controls of anything else.
 
 import type { Session } from "../page/session";
 import type { MoverPilot } from "./movers";
-import { clamp } from "./pilots";
+import { clamp, type WalkPilot } from "./pilots";
 
-/** Keys change a swimmer's speed by so much of its fastest in a second. */
+/** Keys change the speed of a swimmer or a walker by so much of its fastest in a second. */
 const SPEED_CHANGE = 0.7;
 
 /** A key held turns and climbs so far at a time [rad]. */
@@ -29,6 +29,8 @@ export class KeySteering {
       const shares = [this.#axis("ArrowUp", "ArrowDown"), this.#axis("ArrowLeft", "ArrowRight"), this.#axis("PageUp", "PageDown")] as const;
       if (session.swimmer) {
         steerSwimmer(session, shares, seconds);
+      } else if (session.walker) {
+        steerWalker(session, session.walker, shares, seconds);
       } else if (session.movers) {
         steerMover(session, session.movers.pilot, isSteering ? shares : null);
       } else {
@@ -53,6 +55,13 @@ function steerSwimmer(session: Session, [forward, left, up]: Shares, seconds: nu
   pilot.command.speed = clamp(pilot.command.speed + faster, 0, pilot.maxSpeed);
   pilot.command.turn = TURN * left;
   pilot.command.climb = CLIMB * up;
+}
+
+function steerWalker(session: Session, pilot: WalkPilot, [forward, left]: Shares, seconds: number): void {
+  session.player.pilot = pilot;
+  const { low, high } = pilot.speeds;
+  pilot.command.speed = clamp(pilot.command.speed + forward * SPEED_CHANGE * high * seconds, low, high);
+  pilot.command.turning = left * (left > 0 ? pilot.turnings.high : -pilot.turnings.low);
 }
 
 // As the camera sees it: away from it, to its left, and up.

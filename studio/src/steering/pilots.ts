@@ -2,7 +2,7 @@
 
 import { commandToward, rootPose, unit, type Vector } from "../body/root";
 import type { Bundle, GaitFacts } from "../bundle/bundle";
-import type { Policy } from "../emulator/policy";
+import type { CommandedPolicy, Policy } from "../emulator/policy";
 import type { Pilot } from "../motion/player";
 
 /** A swimmer sent to a target turns and climbs at most so far at a time [rad], as behaviours do. */
@@ -68,7 +68,7 @@ export class PolicyPilot implements Pilot {
   }
 
   control(state: Float32Array, step: number): Float32Array {
-    const phase = (step * this.facts.policy!.phase_per_step) % (2 * Math.PI);
+    const phase = (step * this.facts.policy!.phase_per_step!) % (2 * Math.PI);
     const limits = this.facts.policy!.command;
     const bounded = this.#wanted(state).map((value, i) => clamp(value, limits[i]![2], limits[i]![3]));
     return this.policy.control(state, phase, bounded);
@@ -86,6 +86,47 @@ export class PolicyPilot implements Pilot {
       return [this.command.speed, this.command.turn, climb, -pose.roll];
     }
     return seek(pose, this.target, this.command.speed);
+  }
+}
+
+/** Walks by commands that are in its state. */
+export class WalkPilot implements Pilot {
+  /** Speed [m/s], and rate of turning to the left [rad/s]. */
+  readonly command = { speed: 0, turning: 0 };
+
+  constructor(
+    private readonly policy: CommandedPolicy,
+    private readonly facts: Bundle,
+  ) {
+    const { low, high } = this.speeds;
+    this.command.speed = (low + high) / 2;
+  }
+
+  /** The slowest and the fastest that the policy knows [m/s]. */
+  get speeds(): { readonly low: number; readonly high: number } {
+    return this.#range(0);
+  }
+
+  /** How fast it turns to the right and to the left at most [rad/s]. */
+  get turnings(): { readonly low: number; readonly high: number } {
+    return this.#range(1);
+  }
+
+  told(state: Float32Array): Float32Array {
+    return this.#commanded(state).state;
+  }
+
+  control(state: Float32Array): Float32Array {
+    return this.#commanded(state).control;
+  }
+
+  #commanded(state: Float32Array): ReturnType<CommandedPolicy["control"]> {
+    return this.policy.control(state, [this.command.speed, this.command.turning]);
+  }
+
+  #range(number: number): { readonly low: number; readonly high: number } {
+    const [, , low, high] = this.facts.policy!.command[number]!;
+    return { low, high };
   }
 }
 

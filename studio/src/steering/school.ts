@@ -169,7 +169,7 @@ export class School {
     const controlSize = this.#control.length;
     this.#sortIntoCells();
     group.before = batch.states.slice();
-    const phase = (group.step * this.facts.policy!.phase_per_step) % (2 * Math.PI);
+    const phase = (group.step * this.facts.policy!.phase_per_step!) % (2 * Math.PI);
     const limits = this.facts.policy!.command;
     for (let body = 0; body < batch.count; body++) {
       const state = group.before.subarray(body * size, (body + 1) * size);

@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from neuroanimator.files.numbers import number, whole
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.layout import Bounds, Layout, Slice
 
 TURN = 2 * np.pi
 
@@ -44,6 +45,10 @@ class Command(NamedTuple):
     """[m/s]"""
     turning: float = 0.0
     """Rate of the heading, to the left [rad/s]."""
+
+
+COMMAND_LAYOUT = Layout((Slice("speed", 1, "m/s"), Slice("turning", 1, "rad/s")))
+"""Layout of a `Command` as an array."""
 
 
 class Commands(NamedTuple):
@@ -81,24 +86,29 @@ class Commands(NamedTuple):
         """Return the commanded speed [m/s]."""
         return self.own_speed * self.pace(states) * self.stride(states)
 
+    @property
+    def bounds(self) -> Bounds:
+        """Return the bounds of a command, in the order of `COMMAND_LAYOUT`."""
+        return Bounds(tuple(self.least), tuple(self.most))
+
     def give(
         self,
-        states: Float[np.ndarray, "*B S"],
-        speed: Float[np.ndarray, " *B"],
-        turning: Float[np.ndarray, " *B"],
-    ) -> Float[np.ndarray, "*B S"]:
-        """Return the states with other commands, each pressed into what the policy learns."""
-        told = states.copy()
-        pressed = np.clip(speed, self.least.speed, self.most.speed)
+        states: Float[AnyArray, "*B S"],
+        speed: Float[AnyArray, " *B"],
+        turning: Float[AnyArray, " *B"],
+    ) -> Float[AnyArray, "*B S"]:
+        """Return the states with other commands, each pressed into what the policy learns. NumPy and JAX alike."""
+        xp = states.__array_namespace__()
+        pressed = xp.clip(speed, self.least.speed, self.most.speed)
         share = pressed / self.own_speed
         shortened = self.standing_pace + (1 - self.standing_pace) * share
-        told[..., self.clock_rate] = self.own_rate * np.where(share < 1, shortened, share)
-        turned = np.clip(turning, self.least.turning, self.most.turning)
+        rate = self.own_rate * xp.where(share < 1, shortened, share)
+        turned = xp.clip(turning, self.least.turning, self.most.turning)
         if self.standing_pace > 0:
             fastest = pressed / LEAST_RADIUS
-            turned = np.clip(turned, -fastest, fastest)
-        told[..., self.turning] = turned
-        return told
+            turned = xp.clip(turned, -fastest, fastest)
+        told = with_entry(states, self.clock_rate, rate)
+        return with_entry(told, self.turning, turned)
 
     def draw(
         self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
@@ -140,6 +150,15 @@ class Commands(NamedTuple):
             most=_command(fastest, left),
             standing_pace=number(standing_pace, "commands: standing_pace", 0, MAX_STANDING_PACE),
         )
+
+
+def with_entry(
+    states: Float[AnyArray, "*B S"], entry: int, numbers: Float[AnyArray, " *B"]
+) -> Float[AnyArray, "*B S"]:
+    """Return the states with other numbers in an entry. NumPy and JAX alike."""
+    xp = states.__array_namespace__()
+    is_entry = np.arange(states.shape[-1]) == entry
+    return xp.where(is_entry, xp.asarray(numbers)[..., None], states)
 
 
 def _command(speed: Any, turning: Any) -> Command:

@@ -10,9 +10,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.policies.commands import Commands
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.reference_motion import ORIENTATION, ReferenceMotion
+from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.control.policies.super_step import make_super_step
@@ -20,14 +19,10 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import read_pose
-from neuroanimator.state.rotation import heading_of
 from neuroanimator.systems.system import System
 
 MAX_LEAD = 1.2
 """Maximum lead of the asked heading over the body's [rad]: what it cannot follow is not saved up for later."""
-
-WALKING_LEAD = 0.5
-"""Maximum lead of a body that walks [rad]: policies learn with less than a task's `lost_tilt`."""
 
 MAX_CLIMB = 1.2
 """The steepest climb or dive [rad]: straight up there is no heading left to hold."""
@@ -149,8 +144,7 @@ class CommandedMotion(PilotMotion):
         self.policy = policy
         self.system = system
         self.reference: ReferenceMotion = reference
-        self.commands: Commands = reference.commands
-        self.top_speed = self.commands.most.speed
+        self.top_speed = reference.commands.most.speed
         self._super_step = policy.dt
 
     def first(self, phase: float) -> Float[np.ndarray, " S"]:
@@ -168,10 +162,7 @@ class CommandedMotion(PilotMotion):
     def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
         if climb != 0:
             raise ArgumentError(f"climb: this body walks on the ground, came {climb:g}. Say 0.")
-        told = self.commands.give(state, np.asarray(speed), np.asarray(turn))
-        heading = float(heading_of(told[ORIENTATION]))
-        lead = _pressed(told[self.commands.heading] - heading, WALKING_LEAD)
-        told[self.commands.heading] = heading + lead
+        told = self.reference.with_command(state, np.array([speed, turn]))
         controls = np.asarray(_control(self.policy, as_jax(told)), float)
         controls = self.policy.emulator.bounds.clip(controls)
         if self.system is None:

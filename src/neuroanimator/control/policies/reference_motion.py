@@ -13,12 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from neuroanimator.control.policies.commands import Commands
+from neuroanimator.control.policies.commands import Commands, with_entry
 from neuroanimator.files.numbers import entries, listed, number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.rotation import (
     conjugate,
     facing,
+    heading_of,
     multiply,
     rotate,
     rotation_rows,
@@ -48,6 +49,9 @@ ROOT_NUMBERS = 17
 """Numbers of what is shown but the hinges': of the root, of the motion's, and of the clock."""
 
 COMMAND_NUMBERS = 2
+
+WALKING_LEAD = 0.5
+"""Maximum lead of the commanded heading over the body's [rad]: policies learn with less than a task's `lost_tilt`."""
 
 
 class ReferenceMotion(eqx.Module):
@@ -155,6 +159,23 @@ class ReferenceMotion(eqx.Module):
         beside = np.zeros(states.shape[-1], bool)
         beside[[self.phase, commands.clock_rate, commands.heading, commands.turning]] = True
         return xp.where(beside, states, xp.concat(parts, axis=-1))
+
+    def with_command(
+        self, states: Float[AnyArray, "*B S"], command: Float[AnyArray, "*B 2"]
+    ) -> Float[AnyArray, "*B S"]:
+        """Return the states of bodies that are given a command, as `COMMAND_LAYOUT` has it.
+
+        Clock and heading turn as fast as it says, and the commanded heading is at most `WALKING_LEAD` ahead of the body's: what
+        a body cannot follow is not saved up for later. Nothing else changes. NumPy and JAX alike.
+        """
+        assert self.commands is not None
+        xp = states.__array_namespace__()
+        told = self.commands.give(states, command[..., 0], command[..., 1])
+        heading = heading_of(states[..., ORIENTATION])
+        lead = states[..., self.commands.heading] - heading
+        lead = lead - TURN * xp.floor(lead / TURN + 0.5)
+        led = heading + xp.clip(lead, -WALKING_LEAD, WALKING_LEAD)
+        return with_entry(told, self.commands.heading, led)
 
     def begun(self, phase: float) -> Float[np.ndarray, " S"]:
         """Return the state at the motion's own speed, its clock at `phase` [rad], of a motion that takes commands."""

@@ -123,14 +123,15 @@ def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
 
 
 def _check_policy(call: Call, definition: Definition, vectors: Vectors) -> float:
-    computed = _room(*vectors.expected["control"].shape)
-    for *inputs, control in zip(*vectors.inputs.values(), computed, strict=True):
-        arguments = [
-            float(row[0]) if port.layout is PHASE else row
-            for port, row in zip(definition.inputs, inputs, strict=True)
-        ]
-        call("control", *arguments, control)
-    return vectors.check({"control": computed}, "control in C")
+    computed = {name: _room(*array.shape) for name, array in vectors.expected.items()}
+    for row in range(vectors.count):
+        arguments = []
+        for port in definition.inputs:
+            numbers = vectors.inputs[port.name][row]
+            arguments.append(float(numbers[0]) if port.layout is PHASE else numbers)
+        outputs = [computed[name][row] for name in definition.output_names]
+        call("control", *arguments, *outputs)
+    return vectors.check(computed, "control in C")
 
 
 def _room(*shape: int) -> np.ndarray:

@@ -20,13 +20,20 @@ from neuroanimator.codegen.c_function import CFunction, c_function, prelude
 from neuroanimator.codegen.c_text import c_number
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
+from neuroanimator.control.policies.commands import COMMAND_LAYOUT
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.c_emulator import encode, super_step, super_step_trusted
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import latent_size, step
-from neuroanimator.export.programs.definition import Definition, Model, emulator_of
+from neuroanimator.export.programs.definition import (
+    Definition,
+    Model,
+    commanded_control,
+    commands_of,
+    emulator_of,
+)
 from neuroanimator.state.layout import Layout
 from neuroanimator.text import printable
 
@@ -206,8 +213,12 @@ def _state_policy_parts(
         return policy.control_of(state)
 
     constants = SharedConstants()
+    function: Callable[..., Any] = answer
     inputs = [Input((policy.emulator.state.size,))]
-    return {}, [c_function(f"{name}_answer", answer, policy, inputs, constants)], constants
+    if commands_of(policy) is not None:
+        function = commanded_control
+        inputs.append(Input((COMMAND_LAYOUT.size,)))
+    return {}, [c_function(f"{name}_answer", function, policy, inputs, constants)], constants
 
 
 def about(definition: Definition) -> str:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 import neuroanimator
+from neuroanimator.control.policies.commands import COMMAND_LAYOUT, Commands
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
@@ -77,11 +78,15 @@ def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -
 
     An emulator: (state (S,), control (C,)) → next_state (S,), one super step later; with `has_trust` also trust (1,), if
     it has a meter. A policy: (state (S,), phase (1,), command (4,)) → control (C,), for the super step that begins there;
-    the phase of its clock gains `phase_per_step` with every super step. A state policy: state (S,) → control (C,).
+    the phase of its clock gains `phase_per_step` with every super step. A state policy: state (S,) → control (C,); one that
+    takes commands: (state (S,), command (2,)) → (control (C,), commanded_state (S,)), the state from which the super step
+    begins.
     """
     if isinstance(model, Policy):
         return _policy_definition(model, licence)
     if isinstance(model, StatePolicy):
+        if commands_of(model) is not None:
+            return _commanded_definition(model, licence)
         return Definition(
             name="control",
             function=lambda state: (model.control_of(state),),
@@ -102,6 +107,13 @@ def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -
         return replace(definition, missing=f"It gives no trust: {NO_METER}.")
     outputs = (*definition.outputs, Port("trust", TRUST))
     return replace(definition, function=partial(_trusted_step, model), outputs=outputs)
+
+
+def commands_of(model: Model) -> Commands | None:
+    """Return the commands that a state policy takes; None for one without, and for any other model."""
+    if not isinstance(model, StatePolicy) or model.view.reference is None:
+        return None
+    return model.view.reference.commands
 
 
 def emulator_of(model: Model) -> Emulator:
@@ -158,6 +170,33 @@ def _answer(
 ) -> tuple[Float[Array, " C"]]:
     latent = policy.emulator.encode(state)
     return (policy.control(latent, jnp.reshape(phase, ()), command),)
+
+
+def _commanded_definition(policy: StatePolicy, licence: str) -> Definition:
+    emulator = policy.emulator
+    commands = commands_of(policy)
+    assert commands is not None
+    facts = _facts("commanded-policy", emulator, licence)
+    facts["command"] = COMMAND_LAYOUT.to_json()
+    facts["command_low"] = list(commands.bounds.low)
+    facts["command_high"] = list(commands.bounds.high)
+    return Definition(
+        name="control",
+        function=partial(commanded_control, policy),
+        inputs=(Port("state", emulator.state), Port("command", COMMAND_LAYOUT)),
+        outputs=(Port("control", emulator.control), Port("commanded_state", emulator.state)),
+        facts=facts,
+    )
+
+
+def commanded_control(
+    policy: StatePolicy, state: Float[Array, " S"], command: Float[Array, " 2"]
+) -> tuple[Float[Array, " C"], Float[Array, " S"]]:
+    """Return (the control of a body in `state` that is given `command`, its state with the command in it)."""
+    reference = policy.view.reference
+    assert reference is not None
+    told = reference.with_command(state, command)
+    return policy.control_of(told), told
 
 
 def _facts(kind: str, emulator: Emulator, licence: str) -> dict[str, Any]:

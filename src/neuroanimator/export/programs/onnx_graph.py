@@ -50,6 +50,9 @@ FLOAT = 1
 BOOL = 9
 """ONNX' number of the type of truth values."""
 
+SMALLEST = float(np.finfo(np.float32).tiny)
+"""The angle of (0, 0) is 0, and no division by zero."""
+
 COUNT = "batch_size"
 """The tensor (1,) that holds the number of examples."""
 
@@ -277,6 +280,22 @@ class _Writer:
         return self.node("Reshape", tensor, self.constant(np.array([0, *shape])))
 
 
+def _angle(writer: _Writer, operation: Operation, y: str, x: str) -> str:
+    """Write the angle of (x, y), which ONNX has no operator for: twice that of (|x| + length, y), from behind if x < 0."""
+    zero = writer.constant(np.zeros(1))
+    squares = writer.node("Add", writer.node("Mul", x, x), writer.node("Mul", y, y))
+    far = writer.node("Add", writer.node("Sqrt", squares), writer.node("Abs", x))
+    ratio = writer.node("Div", y, writer.node("Max", far, writer.constant(np.full(1, SMALLEST))))
+    half = writer.node("Atan", ratio)
+    angle = writer.node("Add", half, half)
+    is_below = writer.node("Less", y, zero)
+    straight_back = writer.node(
+        "Where", is_below, writer.constant(np.full(1, -np.pi)), writer.constant(np.full(1, np.pi))
+    )
+    is_behind = writer.node("Less", x, zero)
+    return writer.node("Where", is_behind, writer.node("Sub", straight_back, angle), angle)
+
+
 def _chosen_by_truth(
     writer: _Writer, operation: Operation, which: str, if_false: str, if_true: str
 ) -> str:
@@ -310,6 +329,7 @@ def _square(writer: _Writer, operation: Operation, x: str) -> str:
 
 
 COMPOSED: dict[str, Callable[..., str]] = {
+    "atan2": _angle,
     "clamp": _clamped,
     "integer_pow": _power,
     "ne": _differ,

@@ -5,7 +5,8 @@ export const facts = @facts@;
 
 // Name and size of what `control` takes; 0 where it is a number.
 const INPUTS = @inputs@;
-const CONTROL = @control@;
+// Name and size of what it gives.
+const OUTPUTS = @outputs@;
 const ALIGNMENT = 64;
 const PAGE = 65536;
 
@@ -17,7 +18,7 @@ export async function load(source = new URL("./@name@.wasm", import.meta.url)) {
 class Policy {
   #exports;
   #inputs;
-  #control;
+  #outputs;
 
   constructor(instance) {
     const exports = instance.exports;
@@ -25,8 +26,9 @@ class Policy {
     this.#exports = exports;
     this.#inputs = Math.ceil(exports.__heap_base.value / ALIGNMENT) * ALIGNMENT;
     const count = INPUTS.reduce((sum, [, size]) => sum + size, 0);
-    this.#control = this.#inputs + 4 * count;
-    const missing = this.#control + 4 * CONTROL - exports.memory.buffer.byteLength;
+    this.#outputs = this.#inputs + 4 * count;
+    const room = OUTPUTS.reduce((sum, [, size]) => sum + size, 0);
+    const missing = this.#outputs + 4 * room - exports.memory.buffer.byteLength;
     if (missing > 0) exports.memory.grow(Math.ceil(missing / PAGE));
   }
 
@@ -39,8 +41,15 @@ class Policy {
       address += 4 * size;
       return address - 4 * size;
     });
-    this.#exports.@name@_control(...passed, this.#control);
-    return this.#view(this.#control, CONTROL).slice();
+    let place = this.#outputs;
+    const places = OUTPUTS.map(([, size]) => {
+      place += 4 * size;
+      return place - 4 * size;
+    });
+    this.#exports.@name@_control(...passed, ...places);
+    const found = OUTPUTS.map(([name, size], i) => [name, this.#view(places[i], size).slice()]);
+    // The control alone, or all that there is by name.
+    return found.length === 1 ? found[0][1] : Object.fromEntries(found);
   }
 
   #view(address, size) {

@@ -16,11 +16,17 @@ from jaxtyping import Array, Bool, Float
 
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import rounded
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.export.programs.definition import Definition, Model
+from neuroanimator.export.programs.definition import (
+    Definition,
+    Model,
+    commands_of,
+    emulator_of,
+)
 from neuroanimator.state.layout import Bounds, Layout
 
 MOTIONS = 24
@@ -143,17 +149,21 @@ def make_vectors(definition: Definition, model: Model) -> Vectors:
     elif isinstance(model, Policy):
         arrays = _policy_inputs(model, rng)
     else:
-        arrays = (_states(model.emulator),)
+        arrays = _state_policy_inputs(model, rng)
     names = [port.name for port in definition.inputs]
     inputs = {name: array.astype(np.float32) for name, array in zip(names, arrays, strict=True)}
 
+    emulator = emulator_of(model)
+
     def units(inputs: Arrays, outputs: Arrays) -> Arrays:
-        if not isinstance(model, Emulator):
-            return {"control": model.emulator.bounds.half}
-        changes = outputs["next_state"] - inputs["state"]
-        scales = {"next_state": _largest_in_part(model.state, changes)}
-        if "trust" in outputs:
-            scales["trust"] = np.maximum(EDGE, outputs["trust"])
+        scales: Arrays = {}
+        for name, array in outputs.items():
+            if name == "control":
+                scales[name] = np.array(emulator.bounds.half)
+            elif name == "trust":
+                scales[name] = np.maximum(EDGE, array)
+            else:
+                scales[name] = _largest_in_part(emulator.state, array - inputs["state"])
         return scales
 
     def function(*arrays: Array) -> dict[str, Array]:
@@ -262,6 +272,15 @@ def _policy_inputs(policy: Policy, rng: np.random.Generator) -> tuple[np.ndarray
     """Return states (N, S), phases (N, 1) and commands (N, 4)."""
     phases = rng.uniform(0, 2 * np.pi, (MOTIONS * (STEPS + 1), 1))
     return _states(policy.emulator), phases, _within(policy.ranges, rng)
+
+
+def _state_policy_inputs(policy: StatePolicy, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+    """Return states (N, S) and, for a policy that takes commands, these (N, 2)."""
+    commands = commands_of(policy)
+    states = _states(policy.emulator)
+    if commands is None:
+        return (states,)
+    return states, _within(commands.bounds, rng)
 
 
 def _within(bounds: Bounds, rng: np.random.Generator) -> Float[np.ndarray, "N C"]:

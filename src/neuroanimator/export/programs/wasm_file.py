@@ -49,6 +49,7 @@ FUNCTIONS = {
     ),
     "policy": ("control",),
     "state-policy": ("control",),
+    "commanded-policy": ("control",),
 }
 """What a module exports, by the kind of what it does."""
 
@@ -178,6 +179,7 @@ def _filled(suffix: str, model: Model, definition: Definition, name: str) -> str
         "name": name,
         "facts": json.dumps(facts),
         "inputs": json.dumps([(port.name, _length(port)) for port in definition.inputs]),
+        "outputs": json.dumps([(port.name, port.layout.size) for port in definition.outputs]),
         "state": str(emulator.state.size),
         "control": str(emulator.control.size),
         "latent": str(latent_size(emulator)),
