@@ -236,11 +236,21 @@ def median(values: Iterable[float]) -> float:
 
 def read_rows(path: Path) -> Rows:
     """Return the rows of one of the tables."""
+    return [{key: _number(value) for key, value in row.items()} for row in read_text(path)]
+
+
+def read_text(path: Path) -> Rows:
+    """Return the rows of one of the tables, their cells as text."""
     with path.open(newline="") as lines:
         next(lines)  # the machine
-        return [
-            {key: _number(value) for key, value in row.items()} for row in csv.DictReader(lines)
-        ]
+        return list(csv.DictReader(lines))
+
+
+def with_other_systems(rows: Rows) -> Rows:
+    """Return rows of the table of accuracy with those that it has of other systems."""
+    measured = {row["system"] for row in rows}
+    others = [row for row in read_text(ACCURACY) if row["system"] not in measured]
+    return sorted([*others, *rows], key=lambda row: list(SYSTEMS).index(row["system"]))
 
 
 def _number(cell: str) -> float | str:
@@ -307,7 +317,9 @@ def main() -> None:
     parser.add_argument("part", choices=["accuracy", "recordings", "summary"])
     parser.add_argument("--emulators", type=Path, default=Path("emulators"))
     parser.add_argument(
-        "--systems", default="", help="accuracy of systems whose name has this in it"
+        "--systems",
+        default="",
+        help="accuracy of systems whose name has this in it; others' lines stay",
     )
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--repeats", type=int, default=1)
@@ -317,7 +329,7 @@ def main() -> None:
     if arguments.part == "accuracy":
         rows = table_rows(arguments.emulators, arguments.systems)
         print_table(rows)
-        keep(ACCURACY, rows, arguments.dry)
+        keep(ACCURACY, with_other_systems(rows), arguments.dry)
     elif arguments.part == "recordings":
         require_toolbox()
         emulator = made(LARGE_FAMILY, arguments.emulators).emulator

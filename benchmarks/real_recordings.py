@@ -25,6 +25,7 @@ from typing import Any
 
 from real_recordings_cases.bounds import SHARES
 from real_recordings_cases.cases import CASES, Case, windows
+from real_recordings_cases.cube_emulators import cube_emulator, cube_fine_tuned
 from real_recordings_cases.errors import error_rows
 from real_recordings_cases.excerpts import write_excerpts
 from real_recordings_cases.families import (
@@ -51,7 +52,9 @@ METHODS: dict[str, tuple[str, Method]] = FREE_METHODS | {
     "physics, identified": ("b", of_chains(identified_physics)),
     "emulator, identified": ("c", of_chains(identified_emulator)),
     "emulator, fine-tuned": ("d", of_chains(fine_tuned_emulator)),
-    "recording alone": ("e", of_chains(recording_alone)),
+    "emulator, of the fitted physics": ("c", cube_emulator),
+    "emulator of the fitted physics, fine-tuned": ("d", cube_fine_tuned),
+    "recording alone": ("e", recording_alone),
 }
 """By its name, each method's row of the table and the function that makes it."""
 

@@ -52,9 +52,13 @@ SHORT_RECIPE = {"updates": 20_000}
 
 CARRIER_FAMILY = Case("carriers100", "carrier_family.toml", 100_000, SHORT_RECIPE)
 
+CARRIER_RECIPE = {"widths": (192, 128), "updates": 60_000}
+
 CARRIER_CASES = (
     Case("carrier100", "carrier.toml", 100_000, SHORT_RECIPE),
     CARRIER_FAMILY,
+    Case("carriers300w", "carrier_family.toml", 300_000, CARRIER_RECIPE),
+    Case("carrier300w", "carrier.toml", 300_000, CARRIER_RECIPE),
 )
 """Emulators of an arm by URDF with a payload: six parameters, masses and dampings."""
 

@@ -16,15 +16,16 @@ from neuroanimator import Emulator, UnseenRuns, fit_error_bounds
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.training.error_fitting import with_error_bounds
 from real_recordings_cases.cases import Case, Windows, windows
+from real_recordings_cases.errors import TOSS_STEPS
 from real_recordings_cases.runs import Run
 
 LEVEL = 0.9
 """Share of motions that bounds promise."""
 
 HORIZONS = (0.25, 0.5, 1.0)
-"""Shares are told after these times [s]."""
+"""Shares are told after these times [s]; of tosses the last one is behind the steps that count."""
 
-BoundedShares = Callable[[Windows], dict[str, float]]
+BoundedShares = Callable[[Windows], dict[str, float | str]]
 """Returns, of unseen windows, cells of the table: the shares of them that stay below bounds."""
 
 SHARES = tuple(
@@ -44,15 +45,23 @@ def bounded_shares(
     windows that begin at each of their samples, and overlap.
     """
     simulated = fit_error_bounds(emulator, optimised_runs=0)
-    runs = super_steps(case, emulator, offsets, windows(case, left_out, case.dt))
+    known = _counted(case, windows(case, left_out, case.dt))
+    runs = super_steps(case, emulator, offsets, known)
     recorded = with_error_bounds(emulator, system_of(emulator).structure, runs)
 
-    def shares(unseen: Windows) -> dict[str, float]:
-        runs = super_steps(case, emulator, offsets, unseen)
+    def shares(unseen: Windows) -> dict[str, float | str]:
+        runs = super_steps(case, emulator, offsets, _counted(case, unseen))
         both = [*_below(simulated, runs), *_below(recorded, runs)]
         return dict(zip(SHARES, both, strict=True))
 
     return shares
+
+
+def _counted(case: Case, recorded: Windows) -> Windows:
+    """Return windows without what is behind the end of some: of tosses the steps that count."""
+    if not case.is_cube:
+        return recorded
+    return Windows(recorded.states[:, : TOSS_STEPS + 1], recorded.controls[:, :TOSS_STEPS], None)
 
 
 def super_steps(
@@ -72,13 +81,19 @@ def super_steps(
     return UnseenRuns(states, emulator.bounds.clip(controls))
 
 
-def _below(emulator: Emulator, runs: UnseenRuns) -> list[float]:
-    """Return the share of runs whose error after each horizon is below its bound."""
+def _below(emulator: Emulator, runs: UnseenRuns) -> list[float | str]:
+    """Return the share of runs whose error after each horizon is below its bound; empty text behind the last step."""
     assert emulator.calibration is not None
     starts = runs.states[:, 0]
     motion = emulator.rollout(starts, runs.controls, may_diverge=True)
     structure = system_of(emulator).structure
     errors = emulator.calibration.errors(structure, runs.states, np.asarray(motion, float))
     bounds = emulator.error_bounds(starts, runs.controls, level=LEVEL)
-    steps = [round(horizon / emulator.dt) for horizon in HORIZONS]
-    return [float(np.mean(errors[:, step] <= bounds[:, step - 1])) for step in steps]
+    shares: list[float | str] = []
+    for horizon in HORIZONS:
+        step = round(horizon / emulator.dt)
+        if step > bounds.shape[1]:
+            shares.append("")
+        else:
+            shares.append(float(np.mean(errors[:, step] <= bounds[:, step - 1])))
+    return shares

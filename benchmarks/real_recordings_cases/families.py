@@ -44,6 +44,9 @@ from real_recordings_cases.runs import Columns, Run, write_recording
 SUPER_STEP = 0.05
 """Super step of the emulators [s]: every horizon of the table is a multiple."""
 
+CUBE_SAMPLES = 4
+"""Number of samples in a super step of a cube: 27 ms."""
+
 TRANSITIONS = 200_000
 
 UPDATES = 25_000
@@ -89,7 +92,7 @@ class Family:
 
 
 def of_chains(method: Callable[[Case, list[Run]], Prediction]) -> Method:
-    """Return the method for chains of hinges; the cube has no family yet."""
+    """Return the method for chains of hinges; see `cube_emulators` for the cube."""
 
     def of_chain(case: Case, training: list[Run]) -> Prediction | None:
         return None if case.is_cube else method(case, training)
@@ -122,7 +125,7 @@ def identified_emulator(case: Case, training: list[Run]) -> Prediction:
     mine = family.emulator.at(**_inside(family))
     offsets = _offsets(family)
     shares = bounded_shares(case, mine, offsets, training)
-    return Prediction(_by_emulator(case, mine, offsets), _figures(family), shares)
+    return Prediction(by_emulator(case, mine, offsets), _figures(family), shares)
 
 
 def fine_tuned_emulator(case: Case, training: list[Run]) -> Prediction:
@@ -133,7 +136,7 @@ def fine_tuned_emulator(case: Case, training: list[Run]) -> Prediction:
     out = family.toml.parent / "tuned.emulator.safetensors"
     tuned = fine_tune(mine, family.recording, out).emulator
     shares = bounded_shares(case, tuned, 0.0, _tails(training))
-    return Prediction(_by_emulator(case, tuned), _figures(family), shares)
+    return Prediction(by_emulator(case, tuned), _figures(family), shares)
 
 
 def _tails(training: list[Run]) -> list[Run]:
@@ -153,15 +156,15 @@ def recording_alone(case: Case, training: list[Run]) -> Prediction:
     toml, _ = write_definition(str(path))
     trust_files(toml)
     name, definition, _ = resolve(str(toml))
-    substeps = round(SUPER_STEP / case.dt)
+    substeps = CUBE_SAMPLES if case.is_cube else round(SUPER_STEP / case.dt)
     rows = sum(len(run.states) for run in training)
     config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=rows)
     data = simulate_transitions(config)
     emulator = train(data, TrainingConfig(updates=UPDATES // 4), folder / "alone.safetensors")
-    return Prediction(_by_emulator(case, emulator))
+    return Prediction(by_emulator(case, emulator))
 
 
-def _by_emulator(
+def by_emulator(
     case: Case, emulator: Emulator, offsets: Float[np.ndarray, " S"] | float = 0.0
 ) -> Predict:
     """Return what predicts by super steps, of sensors with these `offsets`; between steps states lie on straight lines."""
@@ -170,13 +173,17 @@ def _by_emulator(
     def predict(
         starts: Float[np.ndarray, "W S"], controls: Float[np.ndarray, "W T C"]
     ) -> Float[np.ndarray, "W T+1 S"]:
-        runs = super_steps(case, emulator, offsets, Windows(starts[:, None], controls, None))
+        count = controls.shape[1]
+        rest = -count % samples  # to the end of the last super step
+        held = np.pad(controls, ((0, 0), (0, rest), (0, 0)), mode="edge")
+        runs = super_steps(case, emulator, offsets, Windows(starts[:, None], held, None))
         motion = emulator.rollout(runs.states[:, 0], runs.controls, may_diverge=True)
         states = np.asarray(motion, float)[..., : starts.shape[1]] + offsets
         share = np.arange(samples)[:, None] / samples
         between = states[:, :-1, None] + share * np.diff(states, axis=1)[:, :, None]
         flat = between.reshape(len(starts), -1, states.shape[2])
-        return np.concatenate([flat, states[:, -1:]], axis=1)
+        whole = np.concatenate([flat, states[:, -1:]], axis=1)
+        return whole[:, : count + 1]
 
     return predict
 

@@ -7,6 +7,10 @@ on the bounds of their own fit); damping to fifty times, friction to five times;
 from nothing to 0.01 N·m. A weak pull towards the authors' values decides what the recording cannot (all masses together, for
 one).
 
+The cube is another model, whose corners are rounded; of it everything is fitted that its motion shows: how the contact gives
+way and slides, inertia, size, the radius of the corners, gravity (lengths are measured 2 % short), the board's tilt and
+height, and the centre of mass.
+
 What limits it: one law of friction (viscous and Coulomb) for bearings whose friction depends on load and position; a cart and
 a frame held fixed that give a little; torques known from the motors' currents, late by an unknown part of a sample; starts that
 are measured, not fitted.
@@ -33,7 +37,10 @@ SECONDS = 0.5
 """Length of a window of the training part [s]."""
 
 WINDOWS = 60
-"""Number of windows, drawn at random from all of the training part; tosses are whole."""
+"""Number of windows of a pendulum's motion, drawn at random from all of the training part."""
+
+TOSSES = 150
+"""Number of tosses that are fitted, likewise: each is whole."""
 
 EVERY = 5
 """Every fifth sample of a window is compared."""
@@ -67,8 +74,20 @@ PULL = 1e-3
 SCALE = {False: 0.01, True: 0.1}
 """Residuals are in units of this [rad; half widths of the cube], beyond which they count less: of pendulums, of cubes."""
 
-SLOPE_STEP = {False: 1e-4, True: 1e-2}
-"""Step of finite differences, as a share of the value: of pendulums, of cubes, whose motion is broken by contacts."""
+SLOPE_STEP = 1e-4
+"""Step of finite differences, as a share of the value; larger for cubes, whose motion is broken by contacts."""
+
+CUBE_LENGTHS = (0.92, 1.08)
+"""Bounds of a cube's lengths that are zero in its model, in half widths, from 1 on."""
+
+CUBE_LENGTH_STEP = 0.003
+"""Step of finite differences of such a length, likewise."""
+
+TILTS = (0.98, 1.02)
+"""Bounds of the board's tilt [rad], from 1 on."""
+
+TILT_STEP = 6e-4
+"""Step of finite differences of the tilt [rad]."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +99,32 @@ class Parameter:
     apply: Callable[[mujoco.MjModel, float], None]
     """Multiplies it in a fresh model."""
     start: float = 1.0
+    slope_step: float = SLOPE_STEP
+
+
+@dataclass(frozen=True)
+class FittedPhysics:
+    """A model with fitted parameters, and what the fit took."""
+
+    model: mujoco.MjModel
+    figures: dict[str, object]
+    """Cells of the table."""
 
 
 def fitted_physics(case: Case, training: list[Run]) -> Prediction:
-    """Return the model with fitted parameters; its figures say what the fit took."""
+    """Return what predicts by the model with fitted parameters."""
+    fitted = fit_physics(case, training)
+
+    def predict(
+        starts: Float[np.ndarray, "W S"], controls: Float[np.ndarray, "W T C"]
+    ) -> Float[np.ndarray, "W T+1 S"]:
+        return simulate(fitted.model, starts, controls, case.dt)
+
+    return Prediction(predict, fitted.figures)
+
+
+def fit_physics(case: Case, training: list[Run]) -> FittedPhysics:
+    """Return the model of a case with parameters fitted to the training part."""
     parameters = parameters_of(case)
     recorded, controls = _training_windows(case, training)
     names = [parameter.name for parameter in parameters]
@@ -103,6 +144,7 @@ def fitted_physics(case: Case, training: list[Run]) -> Prediction:
         return np.append(known, PULL * (shares - begin) * np.sqrt(len(known)))
 
     bounds = np.array([parameter.bounds for parameter in parameters]).T
+    steps = np.array([parameter.slope_step for parameter in parameters])
     # On a bound, the first finite difference could not be taken.
     inside = np.clip(begin, bounds[0] + 0.01, bounds[1] - 0.01)
     before = _cost(residuals(begin))
@@ -111,17 +153,11 @@ def fitted_physics(case: Case, training: list[Run]) -> Prediction:
         inside,
         bounds=(bounds[0], bounds[1]),
         loss="soft_l1",
-        diff_step=SLOPE_STEP[case.is_cube],
-        x_scale=1.0,
+        diff_step=steps,
+        x_scale=steps / SLOPE_STEP,
         max_nfev=MAX_EVALUATIONS,
     )
     model = model_at(case, parameters, found.x)
-
-    def predict(
-        starts: Float[np.ndarray, "W S"], controls: Float[np.ndarray, "W T C"]
-    ) -> Float[np.ndarray, "W T+1 S"]:
-        return simulate(model, starts, controls, case.dt)
-
     shares = dict(zip(names, found.x.tolist(), strict=True))
     at_bounds = [parameter.name for parameter in parameters if _is_at_bound(parameter, shares)]
     figures = {
@@ -132,7 +168,7 @@ def fitted_physics(case: Case, training: list[Run]) -> Prediction:
         "fitted": " ".join(f"{name}={share:.4g}" for name, share in shares.items()),
         "at_bounds": " ".join(at_bounds),
     }
-    return Prediction(predict, figures)
+    return FittedPhysics(model, figures)
 
 
 def _cost(residuals: Float[np.ndarray, " R"]) -> float:
@@ -151,7 +187,7 @@ def model_at(
     case: Case, parameters: list[Parameter], shares: Float[np.ndarray, " P"]
 ) -> mujoco.MjModel:
     """Return the case's model with each parameter multiplied by its share."""
-    model = case.model()
+    model = case.model_to_fit()
     for parameter, share in zip(parameters, shares, strict=True):
         parameter.apply(model, float(share))
     mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -187,12 +223,21 @@ def parameters_of(case: Case) -> list[Parameter]:
 
 
 def _cube_parameters() -> list[Parameter]:
+    """Return what is fitted of a cube; a step of finite differences moves it by about a millimetre in a toss."""
     return [
-        Parameter("friction", (0.3, 5.0), _cube_friction),
-        Parameter("inertia", BODY_RANGE, _inertia(1)),
-        Parameter("stiffness", (0.7, 8.0), _cube_time),
-        Parameter("damping", (0.3, 3.0), _cube_damping),
-        Parameter("width", (0.95, 1.05), _cube_width),
+        Parameter("friction", (0.3, 3.0), _cube_friction, slope_step=0.05),
+        Parameter("contact_time", (0.3, 3.0), _cube_time, slope_step=0.06),
+        Parameter("damping", (0.1, 3.0), _cube_damping, slope_step=0.04),
+        Parameter("inertia", BODY_RANGE, _inertia(1), slope_step=0.01),
+        Parameter("half_width", (0.95, 1.05), _cube_half_width, slope_step=0.003),
+        Parameter("rounding", (0.2, 3.0), _cube_rounding, slope_step=0.08),
+        Parameter("gravity", (0.97, 1.03), _cube_gravity, slope_step=0.003),
+        Parameter("board", CUBE_LENGTHS, _board_height, slope_step=CUBE_LENGTH_STEP),
+        Parameter("centre_x", CUBE_LENGTHS, _cube_centre(0), slope_step=CUBE_LENGTH_STEP),
+        Parameter("centre_y", CUBE_LENGTHS, _cube_centre(1), slope_step=CUBE_LENGTH_STEP),
+        Parameter("centre_z", CUBE_LENGTHS, _cube_centre(2), slope_step=CUBE_LENGTH_STEP),
+        Parameter("tilt_x", TILTS, _tilt(0), slope_step=TILT_STEP),
+        Parameter("tilt_y", TILTS, _tilt(1), slope_step=TILT_STEP),
     ]
 
 
@@ -255,23 +300,63 @@ def _gain(motor: int) -> Callable[[mujoco.MjModel, float], None]:
 
 
 def _cube_friction(model: mujoco.MjModel, share: float) -> None:
-    model.geom_friction[:, 0] *= share
+    model.geom_friction[_corners(model), 0] *= share
 
 
 def _cube_time(model: mujoco.MjModel, share: float) -> None:
     """Multiply the time constant of the contact: a large share is a soft contact."""
-    model.geom_solref[:, 0] *= share
+    model.geom_solref[_corners(model), 0] *= share
 
 
 def _cube_damping(model: mujoco.MjModel, share: float) -> None:
-    model.geom_solref[:, 1] *= share
+    model.geom_solref[_corners(model), 1] *= share
 
 
-def _cube_width(model: mujoco.MjModel, share: float) -> None:
-    cube = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "cube")
-    model.geom_size[cube] *= share
-    model.geom_rbound[cube] *= share
-    model.geom_aabb[cube] *= share
+def _cube_half_width(model: mujoco.MjModel, share: float) -> None:
+    """Move the corners outwards; their radius stays."""
+    corners = _corners(model)
+    radius = model.geom_size[corners, :1]
+    outwards = np.sign(model.geom_pos[corners])
+    model.geom_pos[corners] = share * model.geom_pos[corners] + (share - 1) * radius * outwards
+
+
+def _cube_rounding(model: mujoco.MjModel, share: float) -> None:
+    """Multiply the radius of the corners; the half width stays."""
+    corners = _corners(model)
+    growth = (share - 1) * model.geom_size[corners, :1]
+    model.geom_pos[corners] -= growth * np.sign(model.geom_pos[corners])
+    model.geom_size[corners, 0] *= share
+    model.geom_rbound[corners] *= share
+    model.geom_aabb[corners] *= share
+
+
+def _cube_gravity(model: mujoco.MjModel, share: float) -> None:
+    model.opt.gravity[2] *= share
+
+
+def _board_height(model: mujoco.MjModel, share: float) -> None:
+    board = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "board")
+    model.geom_pos[board, 2] = (share - 1) * HALF_WIDTH
+
+
+def _cube_centre(axis: int) -> Callable[[mujoco.MjModel, float], None]:
+    def apply(model: mujoco.MjModel, share: float) -> None:
+        model.body_ipos[1, axis] = (share - 1) * HALF_WIDTH
+
+    return apply
+
+
+def _tilt(axis: int) -> Callable[[mujoco.MjModel, float], None]:
+    """Return what tilts the board along an axis, by gravity that is turned the other way."""
+
+    def apply(model: mujoco.MjModel, share: float) -> None:
+        model.opt.gravity[axis] = (share - 1) * model.opt.gravity[2]
+
+    return apply
+
+
+def _corners(model: mujoco.MjModel) -> np.ndarray:
+    return np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)
 
 
 def _training_windows(
@@ -284,7 +369,8 @@ def _training_windows(
         starts = range(min(last, 1)) if case.is_cube else range(last)
         places += [(number, start) for start in starts]
     rng = np.random.default_rng(SEED)
-    chosen = rng.permutation(len(places))[:WINDOWS]
+    count = TOSSES if case.is_cube else WINDOWS
+    chosen = rng.permutation(len(places))[:count]
     states = []
     controls = []
     for place in chosen:

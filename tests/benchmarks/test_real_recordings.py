@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 import pytest
 from real_recordings_cases.cases import CASES, Case, windows
-from real_recordings_cases.cube_tosses import ORIENTATION
+from real_recordings_cases.cube_emulators import write_model
+from real_recordings_cases.cube_tosses import ORIENTATION, START_SAMPLES, flight_start
 from real_recordings_cases.errors import angle_errors, rotation_errors
 from real_recordings_cases.fitted_physics import model_at, parameters_of
 from real_recordings_cases.methods import FREE_METHODS
@@ -90,13 +91,13 @@ def test_every_method_begins_where_the_recording_does(case: Case):
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_fitted_physics_begins_at_the_authors(case: Case):
+def test_fitted_physics_begins_at_the_model(case: Case):
     parameters = parameters_of(case)
     shares = np.array([parameter.start for parameter in parameters])
     unseen = windows(case, swings(case))
-    authors = simulate(case.model(), unseen.starts, unseen.controls, case.dt)
+    given = simulate(case.model_to_fit(), unseen.starts, unseen.controls, case.dt)
     ours = simulate(model_at(case, parameters, shares), unseen.starts, unseen.controls, case.dt)
-    np.testing.assert_allclose(ours, authors, atol=1e-6)
+    np.testing.assert_allclose(ours, given, atol=1e-6)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
@@ -117,11 +118,35 @@ def test_every_fitted_parameter_changes_the_model(case: Case):
                     model.geom_friction.ravel(),
                     model.geom_solref.ravel(),
                     model.geom_size.ravel(),
+                    model.geom_pos.ravel(),
+                    model.opt.gravity,
                 ]
             )
             for model in models
         ]
         assert not np.array_equal(*numbers), parameter.name
+
+
+def test_a_toss_begins_with_the_state_whose_flight_its_first_samples_are():
+    rng = np.random.default_rng(0)
+    start = np.concatenate([[0, 0, 1], [1, 0, 0, 0], rng.normal(size=6)])
+    flight = simulate(CUBE.model(), start[None], np.zeros((1, START_SAMPLES - 1, 0)), CUBE.dt)[0]
+    measured = flight.copy()
+    measured[:, 7:] = 0  # velocities as recorded play no part
+    np.testing.assert_allclose(flight_start(measured), start, atol=0.02)  # a step's gravity is 0.07
+
+
+def test_a_cube_is_written_with_its_fitted_numbers(tmp_path: Path):
+    parameters = parameters_of(CUBE)
+    shares = np.array([np.mean([parameter.start, *parameter.bounds]) for parameter in parameters])
+    fitted = model_at(CUBE, parameters, shares)
+    path = tmp_path / "cube.xml"
+    write_model(CUBE, fitted, path)
+    written = mujoco.MjModel.from_xml_path(str(path))
+    unseen = windows(CUBE, swings(CUBE))
+    given = simulate(fitted, unseen.starts, unseen.controls, CUBE.dt)
+    ours = simulate(written, unseen.starts, unseen.controls, CUBE.dt)
+    np.testing.assert_allclose(ours[:, :100], given[:, :100], atol=1e-4)
 
 
 def test_velocities_are_the_slopes_of_what_was_recorded():
