@@ -1,15 +1,12 @@
-// Walkers as they are drawn: the same shapes as the body on show, each body in shades of its own.
+// Walkers as they are drawn: the same shapes as the body on show, each body dressed in colours of its own.
 
-import { Color, Group, type Object3D } from "three";
+import { Group, type Object3D } from "three";
 import { movingBones } from "../body/extent";
 import { emptyPose, poseBones } from "../body/pose";
-import type { Bundle } from "../bundle/bundle";
+import type { Bundle, Shape } from "../bundle/bundle";
 import { ShapeInstances } from "./body/instances";
+import { shapeColour } from "./body/shapes";
 import type { Patch } from "./glsl";
-
-/** Saturation and lightness of the tints. */
-const SATURATION = 0.5;
-const LIGHTNESS = 0.72;
 
 export interface WalkersView {
   readonly object: Object3D;
@@ -25,8 +22,13 @@ export function makeWalkersView(facts: Bundle, count: number, patches: readonly 
   const object = new Group();
   object.name = "walkers";
   object.add(...shapes.meshes);
+  const skin = commonestColour(bones.flatMap((bone) => bone.shapes));
   for (let number = 0; number < count; number++) {
-    shapes.tint(number, new Color().setHSL(number / count, SATURATION, LIGHTNESS));
+    const hue = (number + 1) / (count + 1);
+    shapes.paint(number, (shape) => {
+      const colour = shapeColour(shape);
+      return colour.getHex() === skin ? colour : colour.offsetHSL(hue, 0, 0);
+    });
   }
   const pose = emptyPose(bones.length);
   return {
@@ -37,4 +39,15 @@ export function makeWalkersView(facts: Bundle, count: number, patches: readonly 
     },
     dispose: () => shapes.dispose(),
   };
+}
+
+/** Return the colour that most shapes have: all bodies have it. */
+function commonestColour(shapes: readonly Shape[]): number | undefined {
+  const counts = new Map<number, number>();
+  for (const shape of shapes) {
+    const colour = shapeColour(shape).getHex();
+    counts.set(colour, (counts.get(colour) ?? 0) + 1);
+  }
+  const [commonest] = [...counts].sort(([, one], [, other]) => other - one);
+  return commonest?.[0];
 }

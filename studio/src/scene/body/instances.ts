@@ -12,6 +12,7 @@ import { boneMatrix } from "./skin";
 interface InstancedShape {
   readonly mesh: InstancedMesh<ReturnType<typeof shapeGeometry>, ReturnType<typeof shapeMaterial>>;
   readonly bone: number;
+  readonly shape: Shape;
   /** From the shape into its bone. */
   readonly own: Matrix4;
 }
@@ -40,9 +41,13 @@ export class ShapeInstances {
     }
   }
 
-  /** Tint body `number`: its colours are multiplied by `colour`. */
-  tint(number: number, colour: Color): void {
-    this.#shapes.forEach(({ mesh }) => mesh.setColorAt(number, colour));
+  /** Give body `number` colours of its own; who gives them to one must give them to all. */
+  paint(number: number, colourOf: (shape: Shape) => Color): void {
+    for (const { mesh, shape } of this.#shapes) {
+      // The colour of an instance is multiplied by that of the material.
+      mesh.material.color.set(0xffffff);
+      mesh.setColorAt(number, colourOf(shape));
+    }
   }
 
   dispose(): void {
@@ -60,5 +65,5 @@ function makeInstances(shape: Shape, bone: number, count: number, patches: reado
   mesh.castShadow = true;
   mesh.receiveShadow = true;
   const own = new Matrix4().compose(new Vector3(...shape.position), toQuaternion(shape.orientation), new Vector3(1, 1, 1));
-  return { mesh, bone, own };
+  return { mesh, bone, shape, own };
 }

@@ -197,7 +197,7 @@ export function fittingsMaterial(patches: readonly Patch[]): Material {
 }
 
 /** Paint, rubber or metal, by its colour: what is grey and bright is metal, what is nearly black is rubber. */
-export function shapeMaterial(colour: Color, opacity: number, patches: readonly Patch[]): Material {
+export function shapeMaterial(colour: Color, opacity: number, patches: readonly Patch[]): MeshPhysicalMaterial {
   const { s: saturation, l: lightness } = hslOf(colour);
   const isMetal = saturation < 0.15 && lightness > 0.5;
   const isRubber = lightness < 0.16;
