@@ -58,10 +58,12 @@ def bounded_shares(
 
 
 def _counted(case: Case, recorded: Windows) -> Windows:
-    """Return windows without what is behind the end of some: of tosses the steps that count."""
+    """Return windows without what is behind the end of some: of tosses the steps that count, if they last so long."""
     if not case.is_cube:
         return recorded
-    return Windows(recorded.states[:, : TOSS_STEPS + 1], recorded.controls[:, :TOSS_STEPS], None)
+    states = recorded.states[:, : TOSS_STEPS + 1]
+    is_whole = np.isfinite(states).all(axis=(1, 2))
+    return Windows(states[is_whole], recorded.controls[is_whole, :TOSS_STEPS], None)
 
 
 def super_steps(
