@@ -41,7 +41,7 @@ from neuroanimator.codegen.kept import (
 )
 from neuroanimator.codegen.program import WIDTH
 from neuroanimator.codegen.trace import UnsupportedError
-from neuroanimator.control.descent.defects import link_of
+from neuroanimator.control.descent.defects import is_link_known, link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem, VariedParameters
@@ -198,9 +198,10 @@ def loading_programs(emulator: Emulator, parametrisation: Parametrisation) -> It
     """Load the programs of a descent, but that of its objective, while the block runs.
 
     On a new machine they are made side by side with the objective's, on all cores. What fails here fails again in
-    `c_evaluator`, which says so. With the backend JAX nothing is loaded.
+    `c_evaluator`, which says so. With the backend JAX nothing is loaded, and after the first descent through an emulator no
+    threads are started: they take longer than a rollout.
     """
-    if backend() == "jax":
+    if backend() == "jax" or is_link_known(emulator):
         yield
         return
     with ThreadPoolExecutor() as pool:

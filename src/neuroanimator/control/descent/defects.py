@@ -137,6 +137,11 @@ _known: Remembered[CMap | None] = Remembered()
 """The link of each emulator."""
 
 
+def is_link_known(emulator: Emulator) -> bool:
+    """Return whether `link_of` has nothing to do any more."""
+    return _known.of(emulator) is not UNKNOWN
+
+
 def link_of(emulator: Emulator) -> CMap | None:
     """Return the map `link` of `emulator` in C, without defects; remembered as long as the emulator lives.
 
