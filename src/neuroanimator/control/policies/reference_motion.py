@@ -60,8 +60,8 @@ class ReferenceMotion(eqx.Module):
     frames: Float[AnyArray, "K S"]
     """All laps, one after another.
 
-    With commands these are of strides of evenly growing length, the whole one last; each is without its last state, from a root
-    that stands at the origin and whose heading is zero.
+    With commands these are of strides of evenly growing length, up to the motion's own and then, likewise, to those of a faster
+    gait; each is without its last state, from a root that stands at the origin and whose heading is zero.
     """
     lap: int = eqx.field(static=True)
     """Number of super steps in which the clock turns once."""
@@ -131,11 +131,13 @@ class ReferenceMotion(eqx.Module):
         away = steps - xp.arange(self.lap, dtype=xp.float32)
         away = away - self.lap * xp.floor(away / self.lap + 0.5)
         weights = xp.maximum(1 - xp.abs(away), 0)
-        longest = len(self.frames) // self.lap - 1
-        if longest > 0:
-            longer = longest * commands.stride(states)[..., None]
-            longer = longer - xp.arange(longest + 1, dtype=xp.float32)
-            strides = xp.maximum(1 - xp.abs(longer), 0)
+        laps = len(self.frames) // self.lap
+        if laps > 1:
+            longest = laps - 1
+            if commands.faster is not None:
+                longest -= commands.faster.laps
+            number = commands.lap_number(states, longest)[..., None]
+            strides = xp.maximum(1 - xp.abs(number - xp.arange(laps, dtype=xp.float32)), 0)
             mixed = strides[..., :, None] * weights[..., None, :]
             weights = mixed.reshape(*weights.shape[:-1], -1)
         own = weights @ xp.asarray(self.frames)
@@ -260,6 +262,9 @@ class ReferenceMotion(eqx.Module):
         )
         if commands is not None and (count % motion.lap or count < motion.lap):
             raise ValueError(f"reference: wanted {motion.lap} frames of each lap, came {count}")
+        faster = None if commands is None else commands.faster
+        if faster is not None and count // motion.lap <= faster.laps:
+            raise ValueError(f"reference: wanted more than {faster.laps} laps")
         for driven in (motion.driven, motion.driven_rates, motion.leads):
             if len(driven) != controls:
                 raise ValueError(f"reference: wanted {controls} angles that controls drive")
