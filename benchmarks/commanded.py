@@ -13,7 +13,8 @@ policy that follows the walk. Without noise, on the physics,
   over 0.1 s; and 100 are told to stand, and pushed likewise;
 - drift is how far 100 that are told to stand are from where they were two seconds after that, 20 s later;
 - slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step, at the motion's own speed.
-Seconds are of a core's time.
+Of a policy that runs, too, 100 bodies get commands of all its speeds, and 100 those of 2 to 3 m/s; these are pushed likewise, and
+slip is measured at the run's own speed. Seconds are of a core's time.
 
 Writes results/commanded.csv and results/commanded_curves.csv.
 """
@@ -38,7 +39,7 @@ from jaxtyping import Array, Float
 
 import neuroanimator as na
 from neuroanimator.control.policies.commands import Command, Commands
-from neuroanimator.control.policies.reference_motion import ORIENTATION
+from neuroanimator.control.policies.reference_motion import ORIENTATION, ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
@@ -59,9 +60,12 @@ BODIES = 100
 WALKING = (0.5, 1.0)
 """Least and largest commanded speed [m/s]."""
 
+RUNNING = (2.0, 3.0)
+
 STANDING = (0.0, 0.0)
 
 ANY = (0.0, 1.0)
+"""Speeds of standing and walking."""
 
 STILL_SECONDS = (2.0, 20.0)
 """Time to come to a stand, and of standing [s]."""
@@ -268,7 +272,10 @@ def walked(
     stepper: Stepper | None = None,
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of one body under commands (seconds, speed [m/s], turning [rad/s]), one after another."""
-    walkers = Walkers(policy, task, system, 1, ANY, stepper)
+    assert task.motion is not None
+    assert task.motion.commands is not None
+    most = task.motion.commands.most.speed
+    walkers = Walkers(policy, task, system, 1, (0.0, most), stepper)
     states = []
     for seconds, speed, turning in told:
         walkers.states = walkers.commands.give(
@@ -299,14 +306,45 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
             row[f"standing survived {impulse:g} N s"] = survived
         row["drift cm"] = 100 * drift(Walkers(policy, task, system, BODIES, STANDING))
     own = motion.commands.own_speed
-    states = walked(policy, task, system, [(20.0, own, 0.0)])
-    row["slip cm"] = 100 * slip(system, states, _laps(states, motion.phase))
-    frames = np.asarray(motion.frames, float)[-motion.lap :]
+    row["slip cm"], row["slip of the clip cm"] = _slips(policy, task, system, motion, own)
+    faster = motion.commands.faster
+    if faster is None:
+        return row
+    most = motion.commands.most.speed
+    found = commanded(Walkers(policy, task, system, BODIES, (0.0, most)))
+    row |= {f"{name}, all speeds": found[name] for name in found if name != "bodies"}
+    found = commanded(Walkers(policy, task, system, BODIES, RUNNING))
+    row |= {f"{name}, running": found[name] for name in found if name != "bodies"}
+    for impulse in IMPULSES:
+        survived = pushed(Walkers(policy, task, system, BODIES, RUNNING), impulse)
+        row[f"running survived {impulse:g} N s"] = survived
+    run = own * faster.pace * faster.stride
+    slips = _slips(policy, task, system, motion, run)
+    row["slip cm, running"], row["slip of the run's clip cm"] = slips
+    return row
+
+
+def _slips(
+    policy: StatePolicy,
+    task: PolicyTask,
+    system: MujocoSystem,
+    motion: ReferenceMotion,
+    speed: float,
+) -> tuple[float, float]:
+    """Return how far feet slip at a speed [m/s], a step, and how far those of the motion do [cm]."""
+    commands = motion.commands
+    assert commands is not None
+    states = walked(policy, task, system, [(20.0, speed, 0.0)])
+    turns = np.tile(motion.begun(0.0), (motion.lap, 1))
+    turns[:, motion.phase] = 2 * np.pi * np.arange(motion.lap) / motion.lap
+    told = commands.give(turns, np.full(motion.lap, speed), np.zeros(motion.lap))
+    frames = np.array(motion.frame(jnp.asarray(told, jnp.float32)), float)
     # Frames stand at one place: they go as fast as their clock says.
     moving = slice(motion.velocity, motion.velocity + 2)
-    frames[:, :2] = np.cumsum(frames[:, moving] * policy.dt, axis=0)
-    row["slip of the clip cm"] = 100 * slip(system, frames, 1.0)
-    return row
+    dt = policy.dt / commands.pace(told)[0]
+    frames[:, :2] = np.cumsum(frames[:, moving] * dt, axis=0)
+    own_slip = slip(system, frames, 1.0)
+    return 100 * slip(system, states, _laps(states, motion.phase)), 100 * own_slip
 
 
 def _laps(states: Float[np.ndarray, "K S"], phase: int) -> float:
@@ -315,7 +353,7 @@ def _laps(states: Float[np.ndarray, "K S"], phase: int) -> float:
 
 def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, float, Rows]:
     """Return (the policy's file, seconds of a core's time it took, rows of its curve)."""
-    for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv"):
+    for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv", "run.csv"):
         (place / name).write_bytes((HUMAN / name).read_bytes())
     file = place / "human.policy.safetensors"
     began = seconds_of_children()

@@ -16,7 +16,6 @@ Writes results/following.csv and results/following_curves.csv.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import subprocess
 import sys
@@ -34,7 +33,7 @@ from jaxtyping import Float
 
 import neuroanimator as na
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.bodies import Bodies, episodes_of, motion_of
 from neuroanimator.gym.following import Following
@@ -150,16 +149,6 @@ def draw_sheet(policy: StatePolicy, task: PolicyTask, system: MujocoSystem, out:
         tile_motion(clip, Path(place) / "film.mp4", IMAGES, out)
 
 
-def kept(file: str, renewed: list[str]) -> Rows:
-    """Return the rows of a result whose clips are not measured anew."""
-    path = RESULTS / file
-    if not path.exists():
-        return []
-    with path.open(newline="") as lines:
-        next(lines)  # the machine
-        return [row for row in csv.DictReader(lines) if row["clip"] not in renewed]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -175,8 +164,10 @@ def main() -> None:
     print(describe_machine())
     system = load_system(str(HUMAN / "human.toml"))
     assert isinstance(system, MujocoSystem)
-    rows = kept("following.csv", arguments.clips)
-    curves = kept("following_curves.csv", arguments.clips)
+    table = RESULTS / "following.csv"
+    curve_table = RESULTS / "following_curves.csv"
+    rows: Rows = []
+    curves: Rows = []
     for clip in arguments.clips:
         with TemporaryDirectory() as place:
             row: dict[str, Any] = {"clip": clip, "seed": arguments.seed}
@@ -197,8 +188,8 @@ def main() -> None:
         if arguments.sheet:
             draw_sheet(policy, task, system, arguments.sheet)
         if not arguments.dry:
-            write_csv(RESULTS / "following.csv", rows)
-            write_csv(RESULTS / "following_curves.csv", curves)
+            write_csv(table, [*other_rows(table, rows, "clip", "seed"), *rows])
+            write_csv(curve_table, [*other_rows(curve_table, curves, "clip", "seed"), *curves])
 
 
 if __name__ == "__main__":
