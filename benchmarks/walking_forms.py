@@ -24,7 +24,6 @@ from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.terminal import print_table
 
-
 FORMS = {"likelihoods": 0.0, "slopes": 1.0, "both": None}
 """Weights of slopes."""
 
