@@ -6,9 +6,9 @@ python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.saf
 
 Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a
 policy that follows the walk. Without noise, on the physics,
-- 100 bodies get random commands of 0.5 to 1 m/s for 60 s, others every 2 to 5 s; those count that never fall: pelvis below 0.6 m,
+- 100 bodies get random commands of 0.5 to 1 m/s for 60 s, others every 3 to 6 s; those count that never fall: pelvis below 0.6 m,
   or trunk more than 1 rad off the vertical; and likewise 100 by commands of 0 to 1 m/s, of which 15 in 100 are to stand;
-- from 1 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
+- from 2 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
 - 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction: a force
   over 0.1 s; and 100 are told to stand, and pushed likewise;
 - drift is how far 100 that are told to stand are from where they were two seconds after that, 20 s later;
@@ -72,11 +72,11 @@ STILL_SECONDS = (2.0, 20.0)
 
 SECONDS = 60.0
 
-HOLDS = (2.0, 5.0)
+HOLDS = (3.0, 6.0)
 """Least and largest time between two commands [s]."""
 
-SETTLED = 1.0
-"""Time after a command before it counts [s]."""
+SETTLED = 2.0
+"""Time after a command before it counts [s]: a commanded speed changes by 2 m/s in a second."""
 
 LEAST_HEIGHT = 0.6
 """Height of the pelvis below which a body has fallen [m]."""
@@ -99,7 +99,7 @@ IMAGES = 12
 
 
 class Walkers:
-    """Bodies that a policy moves on the physics, or on what `stepper` is of, on commands of speeds in a range, without an end."""
+    """Bodies that a policy moves on the physics, or on what `stepper` is of, as they are told: speeds in a range, or all it takes."""
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class Walkers:
         task: PolicyTask,
         system: MujocoSystem,
         count: int,
-        speeds: tuple[float, float],
+        speeds: tuple[float, float] | None = None,
         stepper: Stepper | None = None,
     ):
         reference = policy.view.reference
@@ -117,24 +117,31 @@ class Walkers:
         self.policy = policy
         self.system = system
         commands = reference.commands
-        least = Command(speeds[0], commands.least.turning)
-        most = Command(speeds[1], commands.most.turning)
+        slowest, fastest = speeds or (commands.least.speed, commands.most.speed)
+        least = Command(slowest, commands.least.turning)
+        most = Command(fastest, commands.most.turning)
         self.commands: Commands = commands._replace(least=least, most=most)
-        self.phase = reference.phase
-        self.lap = reference.lap
+        self.reference = reference
         self.rng = np.random.default_rng(0)
         self.stepper = stepper or physics_stepper(system, system.scheme, policy.dt)
         starts = np.stack([task.rules.draw_start(self.rng) for _ in range(count)])
         self.states = self.commands.draw(self.rng, starts)
+        self.told = self.commands_of(self.states)
+        """Commands (N, 2): speed [m/s] and turning rate [rad/s]."""
         self.is_fallen = np.zeros(count, bool)
         self.trunk = system.model.body("torso").id
+
+    def commands_of(self, states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N 2"]:
+        """Return the commands that states carry."""
+        return np.stack([self.commands.speed(states), states[:, self.commands.turning]], axis=1)
 
     def controls(self) -> Float[np.ndarray, "N C"]:
         found = np.asarray(_controls(self.policy, jnp.asarray(self.states, jnp.float32)), float)
         return self.policy.emulator.bounds.clip(found)
 
     def step(self) -> None:
-        """Go a super step on; who falls stays down."""
+        """Go a super step on, as it is told; who falls stays down."""
+        self.states = np.asarray(self.reference.with_command(self.states, self.told))
         # All anew: commands are written into the states between two steps.
         moved = self.stepper(self.states, self.controls(), np.ones(len(self.states), bool))
         self._take(moved.states)
@@ -201,8 +208,8 @@ def commanded(walkers: Walkers) -> dict[str, Any]:
             before, after = origins[row], walkers.states[row]
             seconds = now - begun[row] - SETTLED
             errors.append(_errors(commands, before, after, seconds))
-        told = commands.draw(walkers.rng, walkers.states)
-        walkers.states = np.where(is_new[:, None], told, walkers.states)
+        drawn = walkers.commands_of(commands.draw(walkers.rng, walkers.states))
+        walkers.told = np.where(is_new[:, None], drawn, walkers.told)
         begun = np.where(is_new, now, begun)
         ends = np.where(is_new, now + walkers.rng.uniform(*HOLDS, count), ends)
         is_settled = np.abs(now - begun - SETTLED) < dt / 2
@@ -272,15 +279,10 @@ def walked(
     stepper: Stepper | None = None,
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of one body under commands (seconds, speed [m/s], turning [rad/s]), one after another."""
-    assert task.motion is not None
-    assert task.motion.commands is not None
-    most = task.motion.commands.most.speed
-    walkers = Walkers(policy, task, system, 1, (0.0, most), stepper)
+    walkers = Walkers(policy, task, system, 1, stepper=stepper)
     states = []
     for seconds, speed, turning in told:
-        walkers.states = walkers.commands.give(
-            walkers.states, np.array([speed]), np.array([turning])
-        )
+        walkers.told = np.array([[speed, turning]])
         for _ in range(round(seconds / policy.dt)):
             states.append(walkers.states[0])
             walkers.step()
@@ -310,8 +312,7 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
     faster = motion.commands.faster
     if faster is None:
         return row
-    most = motion.commands.most.speed
-    found = commanded(Walkers(policy, task, system, BODIES, (0.0, most)))
+    found = commanded(Walkers(policy, task, system, BODIES))
     row |= {f"{name}, all speeds": found[name] for name in found if name != "bodies"}
     found = commanded(Walkers(policy, task, system, BODIES, RUNNING))
     row |= {f"{name}, running": found[name] for name in found if name != "bodies"}

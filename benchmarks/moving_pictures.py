@@ -19,7 +19,7 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
-from commanded import WALKING, Walkers
+from commanded import Walkers
 from contact_sheets import ROOT, clip_of
 from following import HUMAN
 
@@ -76,9 +76,10 @@ SMALL_FILM = [
 """How it is written: half a megabyte."""
 
 HUMAN_COMMANDS = (
-    (3.0, 0.8, 0.0),
-    (4.0, 0.7, 0.6),
     (2.5, 0.8, 0.0),
+    (4.0, 2.5, 0.0),
+    (3.5, 2.2, 0.6),
+    (3.0, 0.9, 0.0),
 )
 """Commands of the human: time [s], speed [m/s] and turning rate [rad/s]; then he is pushed."""
 
@@ -169,12 +170,12 @@ def life(folder: Path) -> None:
 
 
 def human(folder: Path) -> None:
-    """Film a human who walks, turns, is pushed and recovers, on the physics."""
+    """Film a human who walks, runs, turns, walks on, is pushed and recovers, on the physics."""
     policy, system, task = loaded_policy(
         HUMAN / "human.policy.safetensors", HUMAN / "commanded.toml"
     )
     assert isinstance(system, MujocoSystem)
-    walkers = Walkers(policy, task, system, 1, WALKING)
+    walkers = Walkers(policy, task, system, 1)
     states = []
     for seconds, speed, turning in HUMAN_COMMANDS:
         states += walked_on(walkers, seconds, speed, turning)
@@ -195,7 +196,7 @@ def human(folder: Path) -> None:
 
 def walked_on(walkers: Walkers, seconds: float, speed: float, turning: float) -> list[np.ndarray]:
     """Return the states (S,) of the one body that walks on, as it is told [s], [m/s], [rad/s]."""
-    walkers.states = walkers.commands.give(walkers.states, np.array([speed]), np.array([turning]))
+    walkers.told = np.array([[speed, turning]])
     states = []
     for _ in range(round(seconds / walkers.policy.dt)):
         states.append(walkers.states[0])

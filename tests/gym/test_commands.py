@@ -16,6 +16,7 @@ from neuroanimator.cli.policy_returns import commanded_motion
 from neuroanimator.cli.train import train_in_policy
 from neuroanimator.control.policies.commands import Commands
 from neuroanimator.control.policies.reference_motion import (
+    ACCELERATION,
     ORIENTATION,
     POSITION,
     WALKING_LEAD,
@@ -185,10 +186,10 @@ def test_at_its_own_speed_the_run_is_the_clip(
     assert max(apart) > 0.5 * spread, "begun elsewhere it is another pose"
 
 
-def test_a_command_is_three_numbers_of_a_state_and_told_twice_is_told_once(
+def test_a_command_is_three_numbers_of_a_state_and_comes_true_as_fast_as_a_body_can_follow(
     motion: ReferenceMotion, commands: Commands, starts: np.ndarray
 ):
-    command = np.stack([np.linspace(-1, 2, 20), np.linspace(-2, 2, 20)], axis=1)
+    command = np.stack([np.linspace(-1, 4, 20), np.linspace(-2, 2, 20)], axis=1)
     starts = starts.copy()
     starts[:, commands.heading] = np.linspace(-9, 9, 20)
     told = motion.with_command(starts, command)
@@ -196,9 +197,14 @@ def test_a_command_is_three_numbers_of_a_state_and_told_twice_is_told_once(
     assert set(changed) == {commands.heading, commands.turning, commands.clock_rate}
     lead = told[:, commands.heading] - heading_of(told[:, ORIENTATION])
     assert np.abs(lead).max() <= WALKING_LEAD + 1e-9
-    np.testing.assert_allclose(motion.with_command(told, command), told, atol=1e-12)
+    sooner = np.abs(commands.speed(told) - commands.speed(starts))
+    np.testing.assert_array_less(sooner, ACCELERATION * motion.dt + 1e-9)
     in_jax = motion.with_command(*(jnp.asarray(one, jnp.float32) for one in (starts, command)))
     np.testing.assert_allclose(in_jax, told, atol=1e-4)
+    for _ in range(round(3.0 / (ACCELERATION * motion.dt))):
+        told = motion.with_command(told, command)
+    np.testing.assert_allclose(commands.speed(told), np.clip(command[:, 0], 0, 3), atol=1e-6)
+    np.testing.assert_allclose(motion.with_command(told, command), told, atol=1e-12)
 
 
 def test_who_is_told_to_stand_stands_as_the_model_does_at_rest(
@@ -435,7 +441,9 @@ def test_commands_are_told_one_after_another(
     _, states = commanded_motion(file, TOML, ["0.09,0.6,0.2", "0.06,0.9,-0.4"])
     assert len(states) == 6
     assert states[-1, commands.heading] == pytest.approx(0.2 * 0.09 - 0.4 * 0.06, abs=1e-5)
-    np.testing.assert_allclose(commands.speed(states[1:]), [0.6, 0.6, 0.6, 0.9, 0.9], rtol=1e-5)
+    step = ACCELERATION * policy.dt
+    speeds = [commands.own_speed - step, 0.6, 0.6, 0.6 + step, 0.6 + 2 * step]
+    np.testing.assert_allclose(commands.speed(states[1:]), speeds, atol=1e-3)
     for text in ("3", "3,0.7,left", "-1,0.7,0"):
         with pytest.raises(NeuroAnimatorError, match="command: wanted"):
             commanded_motion(file, TOML, [text])

@@ -51,6 +51,9 @@ MAX_FASTER_LAPS = 100
 LARGEST_ACCELERATION = 1.5
 """Largest acceleration across the way of a body that may run [m/s²]: the faster it goes, the wider it turns."""
 
+LARGEST_CHANGE = 1.0
+"""Largest change of the commanded speed at a time while a policy learns [m/s]."""
+
 LEAST_RADIUS = 0.6
 """Least radius of a turn on shorter strides [m]: a body that stands does not turn, for its feet do not leave the floor."""
 
@@ -169,9 +172,28 @@ class Commands(NamedTuple):
         self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
     ) -> Float[np.ndarray, "B S"]:
         """Return the states with random commands."""
-        speed = rng.uniform(self.least.speed, self.most.speed, len(states))
+        return self._drawn(rng, states, self.least.speed, self.most.speed)
+
+    def draw_change(
+        self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
+    ) -> Float[np.ndarray, "B S"]:
+        """Return the states with random commands of speeds that are at most `LARGEST_CHANGE` from those they have."""
+        now = np.clip(self.speed(states), self.least.speed, self.most.speed)
+        low = np.maximum(now - LARGEST_CHANGE, self.least.speed)
+        high = np.minimum(now + LARGEST_CHANGE, self.most.speed)
+        return self._drawn(rng, states, low, high)
+
+    def _drawn(
+        self,
+        rng: np.random.Generator,
+        states: Float[np.ndarray, "B S"],
+        low: float | Float[np.ndarray, " B"],
+        high: float | Float[np.ndarray, " B"],
+    ) -> Float[np.ndarray, "B S"]:
+        speed = rng.uniform(low, high, len(states))
         if self.least.speed == 0:
-            speed *= rng.random(len(states)) >= STANDING_SHARE
+            stands = (rng.random(len(states)) < STANDING_SHARE) & (np.asarray(low) == 0)
+            speed = np.where(stands, 0.0, speed)
         turning = rng.uniform(self.least.turning, self.most.turning, len(states))
         return self.give(states, speed, turning)
 
