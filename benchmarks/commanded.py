@@ -99,7 +99,7 @@ IMAGES = 12
 
 
 class Walkers:
-    """Bodies that a policy moves on the physics, or on what `stepper` is of, as they are told: speeds in a range, or all it takes."""
+    """Bodies that a policy moves on the physics, or on what `stepper` is of, as told: speeds in a range, or all it takes."""
 
     def __init__(
         self,
