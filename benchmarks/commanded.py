@@ -7,7 +7,7 @@ python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.saf
 Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a
 policy that follows the walk. Without noise, on the physics,
 - 100 bodies get random commands of 0.5 to 1 m/s for 60 s, others every 3 to 6 s; those count that never fall: pelvis below 0.6 m,
-  or trunk more than 1 rad off the vertical; and likewise 100 by commands of 0 to 1 m/s, of which 15 in 100 are to stand;
+  or trunk more than 1 rad off the vertical; and likewise 100 by commands of 0 to 1 m/s, of which 30 in 100 are to stand;
 - from 2 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
 - 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction: a force
   over 0.1 s; and 100 are told to stand, and pushed likewise;
@@ -125,7 +125,8 @@ class Walkers:
         self.rng = np.random.default_rng(0)
         self.stepper = stepper or physics_stepper(system, system.scheme, policy.dt)
         starts = np.stack([task.rules.draw_start(self.rng) for _ in range(count)])
-        self.states = self.commands.draw(self.rng, starts)
+        drawn = jnp.asarray(self.commands.draw(self.rng, starts), jnp.float32)
+        self.states = np.asarray(_frames(reference, drawn), float)
         self.told = self.commands_of(self.states)
         """Commands (N, 2): speed [m/s] and turning rate [rad/s]."""
         self.is_fallen = np.zeros(count, bool)
@@ -184,6 +185,11 @@ class Walkers:
                 mujoco.mj_step(model, data)
             state = np.concatenate([data.qpos, data.qvel])
         self.states[row] = state
+
+
+@eqx.filter_jit
+def _frames(reference: ReferenceMotion, states: Float[Array, "N S"]) -> Float[Array, "N S"]:
+    return reference.frame(states)
 
 
 @eqx.filter_jit

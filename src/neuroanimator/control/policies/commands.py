@@ -37,8 +37,8 @@ STANDING_PACE = 0.7
 
 MAX_STANDING_PACE = 0.99
 
-STANDING_SHARE = 0.15
-"""Share of random commands to stand, where that is the least speed: of a range, a single number would never be drawn."""
+STANDING_SHARE = 0.3
+"""Share of random commands to stand, of those that may be: of a range, a single number would never be drawn."""
 
 LEAST_FASTER = 1.01
 """Least pace and stride of a faster gait."""
