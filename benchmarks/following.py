@@ -1,14 +1,15 @@
 """A human who follows motions recorded of an actor: how long learning takes, how many stay on the motion, how far feet slip.
 
 python benchmarks/following.py                             a walk and a jog, learnt from nothing; see UPDATES
+python benchmarks/following.py jog --policy jog.policy.safetensors      one that 'neuroanimator policy' has learnt
 python benchmarks/following.py walk --updates 400 --seed 2 --dry
 python benchmarks/following.py walk --policy walk.policy.safetensors --sheet walk.png --dry
 
 Each run is what `neuroanimator policy` does with examples/human/human.toml, whose clip is another for the jog. Of 100 starts at
 random phases, without noise, those count that are on the motion after eleven rounds of it, never off by more than 0.25 m at the
 pelvis or 0.8 rad at the trunk. Slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step;
-that of the motion itself stands beside it. Seconds are of a core's time, the emulator's making and all: runs are by number of
-updates, so other work on the machine makes them longer, and changes nothing else.
+that of the motion itself stands beside it. Core seconds are of a core's time, the emulator's making and all; seconds are those of
+a clock. Runs are by number of updates, so other work on the machine makes them longer, and changes nothing else.
 
 Writes results/following.csv and results/following_curves.csv.
 """
@@ -78,9 +79,14 @@ def learn(clip: str, seed: int, updates: int, place: Path) -> tuple[Path, float,
     began = seconds_of_children()
     command = [PROGRAM, "policy", "human.toml", "--seed", seed, "--updates", updates, "--out", file]
     subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
-    seconds = seconds_of_children() - began
-    lines = (place / f"{clip}.policy.run" / "metrics.jsonl").read_text().splitlines()
-    return file, seconds, [{"clip": clip, "seed": seed} | json.loads(line) for line in lines]
+    return file, seconds_of_children() - began, curve_of(file, clip, seed)
+
+
+def curve_of(policy: Path, clip: str, seed: int) -> Rows:
+    """Return what the run that learnt a policy reported on its way; nothing if its folder is not beside the file."""
+    reports = policy.with_suffix(".run") / "metrics.jsonl"
+    lines = reports.read_text().splitlines() if reports.exists() else []
+    return [{"clip": clip, "seed": seed} | json.loads(line) for line in lines]
 
 
 def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[str, Any]:
@@ -175,8 +181,12 @@ def main() -> None:
             if file is None:
                 updates = arguments.updates or UPDATES[clip]
                 file, seconds, curve = learn(clip, arguments.seed, updates, Path(place))
-                row |= {"core seconds": seconds, "transitions": curve[-1]["steps"]}
-                curves += curve
+                row["core seconds"] = seconds
+            else:
+                curve = curve_of(file, clip, arguments.seed)
+            if curve:
+                row |= {"transitions": curve[-1]["steps"], "seconds": curve[-1]["seconds"]}
+            curves += curve
             policy = load_state_policy(file)
             if arguments.keep:
                 policy.save(arguments.keep)
