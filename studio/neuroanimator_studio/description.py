@@ -12,7 +12,7 @@ from jaxtyping import Float
 import neuroanimator
 from neuroanimator import Emulator, Policy, is_reached, read_pose
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
+from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.spec import EmulatorSpec

@@ -227,8 +227,8 @@ def _add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, is_ghost: bo
     skin.vert = mesh.points.ravel().tolist()
     skin.face = mesh.triangles.ravel().tolist()
     skin.bodyname = [f"{prefix}bone{number}" for number in range(len(skeleton.bones))]
-    skin.bindpos = np.ravel([bone.offset for bone in skeleton.bones]).tolist()
-    skin.bindquat = np.ravel([bone.orientation for bone in skeleton.bones]).tolist()
+    skin.bindpos = mesh.bind_positions.ravel().tolist()
+    skin.bindquat = mesh.bind_orientations.ravel().tolist()
     points_of_bones = []
     weights_of_bones = []
     for number in range(len(skeleton.bones)):
