@@ -2,6 +2,9 @@
 
 pip install scikit-image fast-simplification
 python benchmarks/human_skin.py
+python benchmarks/human_skin.py dress examples/human/*.policy.safetensors    # policies learnt before he had one, or another
+
+Of what was learnt before, `dress` rewrites the name of the physics and the look: the physics is the same.
 
 The skin is a look and nothing else: MuJoCo gives it no mass and no contact. Each garment is a smooth union of cones and ellipsoids
 that stand in the frames of the bodies, with the arms held a little away from the trunk and the legs apart:
@@ -11,23 +14,28 @@ signed distances on a grid → marching cubes → fewer triangles → weights, s
 
 from __future__ import annotations
 
+import hashlib
+import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import fast_simplification
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
-from skimage.measure import marching_cubes
+
+from neuroanimator.files.atomic import canonical_json, kind_in, read_tensors, write_tensors
+from neuroanimator.systems import load_system
+from neuroanimator.systems.rigid.model_files import read_model_files
 
 HUMAN = Path(__file__).parents[1] / "examples" / "human"
 
 BIND = {"shoulder_x": -0.36, "hip_x": -0.16, "elbow": 0.12}
 """Angles of the joints in the pose in which the skin is made, on both sides [rad]: arms and legs must not touch."""
 
-INCLUDE = '  <include file="skin/skin.xml"/>\n'
-"""The line of human.xml that shows the skin."""
+LOOKS = {'  <include file="skin/skin.xml"/>\n': "", 'name="floor" group="0"': 'name="floor"'}
+"""What human.xml says for its skin alone, and what stands there without one."""
 
 STEP = 2.0**-15
 """Coordinates are multiples of this [m]: the files that carry a skin keep them so."""
@@ -358,8 +366,12 @@ COARSE = 0.02
 
 
 def main() -> None:
-    """Write a file of each skin."""
-    model = bare_model()
+    """Write a file of each skin, or dress the files that the command line names."""
+    if sys.argv[1:2] == ["dress"]:
+        for name in sys.argv[2:]:
+            dress(Path(name))
+        return
+    model = mujoco.MjModel.from_xml_string(bare_text())
     frames = Frames(model)
     total = 0
     for name, pieces in SKINS.items():
@@ -382,6 +394,9 @@ class Surface(NamedTuple):
 
 def surface(frames: Frames, piece: Piece) -> Surface:
     """Return a piece of the skin."""
+    # Tools of this script alone, which those who only dress a policy need not have.
+    import fast_simplification
+    from skimage.measure import marching_cubes
 
     def distances(points: Points) -> Distances:
         folded = np.stack([points[:, 0], np.abs(points[:, 1]), points[:, 2]], axis=1)
@@ -424,10 +439,31 @@ def _box(distances: Callable[[Points], Distances]) -> tuple[np.ndarray, np.ndarr
     return low, high
 
 
-def bare_model() -> mujoco.MjModel:
-    """Return the human without his skin, whose files may not be there yet."""
+def bare_text() -> str:
+    """Return human.xml without his skin."""
     text = (HUMAN / "human.xml").read_text()
-    return mujoco.MjModel.from_xml_string(text.replace(INCLUDE, ""))
+    for with_skin, without_skin in LOOKS.items():
+        text = text.replace(with_skin, without_skin)
+    return text
+
+
+def dress(path: Path) -> None:
+    """Let an emulator or a policy in a file name the model with today's skin, and carry that."""
+    kind = kind_in(path)
+    tensors, metadata = read_tensors(path, kind)
+    emulator = metadata.get("emulator", metadata)
+    carried = json.loads(emulator["definition"])
+    named = carried["files"]
+    files = read_model_files(HUMAN / named["main"])
+    bare = hashlib.sha256(bare_text().encode()).hexdigest()
+    if named["sha256"]["human.xml"] not in (bare, files.digests["human.xml"]):
+        sys.exit(f"{path}: its human.xml differs from this one by more than the skin. Train again.")
+    named["sha256"] = files.digests
+    emulator["definition"] = canonical_json(carried)
+    emulator["skeleton"] = load_system(str(HUMAN / named["toml"])).skeleton.to_json()
+    metadata.pop("sha256", None)
+    write_tensors(path, tensors, metadata)
+    print(f"{path}: {path.stat().st_size} bytes")
 
 
 def smooth_step(share: Distances) -> Distances:

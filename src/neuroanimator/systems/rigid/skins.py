@@ -64,9 +64,10 @@ def skin_of(model: mujoco.MjModel, first: int) -> MeshSkin | None:
 def _part(model: mujoco.MjModel, number: int, taken: list[str]) -> SkinPart:
     """Return the name, none of `taken`, and colour of a skin."""
     colour = colour_of(model, int(model.skin_matid[number]), model.skin_rgba[number])
+    red, green, blue = (round(float(channel), 6) for channel in colour[:3])
     return SkinPart(
         name=unique(model_name(model.skin(number).name, f"skin_{number}"), taken, "_"),
-        colour=tuple(round(float(channel), 6) for channel in colour[:3]),
+        colour=(red, green, blue),
         triangles=int(model.skin_facenum[number]),
     )
 
