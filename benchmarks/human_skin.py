@@ -6,8 +6,8 @@ python benchmarks/human_skin.py dress examples/human/*.policy.safetensors    # p
 
 Of what was learnt before, `dress` rewrites the name of the physics and the look: the physics is the same.
 
-The skin is a look and nothing else: MuJoCo gives it no mass and no contact. Each garment is a smooth union of cones and ellipsoids
-that stand in the frames of the bodies, with the arms held a little away from the trunk and the legs apart:
+The skin is a look and nothing else: MuJoCo gives it no mass and no contact. Each garment is a smooth union of cones and
+ellipsoids that stand in the frames of the bodies, with the arms held a little away from the trunk and the legs apart:
 
 signed distances on a grid → marching cubes → fewer triangles → weights, smooth across the joints → a .skn file
 """

@@ -14,7 +14,7 @@ from neuroanimator import Emulator, Policy, is_reached, read_pose
 from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import skin_to_json
-from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
+from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.spec import EmulatorSpec

@@ -116,22 +116,22 @@ class MeshSkin(Table):
         weights = _unpacked(self.weights, "u1", INFLUENCES)
         count = len(vertices)
         if not 3 <= count <= MAX_VERTICES or len(triangles) > MAX_TRIANGLES:
-            raise ValueError(f"skin: {len(triangles)} triangles of {count} vertices")
+            raise ValueError(f"{len(triangles)} triangles of {count} vertices")
         if len(influences) != count or len(weights) != count:
-            raise ValueError("skin: wanted four bones and four weights a vertex")
+            raise ValueError("wanted four bones and four weights a vertex")
         if len({part.name for part in self.parts}) < len(self.parts):
-            raise ValueError("skin: two parts of one name")
+            raise ValueError("two parts of one name")
         if sum(part.triangles for part in self.parts) != len(triangles):
-            raise ValueError("skin: its parts do not have all triangles")
+            raise ValueError("its parts do not have all triangles")
         if triangles.max() >= count:
-            raise ValueError("skin: a triangle has a vertex that is not there")
+            raise ValueError("a triangle has a vertex that is not there")
         if influences.max() >= len(self.bones):
-            raise ValueError("skin: a vertex follows a bone that is not there")
+            raise ValueError("a vertex follows a bone that is not there")
         if (weights.sum(axis=1, dtype=int) != WHOLE).any():
-            raise ValueError(f"skin: the weights of a vertex do not add up to {WHOLE}")
+            raise ValueError(f"the weights of a vertex do not add up to {WHOLE}")
         for bone in self.bones:
             if abs(np.linalg.norm(bone.orientation) - 1) > UNIT_TOLERANCE:
-                raise ValueError("skin: a quaternion is not of length 1")
+                raise ValueError("a quaternion is not of length 1")
         return self
 
     def fits(self, bone_positions: Sequence[Sequence[float]]) -> bool:
@@ -192,8 +192,8 @@ def _unpacked(text: str, kind: str, columns: int) -> np.ndarray:
     try:
         content = base64.b64decode(text, validate=True)
     except binascii.Error as error:
-        raise ValueError("skin: an array is not base64") from error
+        raise ValueError("an array is not base64") from error
     row_size = columns * np.dtype(kind).itemsize
     if not content or len(content) % row_size:
-        raise ValueError("skin: an array is cut off")
+        raise ValueError("an array is cut off")
     return np.frombuffer(content, kind).reshape(-1, columns)

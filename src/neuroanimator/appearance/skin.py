@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import Field, TypeAdapter, ValidationError
 
 from neuroanimator.appearance.mesh_skin import MeshSkin
-from neuroanimator.files.tables import Share, Table
+from neuroanimator.files.tables import Share, Table, first_fault
 
 Colour = tuple[Share, Share, Share]
 """Red, green and blue, each 0 to 1."""
@@ -109,4 +109,7 @@ def skin_to_json(skin: Skin) -> dict[str, Any]:
 
 def skin_from_json(row: Any) -> Skin:
     """Return the skin `skin_to_json` wrote; ValueError names what is wrong with it."""
-    return _SKIN.validate_python(row)
+    try:
+        return _SKIN.validate_python(row)
+    except ValidationError as error:
+        raise ValueError(f"skin: {first_fault(error)}") from error

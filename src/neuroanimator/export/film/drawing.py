@@ -110,7 +110,7 @@ class Canvas:
 def scene_of(take: Take, film: Film) -> tuple[Scene, Shots]:
     """Return what is filmed of a take, and the camera: rigid bodies as MuJoCo has them, others as bones and skins.
 
-    Of models that are not at hand the bones are filmed, too, and of several bodies with a MuJoCo skin, for MuJoCo has one of each.
+    Bones are filmed, too, of models that are not at hand, and of several bodies with a MuJoCo skin, which is there once.
     """
     clip = take.clips[0]
     try:
