@@ -11,9 +11,7 @@ from jaxtyping import Float
 
 import neuroanimator
 from neuroanimator import Emulator, Policy, is_reached, read_pose
-from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin import skin_to_json
 from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
 from neuroanimator.control.policies.state_policy import StatePolicy
@@ -150,7 +148,7 @@ def describe_policy(policy: Policy | StatePolicy) -> dict[str, Any]:
 def describe_bones(skeleton: Skeleton) -> list[dict[str, Any]]:
     """Return the bones; those that a model's skin follows with the distance [m] that it reaches from them."""
     rows = skeleton.bones_to_json()
-    if isinstance(skeleton.skin, MeshSkin):
+    if skeleton.skin is not None and skeleton.skin.kind == "mesh":
         mesh = skin_mesh(skeleton)
         main = mesh.bones[np.arange(len(mesh.bones)), mesh.weights.argmax(axis=1)]
         distances = np.linalg.norm(mesh.points - mesh.bind_positions[main], axis=1)
@@ -167,8 +165,8 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
     """
     if skeleton.skin is None:
         return None
-    if isinstance(skeleton.skin, MeshSkin):
-        return skin_to_json(skeleton.skin)
+    if skeleton.skin.kind == "mesh":
+        return skeleton.skin.model_dump(mode="json")
     mesh = skin_mesh(skeleton)
     parts = []
     order = []
