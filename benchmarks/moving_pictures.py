@@ -101,6 +101,12 @@ INSIDE_COMMANDS = ((3.0, 0.7, 0.0), (4.0, 0.7, 0.6), (3.0, 0.9, 0.0), (3.0, 0.5,
 IMAGES = 12
 """Number of pictures on a sheet."""
 
+SHEET_SIZE = (800, 800)
+"""[pixels] What is drawn of each, with him in the middle."""
+
+SHEET_CUT = "crop=500:500:150:155"
+"""The part of it that is kept."""
+
 HUMAN_SIZE = (960, 720)
 """[pixels] What is drawn, with him in the middle."""
 
@@ -218,13 +224,15 @@ def write_round(clip: na.Clip, phase: int, out: Path) -> None:
 def write_sheet(clip: na.Clip, out: Path) -> None:
     """Lay pictures of a motion, seen from the side, in two rows."""
     chosen = np.linspace(0, len(clip.times) - 1, IMAGES).round().astype(int)
-    images = na.Clip(
-        clip.name, clip.skeleton, clip.times[:IMAGES], clip.states[chosen], clip.definition
-    )
+    # At their own times, so that the camera goes along.
+    times = np.linspace(0, clip.times[-1] - clip.times[0], IMAGES)
+    images = na.Clip(clip.name, clip.skeleton, times, clip.states[chosen], clip.definition)
     with tempfile.TemporaryDirectory() as place:
         drawn = Path(place) / "images.mp4"
-        na.write_video(images, drawn, size=(640, 640), camera="side")
-        tile(drawn, list(range(IMAGES)), IMAGES // 2, 2, 320, out)
+        cut = Path(place) / "cut.mp4"
+        na.write_video(images, drawn, size=SHEET_SIZE, camera="side")
+        write_small(["-i", str(drawn), "-vf", SHEET_CUT], cut)
+        tile(cut, list(range(IMAGES)), IMAGES // 2, 2, 250, out)
     print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
 
 
