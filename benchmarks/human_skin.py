@@ -456,8 +456,12 @@ def dress(path: Path) -> None:
     named = carried["files"]
     files = read_model_files(HUMAN / named["main"])
     bare = hashlib.sha256(bare_text().encode()).hexdigest()
-    if named["sha256"]["human.xml"] not in (bare, files.digests["human.xml"]):
-        sys.exit(f"{path}: its human.xml differs from this one by more than the skin. Train again.")
+    for name, digest in named["sha256"].items():
+        same = [files.digests.get(name), bare if name == "human.xml" else None]
+        if digest not in same and not name.startswith("skin/"):
+            sys.exit(
+                f"{path}: its {name} differs from this one by more than the skin. Train again."
+            )
     named["sha256"] = files.digests
     emulator["definition"] = canonical_json(carried)
     emulator["skeleton"] = load_system(str(HUMAN / named["toml"])).skeleton.to_json()
