@@ -31,7 +31,7 @@ from neuroanimator.systems.rigid.model_files import read_model_files
 
 HUMAN = Path(__file__).parents[1] / "examples" / "human"
 
-BIND = {"shoulder_x": -0.36, "hip_x": -0.16, "elbow": 0.12}
+BIND = {"shoulder_x": -0.52, "hip_x": -0.16, "elbow": 0.12}
 """Angles of the joints in the pose in which the skin is made, on both sides [rad]: arms and legs must not touch."""
 
 LOOKS = {'  <include file="skin/skin.xml"/>\n': "", 'name="floor" group="0"': 'name="floor"'}
@@ -530,7 +530,7 @@ def _shares(frames: Frames, piece: Piece, points: Points) -> dict[str, Distances
     if "upper_arm" in bodies:
         off_axis = np.linalg.norm(upper[:, :2], axis=1)
         arm = smooth_step((0.055 - upper[:, 2]) / 0.13) * (
-            1 - smooth_step((off_axis - 0.07) / 0.06)
+            1 - smooth_step((off_axis - 0.062) / 0.05)
         )
         if "torso" not in bodies:
             arm = one
