@@ -477,74 +477,61 @@ def smooth_step(share: Distances) -> Distances:
 
 
 def weights_of(frames: Frames, piece: Piece, points: Points) -> dict[str, Distances]:
-    """Return how much the vertices follow each body."""
-    side = np.where(points[:, 1] < 0, "right", "left")
+    """Return how much the vertices follow each body, in steps of one over `WEIGHT`."""
+    is_right = points[:, 1] < 0
     folded = np.stack([points[:, 0], np.abs(points[:, 1]), points[:, 2]], axis=1)
-    shares = _shares(frames, piece, folded)
-    weights: dict[str, Distances] = {}
-    for name, share in shares.items():
-        if name in ("pelvis", "torso"):
-            weights[name] = share
-        elif name == "other_thigh":
-            for one, other in (("left", "right"), ("right", "left")):
-                weights[f"thigh_{other}"] = weights.get(f"thigh_{other}", 0.0) + share * (
-                    side == one
-                )
-        else:
-            for one in ("left", "right"):
-                key = f"{name}_{one}"
-                weights[key] = weights.get(key, 0.0) + share * (side == one)
+    shares = _shares(frames, piece.bodies, folded)
+    across = shares.pop("other thigh")
+    weights = {name: shares.pop(name) for name in ("pelvis", "torso")}
+    for side, is_own in (("right", is_right), ("left", ~is_right)):
+        for name, share in shares.items():
+            weights[f"{name}_{side}"] = np.where(is_own, share, 0.0)
+        weights[f"thigh_{side}"] += np.where(is_own, 0.0, across)
     return _rounded(weights)
 
 
-def _shares(frames: Frames, piece: Piece, points: Points) -> dict[str, Distances]:
-    """Return how much points of the left half follow the bodies there, and the other thigh."""
-    bodies = piece.bodies
-    one = np.ones(len(points))
-    none = np.zeros(len(points))
-    thigh = frames.local("thigh_left", points)
-    shin = frames.local("shin_left", points)
-    upper = frames.local("upper_arm_left", points)
-    torso = smooth_step((frames.local("torso", points)[:, 2] + 0.09) / 0.18)
-    if "pelvis" not in bodies:
-        torso = one
-    leg = none
-    if "thigh" in bodies:
-        leg = smooth_step((0.05 - thigh[:, 2]) / 0.17)
-    if "pelvis" not in bodies:
-        leg = one
-        torso = none if "torso" not in bodies else one
-    if "torso" in bodies and "pelvis" not in bodies:
-        leg = none
+def _shares(frames: Frames, bodies: tuple[str, ...], points: Points) -> dict[str, Distances]:
+    """Return how much points of the left half follow the bodies there, and the thigh of the other side.
+
+    At every joint a point follows what is beyond it the more the farther it is that way.
+    """
+    torso_height = frames.local("torso", points)[:, 2]
+    thigh_height = frames.local("thigh_left", points)[:, 2]
+    shin_height = frames.local("shin_left", points)[:, 2]
+    upper_arm = frames.local("upper_arm_left", points)
+    arm_height = upper_arm[:, 2]
+    off_arm = np.linalg.norm(upper_arm[:, :2], axis=1)
+    # The trunk's sides are beside the arm and no part of it.
+    beside_arm = smooth_step((off_arm - 0.062) / 0.05)
     # Between the legs a point follows both.
-    width = 0.012 + 0.05 * smooth_step((thigh[:, 2] + 0.14) / 0.1)
-    other = 0.5 - 0.5 * smooth_step(0.5 + 0.5 * points[:, 1] / width) * 2 + 0.5
-    other = np.clip(other, 0, 0.5)
-    knee = smooth_step((-thigh[:, 2] - 0.381 + 0.06) / 0.12) if "shin" in bodies else none
-    if "shin" in bodies and "thigh" not in bodies:
-        knee = one
-    ankle = smooth_step((-shin[:, 2] - 0.401 + 0.045) / 0.05) if "foot" in bodies else none
-    if "foot" in bodies and "shin" not in bodies:
-        knee = ankle = one
-    arm = none
-    if "upper_arm" in bodies:
-        off_axis = np.linalg.norm(upper[:, :2], axis=1)
-        arm = smooth_step((0.055 - upper[:, 2]) / 0.13) * (
-            1 - smooth_step((off_axis - 0.062) / 0.05)
-        )
-        if "torso" not in bodies:
-            arm = one
-            leg = torso = none
-    elbow = smooth_step((-upper[:, 2] - 0.258 + 0.045) / 0.09) if "forearm" in bodies else none
-    trunk = (1 - arm) * (1 - leg)
-    legs = (1 - arm) * leg
+    width = 0.012 + 0.05 * smooth_step((thigh_height + 0.14) / 0.1)
+    across = 1 - smooth_step(0.5 + 0.5 * points[:, 1] / width)
+
+    def beyond(share: Distances, near: set[str], far: set[str]) -> Distances:
+        """Return the share of what is beyond a joint, as far as the piece may follow both sides of it."""
+        if not far & {*bodies}:
+            return np.zeros(len(points))
+        if not near & {*bodies}:
+            return np.ones(len(points))
+        return share
+
+    trunk = {"pelvis", "torso"}
+    torso = beyond(smooth_step((torso_height + 0.09) / 0.18), {"pelvis"}, {"torso"})
+    arm = smooth_step((0.055 - arm_height) / 0.13) * (1 - beside_arm)
+    arm = beyond(arm, trunk, {"upper_arm", "forearm"})
+    elbow = beyond(smooth_step((-0.213 - arm_height) / 0.09), {"upper_arm"}, {"forearm"})
+    leg = beyond(smooth_step((0.05 - thigh_height) / 0.17), trunk, {"thigh", "shin", "foot"})
+    knee = beyond(smooth_step((-0.321 - thigh_height) / 0.12), {"thigh"}, {"shin", "foot"})
+    ankle = beyond(smooth_step((-0.356 - shin_height) / 0.05), {"shin"}, {"foot"})
+    of_trunk = (1 - arm) * (1 - leg)
+    of_leg = (1 - arm) * leg
     return {
-        "pelvis": trunk * (1 - torso),
-        "torso": trunk * torso,
-        "thigh": legs * (1 - knee) * (1 - other),
-        "other_thigh": legs * (1 - knee) * other,
-        "shin": legs * knee * (1 - ankle),
-        "foot": legs * knee * ankle,
+        "pelvis": of_trunk * (1 - torso),
+        "torso": of_trunk * torso,
+        "thigh": of_leg * (1 - knee) * (1 - across),
+        "other thigh": of_leg * (1 - knee) * across,
+        "shin": of_leg * knee * (1 - ankle),
+        "foot": of_leg * knee * ankle,
         "upper_arm": arm * (1 - elbow),
         "forearm": arm * elbow,
     }
