@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -362,6 +363,7 @@ def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, floa
     """Return (the policy's file, seconds of a core's time it took, rows of its curve)."""
     for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv", "run.csv"):
         (place / name).write_bytes((HUMAN / name).read_bytes())
+    shutil.copytree(HUMAN / "skin", place / "skin", dirs_exist_ok=True)
     file = place / "human.policy.safetensors"
     began = seconds_of_children()
     command = [PROGRAM, "policy", "commanded.toml", "--start", start.resolve(), "--out", file]

@@ -5,7 +5,8 @@ python benchmarks/emulated_walk.py human.policy.safetensors --sheet walk.png --d
 
 The policy's emulator is what `neuroanimator train examples/human/human.policy.safetensors` makes. The same policy moves bodies
 on MuJoCo, at the step it learnt with, and in the emulator:
-- 100 bodies under random commands of all its speeds for 60 s, as in commanded.py: how many never fall, and by how much speed and turning are off;
+- 100 bodies under random commands of all its speeds for 60 s, as in commanded.py: how many never fall, and by how much speed and
+  turning are off;
 - returns of 100 episodes of the task, as it is (pushes of up to 60 N s every 2 s in the mean) and without pushes, of 636 at most,
   and how many are still on the motion at their end;
 - how far the emulator is off the physics after 1, 8, 16 and 32 super steps from states of a walk, under the same controls;

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -73,6 +74,7 @@ def learn(clip: str, seed: int, updates: int, place: Path) -> tuple[Path, float,
     """Return (the policy's file, seconds of a core's time it took, rows of its curve)."""
     for name in ("human.xml", f"{clip}.csv"):
         (place / name).write_bytes((HUMAN / name).read_bytes())
+    shutil.copytree(HUMAN / "skin", place / "skin", dirs_exist_ok=True)
     toml = (HUMAN / "human.toml").read_text().replace("walk.csv", f"{clip}.csv")
     (place / "human.toml").write_text(toml)
     file = place / f"{clip}.policy.safetensors"

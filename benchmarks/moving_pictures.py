@@ -5,8 +5,8 @@ python benchmarks/moving_pictures.py life           # one of them
 python benchmarks/moving_pictures.py --out pictures
 
 Leap, swing-up and human are on the true physics: the springs and the water of the dolphin, MuJoCo's arm, and MuJoCo's human, who
-is pushed; his motion is written as GLB, too. They need OpenGL (EGL or OSMesa). The shark's is the studio's page, an image at a
-time, as Chromium draws it; all of its fish are emulators.
+is pushed; his motion is written as GLB, too, and pictures of a round of his walk and of him inside the emulator. They need OpenGL
+(EGL or OSMesa). The shark's is the studio's page, an image at a time, as Chromium draws it; all of its fish are emulators.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
-from commanded import Walkers
-from contact_sheets import ROOT, clip_of
+from commanded import Walkers, walked
+from contact_sheets import ROOT, clip_of, tile
 from following import HUMAN
 
 sys.path.insert(0, str(ROOT / "tests" / "studio"))
@@ -30,6 +30,7 @@ import neuroanimator as na
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control import PhysicsPlant, Planner, control_plant
 from neuroanimator.gym.disturbances import pushed
+from neuroanimator.gym.state_rows import emulator_stepper
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 RATE = 15
@@ -91,6 +92,24 @@ PUSH_SEED = 0
 
 RECOVERY = 4.5
 """[s] How long he walks on after it, as he was told last."""
+
+WALK_AT = 0.9
+"""[s] Time at which a round of the walk begins that is shown step by step."""
+
+RUN_AT = 4.5
+"""[s] That of a round of the run."""
+
+INSIDE_COMMANDS = ((3.0, 0.7, 0.0), (4.0, 2.4, 0.4), (3.0, 1.5, 0.0), (3.0, 0.5, -0.6))
+"""Commands inside the emulator: time [s], speed [m/s] and turning rate [rad/s]."""
+
+IMAGES = 12
+"""Number of pictures on a sheet."""
+
+SHEET_SIZE = (800, 800)
+"""[pixels] What is drawn of each, with him in the middle."""
+
+SHEET_CUT = "crop=500:500:150:155"
+"""The part of it that is kept."""
 
 HUMAN_SIZE = (960, 720)
 """[pixels] What is drawn, with him in the middle."""
@@ -186,12 +205,41 @@ def human(folder: Path) -> None:
     states += walked_on(walkers, RECOVERY, speed, turning)
     clip = na.make_clip(policy.emulator, np.array(states))
     na.write_glb(clip, folder / "human.glb")
+    phase = walkers.reference.phase
+    write_round(clip, phase, WALK_AT, folder / "human-walk.jpg")
+    write_round(clip, phase, RUN_AT, folder / "human-run.jpg")
+    stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
+    inside = walked(policy, task, system, list(INSIDE_COMMANDS), stepper)
+    write_sheet(na.make_clip(policy.emulator, inside), folder / "human-inside.jpg")
     out = folder / "human.mp4"
     with tempfile.TemporaryDirectory() as place:
         drawn = Path(place) / "human.mp4"
         na.write_video(clip, drawn, size=HUMAN_SIZE, camera="follow")
         write_small(["-i", str(drawn), "-vf", HUMAN_CUT], out)
     print(f"{out}: {clip.times[-1]:.1f} s, {out.stat().st_size / 1e6:.2f} MB")
+
+
+def write_round(clip: na.Clip, phase: int, begin: float, out: Path) -> None:
+    """Lay pictures of one round of a gait side by side, from `begin` [s] on; the state entry `phase` is its clock."""
+    angles = np.unwrap(clip.states[:, phase])
+    first = int(np.searchsorted(clip.times, begin))
+    last = int(np.searchsorted(angles, angles[first] + 2 * np.pi))
+    write_sheet(part_of(clip, clip.times[first], clip.times[last]), out)
+
+
+def write_sheet(clip: na.Clip, out: Path) -> None:
+    """Lay pictures of a motion, seen from the side, in two rows."""
+    chosen = np.linspace(0, len(clip.times) - 1, IMAGES).round().astype(int)
+    # At their own times, so that the camera goes along.
+    times = np.linspace(0, clip.times[-1] - clip.times[0], IMAGES)
+    images = na.Clip(clip.name, clip.skeleton, times, clip.states[chosen], clip.definition)
+    with tempfile.TemporaryDirectory() as place:
+        drawn = Path(place) / "images.mp4"
+        cut = Path(place) / "cut.mp4"
+        na.write_video(images, drawn, size=SHEET_SIZE, camera="side")
+        write_small(["-i", str(drawn), "-vf", SHEET_CUT], cut)
+        tile(cut, list(range(IMAGES)), IMAGES // 2, 2, 250, out)
+    print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
 
 
 def walked_on(walkers: Walkers, seconds: float, speed: float, turning: float) -> list[np.ndarray]:

@@ -22,7 +22,7 @@ import numpy_runtime
 from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
+from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
 from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
@@ -32,6 +32,7 @@ from neuroanimator.export.programs.onnx_graph import onnx_graph
 from neuroanimator.export.programs.vectors import make_vectors
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.state.pose_entries import describe_root
+from neuroanimator.state.rotation import rotation_matrices
 
 
 class Body(NamedTuple):
@@ -99,7 +100,7 @@ def _body(model: Emulator | Policy) -> Body:
     if model.gait is not None:
         described["gait"] = model.gait.to_json()
     skin = spec.skeleton.skin
-    if skin is not None:
+    if skin is not None and skin.kind != "mesh":
         mesh = skin_mesh(spec.skeleton)
         arrays["skin_points"] = mesh.points.astype(np.float32)
         arrays["skin_triangles"] = mesh.triangles.astype(np.uint32)
@@ -123,7 +124,34 @@ def _bones(skeleton: Skeleton) -> tuple[list[dict[str, Any]], dict[str, np.ndarr
             arrays[f"{name}_triangles"] = mesh.triangles.astype(np.uint32)
             light = linear_of(shape.colour[:3]).tolist()
             row["shapes"].append({"array": name, "light": [*light, shape.colour[3]]})
+    if skeleton.skin is not None and skeleton.skin.kind == "mesh":
+        _add_pieces(skeleton, rows, arrays)
     return rows, arrays
+
+
+def _add_pieces(
+    skeleton: Skeleton, rows: list[dict[str, Any]], arrays: dict[str, np.ndarray]
+) -> None:
+    """Add the skin of a model to the shapes of its bones: the extension's armatures bend what mass points move alone.
+
+    A triangle is on the bone that its first corner follows most.
+    """
+    assert skeleton.skin is not None
+    mesh = skin_mesh(skeleton)
+    main = mesh.bones[np.arange(len(mesh.bones)), mesh.weights.argmax(axis=1)]
+    light = linear_of(colours_of(skeleton.skin, mesh.shades))
+    for part in parts_of(skeleton.skin, mesh).values():
+        triangles = mesh.triangles[part]
+        bones = main[triangles[:, 0]]
+        for number in np.unique(bones):
+            used, corners = np.unique(triangles[bones == number], return_inverse=True)
+            axes = rotation_matrices(mesh.bind_orientations[number])
+            points = (mesh.points[used] - mesh.bind_positions[number]) @ axes
+            name = f"shape_{len(arrays)}"
+            arrays[f"{name}_points"] = points.astype(np.float32)
+            arrays[f"{name}_triangles"] = corners.reshape(-1, 3).astype(np.uint32)
+            colour = [*light[used[0]].tolist(), 1.0]
+            rows[number]["shapes"].append({"array": name, "light": colour})
 
 
 def main(reference: str) -> None:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 import neuroanimator
 from neuroanimator import Emulator, Policy, is_reached, read_pose
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
+from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.spec import EmulatorSpec
@@ -32,6 +32,9 @@ from neuroanimator.systems.system import System
 
 DIGITS = 9
 """Digits of the numbers of a motion: those of float32."""
+
+REACH_DECIMALS = 3
+"""Number of decimals of how far a skin reaches from a bone [m]: by it a camera finds the body."""
 
 TARGET = "target"
 """The goal of whatever moves freely and is given none: to be at a place."""
@@ -117,7 +120,7 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
         "rest": list(spec.rest),
         "rates": [list(pair) for pair in spec.rates],
         "orientations": [list(pair) for pair in structure.orientations],
-        "skeleton": spec.skeleton.bones_to_json(),
+        "skeleton": describe_bones(spec.skeleton),
         "skin": describe_skin(spec.skeleton),
         "surface": describe_surface(spec.skeleton),
         "movers": describe_movers(spec),
@@ -142,29 +145,42 @@ def describe_policy(policy: Policy | StatePolicy) -> dict[str, Any]:
     return {"wasm": "policy.wasm", "command": command, "phase_per_step": tick}
 
 
-def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
-    """Return the triangles of a skin at rest, sorted by part, its colours (sRGB), and what its points follow.
+def describe_bones(skeleton: Skeleton) -> list[dict[str, Any]]:
+    """Return the bones; those that a model's skin follows with the distance [m] that it reaches from them."""
+    rows = skeleton.bones_to_json()
+    if skeleton.skin is not None and skeleton.skin.kind == "mesh":
+        mesh = skin_mesh(skeleton)
+        main = mesh.bones[np.arange(len(mesh.bones)), mesh.weights.argmax(axis=1)]
+        distances = np.linalg.norm(mesh.points - mesh.bind_positions[main], axis=1)
+        for number in np.unique(main):
+            rows[number]["reach"] = round(float(distances[main == number].max()), REACH_DECIMALS)
+    return rows
 
-    Each array is base64 of little-endian numbers: float32, and uint16 of `bones`, uint32 of `indices`. `uvs` are seen
-    from the side: from nose to tail, and from belly to back.
+
+def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
+    """Return the triangles of a skin, its colours (sRGB), and what its points follow; that of a model as files have it.
+
+    Those of deformable bodies are at rest, sorted by part. Each array is base64 of little-endian numbers: float32, and
+    uint16 of `bones`, uint32 of `indices`. `uvs` are seen from the side: from nose to tail, and from belly to back.
     """
     if skeleton.skin is None:
         return None
+    if skeleton.skin.kind == "mesh":
+        return skeleton.skin.model_dump(mode="json")
     mesh = skin_mesh(skeleton)
-    part_of = part_numbers(skeleton.skin, mesh)
-    order = np.argsort(part_of, kind="stable")
     parts = []
-    for number, name in enumerate(PARTS):
-        count = int((part_of == number).sum())
-        if count:
-            first = int((part_of < number).sum())
-            parts.append([name, 3 * first, 3 * count])
+    order = []
+    first = 0
+    for name, triangles in parts_of(skeleton.skin, mesh).items():
+        parts.append([name, 3 * first, 3 * len(triangles)])
+        order.append(triangles)
+        first += len(triangles)
     return {
         "positions": packed(mesh.points, "<f4"),
         "normals": packed(mesh.normals, "<f4"),
         "uvs": packed(_side_view(mesh.points), "<f4"),
         "colours": packed(colours_of(skeleton.skin, mesh.shades), "<f4"),
-        "indices": packed(mesh.triangles[order], "<u4"),
+        "indices": packed(mesh.triangles[np.concatenate(order)], "<u4"),
         "bones": packed(mesh.bones, "<u2"),
         "weights": packed(mesh.weights, "<f4"),
         "parts": parts,

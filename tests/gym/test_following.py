@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import copytree
 
 import jax.numpy as jnp
 import numpy as np
@@ -232,7 +233,7 @@ def test_bodies_that_cannot_follow_are_refused(system: MujocoSystem, table: Foll
 
 
 def test_a_file_with_two_tasks_is_refused(tmp_path: Path):
-    (tmp_path / "human.xml").write_bytes((HUMAN / "human.xml").read_bytes())
+    copytree(HUMAN, tmp_path, dirs_exist_ok=True)
     toml = tmp_path / "human.toml"
     toml.write_text(TOML.read_text() + "\n[task]\nhold = 4\n")
     _, definition, _ = resolve(str(toml))
@@ -242,7 +243,7 @@ def test_a_file_with_two_tasks_is_refused(tmp_path: Path):
 
 
 def test_what_is_followed_is_no_physics(tmp_path: Path):
-    (tmp_path / "human.xml").write_bytes((HUMAN / "human.xml").read_bytes())
+    copytree(HUMAN, tmp_path, dirs_exist_ok=True)
     toml = tmp_path / "human.toml"
     whole = TOML.read_text()
     texts = []

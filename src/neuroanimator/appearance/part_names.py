@@ -11,6 +11,10 @@ MAX_FLOOR_THICKNESS = 0.05
 """A box in the scenery that is thinner than this share of its other sides is a floor."""
 
 
+FLOOR = "floor"
+"""Name of the colour of a floor."""
+
+
 def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
     """Return a name for each colour of the shapes of `skeleton`: 'floor', or the first bone that has it, numbered."""
     names: dict[tuple[float, ...], str] = {}
@@ -20,7 +24,7 @@ def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
                 continue
             name = bone.name
             if _is_slab(shape) and not skeleton.is_moved(number):
-                name = "floor"
+                name = FLOOR
             names[shape.colour] = unique(name, names.values())
     return names
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.binding import Binding, binding_from_json, bound_pose
+from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
 from neuroanimator.errors import ArgumentError
@@ -113,7 +114,7 @@ class Skeleton:
 
     bones: tuple[Bone, ...]
     skin: Skin | None = None
-    """The skin drawn around all bones, if there is one."""
+    """The skin drawn around bones, if there is one; bones may have shapes besides."""
     shapes: Shapes | None = None
     """The surface of a soft body, if there is one; not part of `to_json`, for a file holds it as arrays."""
 
@@ -203,9 +204,10 @@ def _skeleton_from_json(described: Any, state_size: int | None) -> Skeleton:
     if described["skin"] is None:
         return Skeleton(bones)
     skin = skin_from_json(described["skin"])
-    is_bound = all(bone.binding is not None for bone in bones)
+    # The skins of deformable bodies are made around their bones, which hang from the world.
+    is_bound = isinstance(skin, MeshSkin) or all(bone.binding is not None for bone in bones)
     if not is_bound or not skin.fits([bone.offset for bone in bones]):
-        raise ValueError("skeleton: a skin needs other bones, which follow mass points")
+        raise ValueError("skeleton: its skin needs other bones")
     return Skeleton(bones, skin)
 
 

@@ -1,4 +1,4 @@
-"""The look of a deformable body: the `[skin]` table of its definition.
+"""The skins of bodies. That of a deformable body is the `[skin]` table of its definition:
 
     [skin]
     kind = "swimmer"
@@ -6,7 +6,8 @@
     belly = [0.9, 0.9, 0.9]
     sections = [[0, 0, 0, 0], [-0.1, 0.02, 0.03, -0.03], [-0.2, 0, 0, 0]]
 
-An emulator carries this table and not its triangles: `skin_mesh` makes them, wherever the skin is drawn.
+An emulator carries this table and not its triangles: `skin_mesh` makes them, wherever the skin is drawn. The skin of a
+MuJoCo model is made of triangles to begin with: see `MeshSkin`.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import Field, TypeAdapter, ValidationError
 
-from neuroanimator.files.tables import Share, Table
+from neuroanimator.appearance.mesh_skin import MeshSkin
+from neuroanimator.files.tables import Share, Table, first_fault
 
 Colour = tuple[Share, Share, Share]
 """Red, green and blue, each 0 to 1."""
@@ -91,13 +93,13 @@ class Box(Table):
         return all(len(set(along)) > 1 for along in zip(*bone_positions, strict=True))
 
 
-Skin = Swimmer | Box
+SkinTable = Annotated[Swimmer | Box, Field(discriminator="kind")]
+"""The skin of a deformable body as a field of a table: its `kind` says which."""
+
+Skin = Swimmer | Box | MeshSkin
 """Kinds of skins."""
 
-SkinTable = Annotated[Skin, Field(discriminator="kind")]
-"""A skin as a field of a table: its `kind` says which."""
-
-_SKIN: TypeAdapter[Skin] = TypeAdapter(SkinTable)
+_SKIN: TypeAdapter[Skin] = TypeAdapter(Annotated[Skin, Field(discriminator="kind")])
 
 
 def skin_to_json(skin: Skin) -> dict[str, Any]:
@@ -107,4 +109,7 @@ def skin_to_json(skin: Skin) -> dict[str, Any]:
 
 def skin_from_json(row: Any) -> Skin:
     """Return the skin `skin_to_json` wrote; ValueError names what is wrong with it."""
-    return _SKIN.validate_python(row)
+    try:
+        return _SKIN.validate_python(row)
+    except ValidationError as error:
+        raise ValueError(f"skin: {first_fault(error)}") from error

@@ -1,4 +1,4 @@
-"""The triangles of a skin at rest, their colours, and the weights by which their points follow the bones."""
+"""The triangles of a skin in its bind pose, their colours, and the weights by which their points follow the bones."""
 
 from __future__ import annotations
 
@@ -17,11 +17,9 @@ from neuroanimator.appearance.loft import (
     mirrored,
     normals_of,
 )
+from neuroanimator.appearance.mesh_skin import INFLUENCES, MeshSkin
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box, Fin, Skin, Swimmer
-
-INFLUENCES = 4
-"""Bones a point follows, as glTF has them."""
 
 BELLY = 0.0
 """Shade of a swimmer's belly: where its colour lies in the palette."""
@@ -35,7 +33,7 @@ PUPIL = 1.0
 """Shade of their pupils."""
 
 PARTS = ("body", "fin", "eye")
-"""The parts of a swimmer's skin, in the order of their shades; a box is all body."""
+"""The parts of a swimmer's skin, in the order of their shades; a box is all body, and a model's skin has parts of its own."""
 
 EYE_COLOUR = (0.93, 0.9, 0.82)
 """Red, green and blue of an eye: off-white."""
@@ -66,7 +64,7 @@ MIN_HEIGHT = 1e-9
 
 
 class SkinMesh(NamedTuple):
-    """A skin at rest, in the world."""
+    """A skin in the world, in its bind pose: the one that it was made in."""
 
     points: Float[np.ndarray, "V 3"]
     """Points of the skin [m]."""
@@ -80,6 +78,10 @@ class SkinMesh(NamedTuple):
     """Weight of each; they add up to 1."""
     shades: Float[np.ndarray, " V"]
     """Position of each point's colour in the palette, 0 to 1: see `colours_of`."""
+    bind_positions: Float[np.ndarray, "B 3"]
+    """Positions of all bones of the skeleton in the bind pose [m]; those that no point follows are anywhere."""
+    bind_orientations: Float[np.ndarray, "B 4"]
+    """Their quaternions wxyz."""
 
 
 class _Influences(NamedTuple):
@@ -94,18 +96,37 @@ def skin_mesh(skeleton: Skeleton) -> SkinMesh:
     skin = skeleton.skin
     assert skin is not None
     bone_positions = np.array([bone.offset for bone in skeleton.bones])
-    if isinstance(skin, Swimmer):
+    bone_orientations = np.array([bone.orientation for bone in skeleton.bones])
+    if isinstance(skin, MeshSkin):
+        surface, shades, influences = _triangles(skin)
+        for bone in skin.bones:
+            bone_positions[bone.number] = bone.position
+            bone_orientations[bone.number] = bone.orientation
+    elif isinstance(skin, Swimmer):
         surface, shades, influences = _swimmer(skin, bone_positions)
     else:
         surface, shades, influences = _box(skin, bone_positions)
-    normals = normals_of(surface)
-    return SkinMesh(surface.points, normals, surface.triangles, *influences, shades)
+    return SkinMesh(
+        points=surface.points,
+        normals=normals_of(surface),
+        triangles=surface.triangles,
+        bones=influences.bones,
+        weights=influences.weights,
+        shades=shades,
+        bind_positions=bone_positions,
+        bind_orientations=bone_orientations,
+    )
 
 
 def colours_of(skin: Skin, shades: Float[np.ndarray, " N"]) -> Float[np.ndarray, "N 3"]:
     """Return the colours (red, green, blue) at `shades`."""
     if isinstance(skin, Box):
         palette = {0.0: skin.face, 1.0: skin.rim or skin.face}
+    elif isinstance(skin, MeshSkin):
+        shades_of_parts = np.linspace(0, 1, len(skin.parts)).tolist()
+        palette = {
+            shade: part.colour for shade, part in zip(shades_of_parts, skin.parts, strict=True)
+        }
     else:
         palette = {
             BELLY: skin.belly,
@@ -120,12 +141,36 @@ def colours_of(skin: Skin, shades: Float[np.ndarray, " N"]) -> Float[np.ndarray,
     return np.stack(channels, axis=-1)
 
 
-def part_numbers(skin: Skin, mesh: SkinMesh) -> Int[np.ndarray, " M"]:
-    """Return which of `PARTS` each triangle belongs to, by the largest shade of its corners."""
-    if isinstance(skin, Box):
-        return np.zeros(len(mesh.triangles), int)
-    shades = mesh.shades[mesh.triangles].max(axis=1)
-    return np.digitize(shades, [(BACK + FIN) / 2, (FIN + EYE) / 2])
+def parts_of(skin: Skin, mesh: SkinMesh) -> dict[str, Int[np.ndarray, " _"]]:
+    """Return the numbers of the triangles of each part, by its name: one of `PARTS`, or as the model calls it."""
+    if isinstance(skin, MeshSkin):
+        names = [part.name for part in skin.parts]
+        part_of = np.repeat(np.arange(len(names)), [part.triangles for part in skin.parts])
+    elif isinstance(skin, Swimmer):
+        names = list(PARTS)
+        shades = mesh.shades[mesh.triangles].max(axis=1)
+        part_of = np.digitize(shades, [(BACK + FIN) / 2, (FIN + EYE) / 2])
+    else:
+        names = list(PARTS)
+        part_of = np.zeros(len(mesh.triangles), int)
+    parts = {}
+    for number, name in enumerate(names):
+        triangles = np.flatnonzero(part_of == number)
+        if len(triangles):
+            parts[name] = triangles
+    return parts
+
+
+def _triangles(skin: MeshSkin) -> tuple[Surface, Float[np.ndarray, " V"], _Influences]:
+    arrays = skin.arrays
+    shades = np.zeros(len(arrays.vertices))
+    shades_of_parts = np.linspace(0, 1, len(skin.parts))
+    first = 0
+    for part, shade in zip(skin.parts, shades_of_parts, strict=True):
+        shades[arrays.triangles[first : first + part.triangles]] = shade
+        first += part.triangles
+    surface = Surface(arrays.vertices, arrays.triangles)
+    return surface, shades, _Influences(arrays.bones, arrays.weights)
 
 
 def _swimmer(

@@ -13,16 +13,12 @@ from jaxtyping import Float, Int, UInt16
 from neuroanimator.animation.clip import Clip, together
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.colour import linear_of
+from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.part_names import colour_names
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
-from neuroanimator.appearance.skin_mesh import (
-    PARTS,
-    SkinMesh,
-    colours_of,
-    part_numbers,
-    skin_mesh,
-)
+from neuroanimator.appearance.skin import Skin
+from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, parts_of, skin_mesh
 from neuroanimator.export.ghost import GHOST_RGBA
 from neuroanimator.export.morphs import CLOTH_RGBA, SurfaceNode, surface_nodes
 from neuroanimator.state.rotation import rotation_matrices
@@ -63,12 +59,12 @@ class SkinNode(NamedTuple):
 
     mesh: SkinMesh
     colours: Float[np.ndarray, "V 3"]
-    """Amounts of light at the points."""
+    """Amounts of light at the points; those of a part whose paint has a colour are all that colour."""
     joints: UInt16[np.ndarray, "V 4"]
     rest: Float[np.ndarray, "J 4 4"]
-    """Poses of the joints at rest, as matrices of columns."""
-    parts: dict[str, Int[np.ndarray, " _"]]
-    """Numbers of the triangles of each part, by its name."""
+    """Poses of the joints in the bind pose, as matrices of columns."""
+    parts: dict[Paint, Int[np.ndarray, " _"]]
+    """Numbers of the triangles of each part, by its paint."""
 
 
 @dataclass(frozen=True)
@@ -147,16 +143,12 @@ def _body(
 def _skin(skeleton: Skeleton) -> SkinNode:
     assert skeleton.skin is not None
     mesh = skin_mesh(skeleton)
-    orientations = np.array([bone.orientation for bone in skeleton.bones])
     rest = np.tile(np.eye(4), (1 + len(skeleton.bones), 1, 1))
-    rest[1:, :3, :3] = rotation_matrices(orientations)
-    rest[1:, :3, 3] = [bone.offset for bone in skeleton.bones]
+    rest[1:, :3, :3] = rotation_matrices(mesh.bind_orientations)
+    rest[1:, :3, 3] = mesh.bind_positions
     parts = {}
-    part_of = part_numbers(skeleton.skin, mesh)
-    for number, name in enumerate(PARTS):
-        triangles = np.flatnonzero(part_of == number)
-        if len(triangles):
-            parts[name] = triangles
+    for name, triangles in parts_of(skeleton.skin, mesh).items():
+        parts[_paint_of(skeleton.skin, name)] = triangles
     return SkinNode(
         mesh=mesh,
         colours=linear_of(colours_of(skeleton.skin, mesh.shades)),
@@ -164,3 +156,12 @@ def _skin(skeleton: Skeleton) -> SkinNode:
         rest=rest,
         parts=parts,
     )
+
+
+def _paint_of(skin: Skin, name: str) -> Paint:
+    """Return the paint of the part called `name`: a model's skin has one colour a part, others are wet."""
+    if isinstance(skin, MeshSkin):
+        for part in skin.parts:
+            if part.name == name:
+                return Paint(name, (*part.colour, 1.0))
+    return Paint(name, None)

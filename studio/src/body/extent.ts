@@ -15,18 +15,18 @@ export function movingBones(skeleton: readonly Bone[]): number[] {
   return skeleton.map((_, number) => number).filter((number) => isMoved(skeleton, number));
 }
 
-/** Return how far a bone's shapes reach from its origin [m]. */
+/** Return how far a bone's shapes, or what follows it of a model's skin, reach from its origin [m]. */
 export function reachOf(bone: Bone): number {
   const reaches = bone.shapes.map((shape) => {
     const largest = shape.kind === "capsule" ? shape.size[0]! + shape.size[1]! : Math.max(...shape.size);
     return Math.hypot(...shape.position) + largest;
   });
-  return Math.max(0, ...reaches);
+  return Math.max(bone.reach ?? 0, ...reaches);
 }
 
-/** Return those of `bones` that have shapes; all of them where a skin is drawn instead. */
+/** Return those of `bones` of which something is drawn; all of them where a skin is drawn around mass points. */
 function drawnOf(skeleton: readonly Bone[], bones: readonly number[]): readonly number[] {
-  const drawn = bones.filter((number) => skeleton[number]!.shapes.length > 0);
+  const drawn = bones.filter((number) => reachOf(skeleton[number]!) > 0);
   return drawn.length > 0 ? drawn : bones;
 }
 

@@ -1,6 +1,6 @@
 // Where the bones of a body are in a state (appearance/skeleton.py, appearance/binding.py, state/links.py).
 
-import type { Binding, Bone, Joint, Weights } from "../bundle/bundle";
+import { isMeshSkin, type Binding, type Bone, type Bundle, type Joint, type Weights } from "../bundle/bundle";
 import { multiply, normalised, quaternionOfAxes, rotate } from "./quaternion";
 
 /** Directions are never divided by less [m]. */
@@ -31,13 +31,19 @@ export function poseBones(skeleton: readonly Bone[], state: ArrayLike<number>, p
   });
 }
 
-/** Return the pose a skin was made in, around bones that hang from the world: the body at rest may be elsewhere, as the dolphin under water. */
-export function skinPose(skeleton: readonly Bone[]): Pose {
+/** Return the pose a skin was made in: a model's says it, others are around bones that hang from the world. The body at rest may be elsewhere, as the dolphin under water. */
+export function skinPose(skeleton: readonly Bone[], skin: Bundle["skin"] = null): Pose {
   const pose = emptyPose(skeleton.length);
   skeleton.forEach(({ offset, orientation }, number) => {
     pose.positions.set(offset, 3 * number);
     pose.orientations.set(orientation, 4 * number);
   });
+  if (isMeshSkin(skin)) {
+    for (const { number, position, orientation } of skin.bones) {
+      pose.positions.set(position, 3 * number);
+      pose.orientations.set(orientation, 4 * number);
+    }
+  }
   return pose;
 }
 

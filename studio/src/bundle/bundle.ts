@@ -37,10 +37,32 @@ export interface Bone {
   readonly joints: readonly Joint[];
   readonly shapes: readonly Shape[];
   readonly binding?: Binding | null;
+  /** How far what follows it of a model's skin reaches from its origin [m]. */
+  readonly reach?: number;
 }
 
-/** A skin at rest, each array in base64. */
+/** A skin of a MuJoCo model: triangles whose vertices follow up to four bones each (appearance/mesh_skin.py). */
+export interface MeshSkin {
+  readonly kind: "mesh";
+  /** Bones that vertices follow, and where they are in the pose that the skin was made in. */
+  readonly bones: readonly { readonly number: number; readonly position: Vector3; readonly orientation: Quaternion }[];
+  /** Triangles of one colour (sRGB), those after the part before. */
+  readonly parts: readonly { readonly name: string; readonly colour: Vector3; readonly triangles: number }[];
+  readonly lowest: Vector3;
+  readonly step: number;
+  /** Uint16 (V, 3) in base64: coordinates in steps from `lowest`. */
+  readonly vertices: string;
+  /** Uint16 (M, 3). */
+  readonly triangles: string;
+  /** Uint8 (V, 4): places in `bones`. */
+  readonly influences: string;
+  /** Uint8 (V, 4): weights, of 255 together. */
+  readonly weights: string;
+}
+
+/** The skin of a body of mass points at rest, each array in base64. */
 export interface SkinArrays {
+  readonly kind?: undefined;
   readonly positions: string;
   readonly normals: string;
   readonly uvs?: string;
@@ -179,7 +201,7 @@ export interface Bundle {
   readonly rates: Pairs;
   readonly orientations: Pairs;
   readonly skeleton: readonly Bone[];
-  readonly skin: SkinArrays | null;
+  readonly skin: SkinArrays | MeshSkin | null;
   /** Of a soft body; null or undefined of anything else. */
   readonly surface?: SurfaceArrays | null;
   /** What moves a soft body, and strikes it. */
@@ -204,9 +226,19 @@ export function isPhysics(facts: Bundle): boolean {
   return facts.model === "physics";
 }
 
+/** Return whether a skin is that of a MuJoCo model, whose bones have joints. */
+export function isMeshSkin(skin: SkinArrays | MeshSkin | null): skin is MeshSkin {
+  return skin?.kind === "mesh";
+}
+
+/** Return whether a bundle is of mass points under a skin. */
+export function isSkinnedPoints(facts: Bundle): boolean {
+  return facts.skin !== null && !isMeshSkin(facts.skin);
+}
+
 /** Return whether a bundle is of a soft body on solid ground, which may be thrown and tumble: no side of it is its front. */
 export function isTumbling(facts: Bundle): boolean {
-  return facts.skin !== null && facts.scene.kind === "plain";
+  return isSkinnedPoints(facts) && facts.scene.kind === "plain";
 }
 
 /** Return whether a bundle is of a body that walks on command: its policy's commands are in its state. */

@@ -1,11 +1,13 @@
-// Walkers as they are drawn: the same shapes as the body on show, each body dressed in colours of its own.
+// Walkers as they are drawn: the same shapes or skin as the body on show, each body dressed in colours of its own.
 
-import { Group, type Object3D } from "three";
+import { BufferAttribute, BufferGeometry, Group, type Object3D } from "three";
 import { movingBones } from "../body/extent";
 import { emptyPose, poseBones } from "../body/pose";
-import type { Bundle, Shape } from "../bundle/bundle";
+import { isMeshSkin, type Bundle, type MeshSkin, type Shape } from "../bundle/bundle";
 import { ShapeInstances } from "./body/instances";
+import { softMaterial } from "./body/materials";
 import { shapeColour } from "./body/shapes";
+import { makeSkin, partColour, partColours, skinGeometry } from "./body/skin";
 import type { Patch } from "./glsl";
 
 export interface WalkersView {
@@ -17,6 +19,60 @@ export interface WalkersView {
 
 /** Return `count` bodies of a bundle. */
 export function makeWalkersView(facts: Bundle, count: number, patches: readonly Patch[]): WalkersView {
+  return isMeshSkin(facts.skin) ? skinnedWalkers(facts, facts.skin, count, patches) : shapedWalkers(facts, count, patches);
+}
+
+/** Return how far the hues of walker `number` are from those of the body on show. */
+function hueOf(number: number, count: number): number {
+  return (number + 1) / (count + 1);
+}
+
+/** Share of all triangles from which on a part of a skin is a garment, and no detail. */
+const GARMENT = 0.15;
+
+function skinnedWalkers(facts: Bundle, skin: MeshSkin, count: number, patches: readonly Patch[]): WalkersView {
+  const object = new Group();
+  object.name = "walkers";
+  const geometry = skinGeometry(skin);
+  const material = softMaterial(patches);
+  const views = Array.from({ length: count }, (_, number) => {
+    const own = dressed(geometry, skin, hueOf(number, count));
+    const view = makeSkin(own, material, facts);
+    object.add(view.object);
+    return { own, view };
+  });
+  const pose = emptyPose(facts.skeleton.length);
+  return {
+    object,
+    show(number, state) {
+      poseBones(facts.skeleton, state, pose);
+      views[number]!.view.update(pose);
+    },
+    dispose() {
+      views.forEach(({ own }) => own.dispose());
+      geometry.dispose();
+      material.dispose();
+    },
+  };
+}
+
+/** Return a skin whose garments are of other hues: its largest part is the body itself. */
+function dressed(geometry: BufferGeometry, skin: MeshSkin, hue: number): BufferGeometry {
+  const sizes = skin.parts.map((part) => part.triangles);
+  const largest = sizes.indexOf(Math.max(...sizes));
+  const least = GARMENT * sizes.reduce((sum, size) => sum + size, 0);
+  const colours = skin.parts.map((part, number) => {
+    const colour = partColour(part);
+    return number !== largest && part.triangles > least ? colour.offsetHSL(hue, 0, 0) : colour;
+  });
+  const own = new BufferGeometry().setIndex(geometry.index);
+  Object.entries(geometry.attributes).forEach(([name, attribute]) => own.setAttribute(name, attribute));
+  const size = geometry.getAttribute("position").array.length;
+  own.setAttribute("color", new BufferAttribute(partColours(skin, geometry.index!.array, size, colours), 3));
+  return own;
+}
+
+function shapedWalkers(facts: Bundle, count: number, patches: readonly Patch[]): WalkersView {
   const bones = facts.skeleton;
   const shapes = new ShapeInstances(bones, movingBones(bones), count, patches);
   const object = new Group();
@@ -24,10 +80,9 @@ export function makeWalkersView(facts: Bundle, count: number, patches: readonly 
   object.add(...shapes.meshes);
   const skin = commonestColour(bones.flatMap((bone) => bone.shapes));
   for (let number = 0; number < count; number++) {
-    const hue = (number + 1) / (count + 1);
     shapes.paint(number, (shape) => {
       const colour = shapeColour(shape);
-      return colour.getHex() === skin ? colour : colour.offsetHSL(hue, 0, 0);
+      return colour.getHex() === skin ? colour : colour.offsetHSL(hueOf(number, count), 0, 0);
     });
   }
   const pose = emptyPose(bones.length);

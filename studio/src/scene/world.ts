@@ -5,7 +5,7 @@ import { collidersOf, endsOf, type Collider } from "../body/colliders";
 import { extentOf, movingBones, reachOf, sizeOfBody } from "../body/extent";
 import { emptyPose, poseBones, type Pose } from "../body/pose";
 import { cornersOf, facing, inWorld, surfaceFrame, surfaceOf, type Box, type Frame, type Surface } from "../body/surface";
-import { isTumbling, isWalking, type Bundle } from "../bundle/bundle";
+import { isSkinnedPoints, isTumbling, isWalking, type Bundle } from "../bundle/bundle";
 import { toPhysics, toQuaternion, toThree } from "./axes";
 import { makeBody, makeGhost, type BodyView } from "./body/body";
 import { makeMount } from "./body/mount";
@@ -366,7 +366,7 @@ export class World {
     let least = Infinity;
     for (const bone of this.bones) {
       const centre = toThree(this.pose.positions.subarray(3 * bone, 3 * bone + 3));
-      const radius = this.facts.skin ? GRIP * this.size : 0.8 * reachOf(this.facts.skeleton[bone]!);
+      const radius = isSkinnedPoints(this.facts) ? GRIP * this.size : 0.8 * reachOf(this.facts.skeleton[bone]!);
       const point = ray.ray.closestPointToPoint(centre, new Vector3());
       const away = point.distanceTo(centre);
       if (away < radius && away / radius < least) {
@@ -570,10 +570,11 @@ export class World {
   #headingOf(): number {
     const bones = this.facts.skeleton;
     const isFree = bones[this.bones[0]!]?.joints[0]?.kind === "free";
-    if ((!isFree && !this.facts.skin) || this.#isTumbling) {
+    const isBetweenPoints = isSkinnedPoints(this.facts);
+    if ((!isFree && !isBetweenPoints) || this.#isTumbling) {
       return 0;
     }
-    const bone = this.facts.skin ? this.bones[Math.floor(this.bones.length / 2)]! : this.bones[0]!;
+    const bone = isBetweenPoints ? this.bones[Math.floor(this.bones.length / 2)]! : this.bones[0]!;
     const [w, x, y, z] = Array.from(this.pose.orientations.subarray(4 * bone, 4 * bone + 4));
     return Math.atan2(2 * (x! * y! + w! * z!), 1 - 2 * (y! * y! + z! * z!));
   }

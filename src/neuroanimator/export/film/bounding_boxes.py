@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.appearance.skin_mesh import skin_mesh
@@ -69,6 +70,10 @@ def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
         surface = _boxes_of_surface(skeleton.shapes, clip)
         lows = np.concatenate([lows, surface.low[None]])
         highs = np.concatenate([highs, surface.high[None]])
+    if isinstance(skeleton.skin, MeshSkin):
+        skin_lows, skin_highs = _boxes_of_skin(clip)
+        lows = np.concatenate([lows, skin_lows])
+        highs = np.concatenate([highs, skin_highs])
     if len(lows):
         return BoundingBoxes(lows.min(axis=0), highs.max(axis=0))
     positions, _ = skeleton.world_poses(clip.states)
@@ -92,6 +97,28 @@ def _boxes_of_surface(surface: Shapes, clip: Clip) -> BoundingBoxes:
         lows.append(nodes.min(axis=0))
         highs.append(nodes.max(axis=0))
     return BoundingBoxes(np.array(lows), np.array(highs))
+
+
+def _boxes_of_skin(
+    clip: Clip,
+) -> tuple[Float[np.ndarray, "N F 3"], Float[np.ndarray, "N F 3"]]:
+    """Return the corners [m] of a box a bone, around the vertices that follow it more than any other."""
+    mesh = skin_mesh(clip.skeleton)
+    rows = np.arange(len(mesh.bones))
+    nearest = mesh.bones[rows, mesh.weights.argmax(axis=1)]
+    positions, orientations = clip.skeleton.world_poses(clip.states)
+    lows = []
+    highs = []
+    for number in np.unique(nearest):
+        offsets = mesh.points[nearest == number] - mesh.bind_positions[number]
+        local = offsets @ rotation_matrices(mesh.bind_orientations[number])
+        middle = (local.min(axis=0) + local.max(axis=0)) / 2
+        axes = rotation_matrices(orientations[:, number])
+        centre = positions[:, number] + axes @ middle
+        half = np.abs(axes) @ (np.ptp(local, axis=0) / 2)
+        lows.append(centre - half)
+        highs.append(centre + half)
+    return np.array(lows), np.array(highs)
 
 
 def _boxes_of_shapes(

@@ -110,7 +110,7 @@ class Canvas:
 def scene_of(take: Take, film: Film) -> tuple[Scene, Shots]:
     """Return what is filmed of a take, and the camera: rigid bodies as MuJoCo has them, others as bones and skins.
 
-    Of models that are not at hand the bones are filmed, too.
+    Bones are filmed, too, of models that are not at hand, and of several bodies with a MuJoCo skin, which is there once.
     """
     clip = take.clips[0]
     try:
@@ -120,6 +120,8 @@ def scene_of(take: Take, film: Film) -> tuple[Scene, Shots]:
         return SkeletonScene(take, shots, surface=None, has_ground=True), shots
     if isinstance(system, MujocoSystem):
         shots = take_shots(take, film)
+        if system.model.nskin and len(take.everything) > 1:
+            return SkeletonScene(take, shots, surface=None, has_ground=True), shots
         return RigidScene(system, take, shots), shots
     shots = take_shots(take, film, system.water_surface)
     surface = system.water_surface

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.appearance.part_names import FLOOR, colour_names
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
@@ -22,6 +23,9 @@ from neuroanimator.export.morphs import CLOTH_RGBA, surface_normals
 
 SEABED_DEPTH = 0.45
 """Depth of the seabed under the deepest point of the motion, over the body's size."""
+
+FLOOR_DEPTH = 0.03
+"""Depth of the ground under a model's own floor, over the body's size: in one plane, both would show."""
 
 HALF_WIDTH = 60.0
 """Half the width of floor and water, over the body's size."""
@@ -79,6 +83,8 @@ class SkeletonScene:
         if not has_ground:
             lowest = float(bounding_boxes(take.clips).low[:, 2].min())
             floor = lowest - SEABED_DEPTH * shots.size
+        elif FLOOR in colour_names(take.clips[0].skeleton).values():
+            floor = -FLOOR_DEPTH * shots.size
         place = ON_GROUND
         if not has_ground:
             is_below = surface is None or shots.is_under_water
@@ -86,8 +92,8 @@ class SkeletonScene:
         spec = mujoco.MjSpec.from_string(_place_mjcf(place, shots.size, floor, surface))
         self._skeletons = [clip.skeleton for clip in take.everything]
         prefixes = [f"{number} " for number in range(len(take.clips))]
-        for prefix, clip in zip(prefixes, take.clips, strict=True):
-            _add_skeleton(spec, prefix, clip.skeleton)
+        for number, clip in enumerate(take.clips):
+            _add_skeleton(spec, prefixes[number], clip.skeleton, has_scenery=number == 0)
         if take.ghost is not None:
             prefixes.append("ghost ")
             _add_skeleton(spec, "ghost ", _as_ghost(take.ghost.skeleton), is_ghost=True)
@@ -163,12 +169,11 @@ class _Surface:
 
 
 def _as_ghost(skeleton: Skeleton) -> Skeleton:
-    """Return a skeleton with the shapes that move alone, in the colour of ghosts and a little larger."""
+    """Return a skeleton in the colour of ghosts and a little larger."""
     bones = []
-    for number, bone in enumerate(skeleton.bones):
-        shapes = bone.shapes if skeleton.is_moved(number) else ()
+    for bone in skeleton.bones:
         tinted = []
-        for shape in shapes:
+        for shape in bone.shapes:
             size = tuple(GHOST_GROWTH * length for length in shape.size)
             tinted.append(replace(shape, colour=GHOST_RGBA, size=size))
         bones.append(replace(bone, shapes=tuple(tinted)))
@@ -176,13 +181,23 @@ def _as_ghost(skeleton: Skeleton) -> Skeleton:
 
 
 def _add_skeleton(
-    spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, *, is_ghost: bool = False
+    spec: mujoco.MjSpec,
+    prefix: str,
+    skeleton: Skeleton,
+    *,
+    has_scenery: bool = False,
+    is_ghost: bool = False,
 ) -> None:
-    """Add a skeleton's bones, as bodies moved from outside whose names begin with `prefix`, and its skin."""
+    """Add a skeleton's bones, as bodies moved from outside whose names begin with `prefix`, and its skin.
+
+    The scenery is what nothing moves.
+    """
     for number, bone in enumerate(skeleton.bones):
         body = spec.worldbody.add_body(
             name=f"{prefix}bone{number}", mocap=True, pos=bone.offset, quat=bone.orientation
         )
+        if not (has_scenery or skeleton.is_moved(number)):
+            continue
         for shape in bone.shapes:
             body.add_geom(
                 type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"),
@@ -226,12 +241,14 @@ def _add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, is_ghost: bo
         skin.texcoord = np.stack([across, np.full_like(across, 0.5)], axis=1).ravel().tolist()
     skin.vert = mesh.points.ravel().tolist()
     skin.face = mesh.triangles.ravel().tolist()
-    skin.bodyname = [f"{prefix}bone{number}" for number in range(len(skeleton.bones))]
-    skin.bindpos = np.ravel([bone.offset for bone in skeleton.bones]).tolist()
-    skin.bindquat = np.ravel([bone.orientation for bone in skeleton.bones]).tolist()
+    # MuJoCo refuses bones that no point follows.
+    followed = np.unique(mesh.bones[mesh.weights > 0])
+    skin.bodyname = [f"{prefix}bone{number}" for number in followed]
+    skin.bindpos = mesh.bind_positions[followed].ravel().tolist()
+    skin.bindquat = mesh.bind_orientations[followed].ravel().tolist()
     points_of_bones = []
     weights_of_bones = []
-    for number in range(len(skeleton.bones)):
+    for number in followed:
         weights = np.where(mesh.bones == number, mesh.weights, 0.0).sum(axis=1)
         points_of_bones.append(np.flatnonzero(weights > 0).tolist())
         weights_of_bones.append(weights[weights > 0].tolist())

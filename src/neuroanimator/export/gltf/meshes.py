@@ -9,7 +9,7 @@ from jaxtyping import Int
 
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Shape
-from neuroanimator.export.bodies import SkinNode
+from neuroanimator.export.bodies import Paint, SkinNode
 from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, as_float32
 from neuroanimator.export.morphs import Morphs
 
@@ -28,22 +28,25 @@ def shape_primitive(shape: Shape, buffer: Buffer) -> dict[str, Any]:
     return {"attributes": attributes, "indices": _indices(mesh.triangles, buffer)}
 
 
-def skin_primitives(skin: SkinNode, buffer: Buffer) -> dict[str, dict[str, Any]]:
+def skin_primitives(skin: SkinNode, buffer: Buffer) -> dict[Paint, dict[str, Any]]:
     """Return, for each part of the skin, its triangles without a material: the points are shared."""
     mesh = skin.mesh
-    colours = as_float32(skin.colours)
     points = as_float32(mesh.points)
     attributes = {
         "POSITION": buffer.add(points, "VEC3", target=ARRAY_BUFFER, has_bounds=True),
         "NORMAL": buffer.add(as_float32(mesh.normals), "VEC3", target=ARRAY_BUFFER),
-        "COLOR_0": buffer.add(colours, "VEC3", target=ARRAY_BUFFER),
+    }
+    if any(paint.colour is None for paint in skin.parts):
+        colours = as_float32(skin.colours)
+        attributes["COLOR_0"] = buffer.add(colours, "VEC3", target=ARRAY_BUFFER)
+    attributes |= {
         "JOINTS_0": buffer.add(skin.joints, "VEC4", target=ARRAY_BUFFER),
         "WEIGHTS_0": buffer.add(as_float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
     }
     primitives = {}
-    for name, part in skin.parts.items():
+    for paint, part in skin.parts.items():
         indices = _indices(mesh.triangles[part], buffer)
-        primitives[name] = {"attributes": attributes, "indices": indices}
+        primitives[paint] = {"attributes": dict(attributes), "indices": indices}
     return primitives
 
 

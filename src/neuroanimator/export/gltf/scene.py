@@ -152,14 +152,12 @@ class _Scene:
         key = (body.clip.skeleton.skin, skin.rest.tobytes(), body.is_ghost)
         if key not in self._meshes:
             primitives = []
-            for part, primitive in skin_primitives(skin, self.buffer).items():
-                paint = Paint(part, None)
+            for paint, primitive in skin_primitives(skin, self.buffer).items():
                 if body.is_ghost:
-                    paint = GHOST
-                    attributes = dict(primitive["attributes"])
-                    del attributes["COLOR_0"]
-                    primitive["attributes"] = attributes
-                primitives.append(primitive | {"material": self._material(paint)})
+                    primitive["attributes"].pop("COLOR_0", None)
+                    primitives.append(primitive | {"material": self._material(GHOST)})
+                else:
+                    primitives.append(primitive | {"material": self._material(paint)})
             name = GHOST_PREFIX + "skin" if body.is_ghost else "skin"
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         title = self._own(f"{body.prefix}skin")

@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.colour import linear_of
@@ -45,6 +46,7 @@ from neuroanimator.export.usd.prims import (
 )
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.unfinished import temporary_folder
+from neuroanimator.state.rotation import rotation_matrices
 
 DRY_ROUGHNESS = 0.6
 """Roughness of the surfaces of simple shapes."""
@@ -54,6 +56,9 @@ WET_ROUGHNESS = 0.45
 
 SURFACE = "surface"
 """Name of the prim of a soft body's surface."""
+
+RIG = ("bones", "motion", "skin")
+"""Names of the prims of a skin."""
 
 BINARY = (".usdc", ".usdz")
 """Suffixes of the files that Pixar's library makes of the text."""
@@ -130,14 +135,16 @@ class _BodyWriter:
                 root.children.append(self._surface(body.surface))
         else:
             root.children = [*self._rig(body.skin), self._skin(body.skin)]
+            if any(node.shapes for node in body.nodes):
+                root.children += self._transforms()
         root.children.append(self._looks)
         return root
 
     def _transforms(self) -> list[Prim]:
         """Return the prims of the topmost bones, those of others below them."""
         top: list[Prim] = []
-        # Beside the topmost bones are the scope of the materials and the surface.
-        taken: dict[int, set[str]] = {-1: {self._looks.name, SURFACE}}
+        # Beside the topmost bones are the scope of the materials, the surface and the rig of a skin.
+        taken: dict[int, set[str]] = {-1: {self._looks.name, SURFACE, *RIG}}
         prims: list[Prim] = []
         for index, node in enumerate(self._body.nodes):
             bone = node.bone
@@ -166,7 +173,10 @@ class _BodyWriter:
         taken: set[str] = set()
         root = identifier("root", taken)
         # Unreal wants one bone above all others; no point follows it.
-        joints = [root, *(f"{root}/{identifier(node.bone.name, taken)}" for node in nodes)]
+        joints = [root]
+        for node in nodes:
+            parent = joints[1 + node.bone.parent]
+            joints.append(f"{parent}/{identifier(node.bone.name, taken)}")
         at_root = np.zeros_like(nodes[0].positions)
         not_turned = np.tile([1.0, 0.0, 0.0, 0.0], (len(at_root), 1))
         positions = np.stack([at_root, *(node.positions for node in nodes)], axis=1)
@@ -178,14 +188,14 @@ class _BodyWriter:
             *animated("quatf[] rotations", map(array, orientations)),
             f"half3[] scales = {array(np.ones((len(joints), 3)))}",
         ]
-        # The format multiplies rows from the left.
-        matrices = [f"({', '.join(map(vector, matrix.T))})" for matrix in skin.rest]
-        rest = f"[{', '.join(matrices)}]"
+        rest = np.tile(np.eye(4), (len(joints), 1, 1))
+        rest[1:, :3, :3] = rotation_matrices(np.array([node.bone.orientation for node in nodes]))
+        rest[1:, :3, 3] = [node.bone.offset for node in nodes]
         rig = Prim("Skeleton", "bones", metadata=['prepend apiSchemas = ["SkelBindingAPI"]'])
         rig.properties = [
             f"uniform token[] joints = {tokens(joints)}",
-            f"uniform matrix4d[] bindTransforms = {rest}",
-            f"uniform matrix4d[] restTransforms = {rest}",
+            f"uniform matrix4d[] bindTransforms = {_matrices(skin.rest)}",
+            f"uniform matrix4d[] restTransforms = {_matrices(rest)}",
             f"rel skel:animationSource = <{self._path}/motion>",
         ]
         return [rig, animation]
@@ -207,8 +217,9 @@ class _BodyWriter:
             prim.properties.append(f"rel material:binding = <{self._material(GHOST)}>")
             return prim
         prim.properties += ['uniform token subsetFamily:materialBind:familyType = "partition"']
-        for part, triangles in skin.parts.items():
-            prim.children.append(self._subset(part, triangles))
+        taken: set[str] = set()
+        for paint, triangles in skin.parts.items():
+            prim.children.append(self._subset(paint, identifier(paint.name, taken), triangles))
         return prim
 
     def _surface(self, surface: SurfaceNode) -> Prim:
@@ -263,14 +274,14 @@ class _BodyWriter:
         root.children = [rig, motion, mesh]
         return root
 
-    def _subset(self, part: str, faces: np.ndarray) -> Prim:
+    def _subset(self, paint: Paint, name: str, faces: np.ndarray) -> Prim:
         """Return the triangles of a part of the skin, which have a material of their own to be painted."""
-        prim = Prim("GeomSubset", part, metadata=['prepend apiSchemas = ["MaterialBindingAPI"]'])
+        prim = Prim("GeomSubset", name, metadata=['prepend apiSchemas = ["MaterialBindingAPI"]'])
         prim.properties = [
             'uniform token elementType = "face"',
             'uniform token familyName = "materialBind"',
             f"int[] indices = {array(faces)}",
-            f"rel material:binding = <{self._material(Paint(part, None))}>",
+            f"rel material:binding = <{self._material(paint)}>",
         ]
         return prim
 
@@ -339,6 +350,12 @@ def _track(node: BoneNode) -> list[str]:
         *animated("quatd xformOp:orient", map(turn, node.orientations)),
         order,
     ]
+
+
+def _matrices(matrices: Float[np.ndarray, "J 4 4"]) -> str:
+    """Return matrices of columns as the format has them: it multiplies rows from the left."""
+    rows = [f"({', '.join(map(vector, matrix.T))})" for matrix in matrices]
+    return f"[{', '.join(rows)}]"
 
 
 def _mesh_prim(

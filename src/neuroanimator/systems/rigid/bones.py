@@ -11,9 +11,8 @@ from jaxtyping import Float
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.files.names import model_name
 from neuroanimator.state.links import Joint
-
-DRAWN_GROUPS = 3
-"""Geoms of groups 0 to 2 are drawn, as in MuJoCo's own viewer; higher groups are for contact only."""
+from neuroanimator.systems.rigid.skins import skin_of
+from neuroanimator.systems.rigid.visuals import colour_of, is_shown
 
 MAX_GROUND = 20.0
 """An infinite plane is drawn as a square whose half side is this [m]: large beside any body that moves on it."""
@@ -37,13 +36,13 @@ JOINT_NAMES = {
 
 
 def skeleton_of(model: mujoco.MjModel) -> Skeleton:
-    """Return the bodies of `model` with their joints and shapes; the world is a bone if it has shapes."""
+    """Return the bodies of `model` with their joints and shapes, and its skins; the world is a bone if it has shapes."""
     has_world = bool(_shapes(model, 0))
     first = 1
     if has_world:
         first = 0
     bones = [_bone(model, body, first) for body in range(first, model.nbody)]
-    return Skeleton(tuple(bones))
+    return Skeleton(tuple(bones), skin_of(model, first))
 
 
 def joints_of_body(model: mujoco.MjModel, body: int) -> range:
@@ -90,8 +89,7 @@ def _shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
 
 def is_drawn(model: mujoco.MjModel, geom: int) -> bool:
     """Return whether a viewer would draw a geom."""
-    is_visible = model.geom_rgba[geom][3] > 0
-    return bool(is_visible and model.geom_group[geom] < DRAWN_GROUPS)
+    return is_shown(int(model.geom_group[geom]), model.geom_rgba[geom])
 
 
 def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
@@ -107,32 +105,8 @@ def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
         size,
         _numbers(position),
         _numbers(model.geom_quat[geom]),
-        _numbers(_colour(model, geom)),
+        _numbers(colour_of(model, int(model.geom_matid[geom]), model.geom_rgba[geom])),
     )
-
-
-def _colour(model: mujoco.MjModel, geom: int) -> Float[np.ndarray, " 4"]:
-    """Return a geom's red, green, blue and opacity, 0 to 1; of a texture the mean, for triangles have none."""
-    material = model.geom_matid[geom]
-    if material < 0:
-        return np.clip(model.geom_rgba[geom], 0, 1)
-    texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
-    colour = np.array(model.mat_rgba[material], float)
-    if texture >= 0:
-        colour[:3] *= _mean_texel(model, texture)
-    return np.clip(colour, 0, 1)
-
-
-def _mean_texel(model: mujoco.MjModel, texture: int) -> Float[np.ndarray, " 3"]:
-    """Return the mean colour of a texture, 0 to 1; of a texture with fewer than three channels the mean grey."""
-    channels = int(model.tex_nchannel[texture])
-    size = int(model.tex_height[texture]) * int(model.tex_width[texture])
-    first = int(model.tex_adr[texture])
-    texels = np.asarray(model.tex_data[first : first + size * channels]).reshape(size, channels)
-    mean = texels.mean(axis=0) / 255
-    if channels < 3:
-        return np.repeat(mean[:1], 3)
-    return mean[:3]
 
 
 def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], SizedShape]:

@@ -1,7 +1,7 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
 import { Color, Group, Matrix4, Object3D, SRGBColorSpace, type BufferGeometry, type IUniform, type Material, type Mesh, type Vector3 } from "three";
-import { isTumbling, type Bundle, type Shape, type SurfaceArrays, type Vector3 as Vector3Facts } from "../../bundle/bundle";
+import { isMeshSkin, isTumbling, type Bundle, type Shape, type SurfaceArrays, type Vector3 as Vector3Facts } from "../../bundle/bundle";
 import { collidersOf } from "../../body/colliders";
 import { isMoved, type Pose } from "../../body/pose";
 import { surfaceOf } from "../../body/surface";
@@ -36,7 +36,7 @@ export interface BodyView {
 export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: readonly Patch[]): BodyView {
   const doubt: Doubt = { value: 0 };
   const all = [...patches, doubtPatch(doubt)];
-  if (facts.skin) {
+  if (facts.skin && !isMeshSkin(facts.skin)) {
     const scales = facts.system === "fish" ? 1 : 0;
     const shark = { value: 0 };
     const material = isTumbling(facts) ? softMaterial(all) : skinMaterial(size, scales, [...all, sharkPatch(shark)]);
@@ -46,6 +46,9 @@ export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: r
     isMoving ? shapeMaterial(colour, opacity, all) : sceneryMaterial(colour, focus, patches),
   );
   const shaped = shapedBody(facts, materials, doubt, true);
+  if (isMeshSkin(facts.skin)) {
+    return withSkin(shaped, skinnedBody(facts, skinGeometry(facts.skin), softMaterial(all), doubt));
+  }
   if (!facts.surface) {
     return shaped;
   }
@@ -71,9 +74,10 @@ export function surfaceColour({ colour }: SurfaceArrays): Color {
 export function makeGhost(facts: Bundle, size: number, colour?: Color): BodyView {
   const material = ghostMaterial(size, colour);
   const doubt: Doubt = { value: 0 };
-  let ghost = facts.skin
-    ? skinnedBody(facts, skinGeometry(facts.skin), material, doubt)
-    : shapedBody(facts, new MaterialKeeper(() => material), doubt, false);
+  let ghost = shapedBody(facts, new MaterialKeeper(() => material), doubt, false);
+  if (facts.skin) {
+    ghost = withSkin(ghost, skinnedBody(facts, skinGeometry(facts.skin), material, doubt));
+  }
   if (facts.surface) {
     // A ghost is where physics has it.
     ghost = withCloth(ghost, { ...clothKind(facts, size), colliders: [] }, { surface: (nodes) => ghostMaterial(size, colour, [nodes]), fittings: null });
@@ -84,6 +88,22 @@ export function makeGhost(facts: Bundle, size: number, colour?: Color): BodyView
     part.renderOrder = 3;
   });
   return ghost;
+}
+
+/** A body of shapes with a skin around it. */
+function withSkin(shaped: BodyView, skin: BodyView): BodyView {
+  shaped.object.add(skin.object);
+  return {
+    ...shaped,
+    update(pose, state) {
+      shaped.update(pose, state);
+      skin.update(pose, state);
+    },
+    dispose() {
+      shaped.dispose();
+      skin.dispose();
+    },
+  };
 }
 
 /** A body of shapes with a surface among them. */
@@ -104,7 +124,7 @@ function withCloth(shaped: BodyView, kind: ClothKind, materials: ClothMaterials)
 }
 
 function skinnedBody(facts: Bundle, geometry: BufferGeometry, material: Material, doubt: Doubt): BodyView {
-  const skin: SkinView = makeSkin(geometry, material, facts.skeleton);
+  const skin: SkinView = makeSkin(geometry, material, facts);
   return {
     object: skin.object,
     scenery: null,

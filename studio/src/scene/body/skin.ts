@@ -1,4 +1,4 @@
-// The skin of a body of mass points: one mesh that bends with the bones.
+// The skin of a body: one mesh that bends with the bones.
 
 import {
   Bone,
@@ -15,15 +15,58 @@ import {
   Color,
   type Material,
 } from "three";
-import { floatsOf, uint16Of, uint32Of } from "../../bundle/base64";
-import type { Bone as BoneFacts, SkinArrays } from "../../bundle/bundle";
+import { bytesOf, floatsOf, uint16Of, uint32Of } from "../../bundle/base64";
+import { isMeshSkin, type Bundle, type MeshSkin, type SkinArrays } from "../../bundle/bundle";
 import { skinPose, type Pose } from "../../body/pose";
 
 /** Bones a point follows, as glTF has them. */
 export const INFLUENCES = 4;
 
-/** Return the skin's triangles at rest; `rest` attributes stay in the body's own place and paint it. */
-export function skinGeometry(skin: SkinArrays): BufferGeometry {
+/** Sum of a vertex's weights in the skin of a model. */
+const WHOLE = 255;
+
+/** Return the skin's triangles as it was made; `rest` attributes stay in the body's own place and paint it. */
+export function skinGeometry(skin: SkinArrays | MeshSkin): BufferGeometry {
+  return isMeshSkin(skin) ? meshGeometry(skin) : pointsGeometry(skin);
+}
+
+/** The triangles of a model's skin, each vertex in the colour of its part. */
+function meshGeometry(skin: MeshSkin): BufferGeometry {
+  const places = uint16Of(skin.vertices);
+  const positions = Float32Array.from(places, (place, i) => skin.lowest[i % 3]! + skin.step * place);
+  const indices = uint16Of(skin.triangles);
+  const bones = Uint16Array.from(bytesOf(skin.influences), (place) => skin.bones[place]!.number);
+  const weights = Float32Array.from(bytesOf(skin.weights), (weight) => weight / WHOLE);
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(positions, 3));
+  geometry.setAttribute("color", new BufferAttribute(partColours(skin, indices, positions.length), 3));
+  geometry.setAttribute("skinIndex", new BufferAttribute(bones, INFLUENCES));
+  geometry.setAttribute("skinWeight", new BufferAttribute(weights, INFLUENCES));
+  geometry.setIndex(new BufferAttribute(indices, 1));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+/** Return the light of every vertex of a model's skin, by the colours of its parts, or others in their order. */
+export function partColours(skin: MeshSkin, indices: ArrayLike<number>, size: number, colours = skin.parts.map(partColour)): Float32Array<ArrayBuffer> {
+  const light = new Float32Array(size);
+  let first = 0;
+  skin.parts.forEach((part, number) => {
+    const end = first + 3 * part.triangles;
+    for (; first < end; first++) {
+      colours[number]!.toArray(light, 3 * indices[first]!);
+    }
+  });
+  return light;
+}
+
+/** Return the colour of a part of a model's skin. */
+export function partColour({ colour }: MeshSkin["parts"][number]): Color {
+  return new Color().setRGB(...colour, SRGBColorSpace);
+}
+
+/** The triangles of the skin of mass points at rest. */
+function pointsGeometry(skin: SkinArrays): BufferGeometry {
   const positions = floatsOf(skin.positions);
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
@@ -67,9 +110,9 @@ function linear(colours: Float32Array<ArrayBuffer>): Float32Array<ArrayBuffer> {
 }
 
 /** Return, bone by bone, what takes a point of the skin as it was made into the bone's frame. */
-function inverseSkinPoses(bones: readonly BoneFacts[]): Matrix4[] {
-  const pose = skinPose(bones);
-  return bones.map((_, i) => boneMatrix(pose, i, new Matrix4()).invert());
+function inverseSkinPoses({ skeleton, skin }: Bundle): Matrix4[] {
+  const pose = skinPose(skeleton, skin);
+  return skeleton.map((_, i) => boneMatrix(pose, i, new Matrix4()).invert());
 }
 
 const position = new Vector3();
@@ -95,19 +138,15 @@ export interface SkinView {
 }
 
 /** Return a skin that follows poses; its mesh hangs in physics' axes. */
-export function makeSkin(
-  geometry: BufferGeometry,
-  material: Material,
-  bones: readonly BoneFacts[],
-): SkinView {
+export function makeSkin(geometry: BufferGeometry, material: Material, facts: Bundle): SkinView {
   const mesh = new SkinnedMesh(geometry, material);
-  const drawnBones = bones.map(() => {
+  const drawnBones = facts.skeleton.map(() => {
     const bone = new Bone();
     bone.matrixAutoUpdate = false;
     bone.matrixWorldAutoUpdate = false;
     return bone;
   });
-  const skeleton = new Skeleton(drawnBones, inverseSkinPoses(bones));
+  const skeleton = new Skeleton(drawnBones, inverseSkinPoses(facts));
   // Bones are given in the mesh's own axes, so neither the mesh's place nor its parent's counts.
   mesh.bindMode = DetachedBindMode;
   mesh.bind(skeleton, new Matrix4());
