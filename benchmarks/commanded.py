@@ -53,8 +53,11 @@ from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
 
-UPDATES = 500
-"""Number of updates of the policy, of 4,096 transitions each."""
+UPDATES = 2700
+"""Number of updates of the policy, of 32 steps of each of `LEARNERS`."""
+
+LEARNERS = 512
+"""Number of bodies that learn side by side."""
 
 BODIES = 100
 
@@ -367,7 +370,7 @@ def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, floa
     file = place / "human.policy.safetensors"
     began = seconds_of_children()
     command = [PROGRAM, "policy", "commanded.toml", "--start", start.resolve(), "--out", file]
-    command += ["--seed", seed, "--updates", updates]
+    command += ["--seed", seed, "--updates", updates, "--bodies", LEARNERS]
     subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
     seconds = seconds_of_children() - began
     lines = (place / "human.policy.run" / "metrics.jsonl").read_text().splitlines()
