@@ -6,14 +6,15 @@ python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.saf
 
 Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a
 policy that follows the walk. Without noise, on the physics,
-- 100 bodies get random commands of 0.5 to 1 m/s for 60 s, others every 2 to 5 s; those count that never fall: pelvis below 0.6 m,
-  or trunk more than 1 rad off the vertical; and likewise 100 by commands of 0 to 1 m/s, of which 15 in 100 are to stand;
-- from 1 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
+- 100 bodies get random commands of 0.5 to 1 m/s for 60 s, others every 3 to 6 s; those count that never fall: pelvis below 0.6 m,
+  or trunk more than 1 rad off the vertical; and likewise 100 by commands of 0 to 1 m/s, of which 30 in 100 are to stand;
+- from 2 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
 - 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction: a force
   over 0.1 s; and 100 are told to stand, and pushed likewise;
 - drift is how far 100 that are told to stand are from where they were two seconds after that, 20 s later;
 - slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step, at the motion's own speed.
-Seconds are of a core's time.
+Of a policy that runs, too, 100 bodies get commands of all its speeds, and 100 those of 2 to 3 m/s; these are pushed likewise, and
+slip is measured at the run's own speed. Seconds are of a core's time.
 
 Writes results/commanded.csv and results/commanded_curves.csv.
 """
@@ -39,7 +40,7 @@ from jaxtyping import Array, Float
 
 import neuroanimator as na
 from neuroanimator.control.policies.commands import Command, Commands
-from neuroanimator.control.policies.reference_motion import ORIENTATION
+from neuroanimator.control.policies.reference_motion import ORIENTATION, ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
@@ -52,28 +53,34 @@ from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
 
-UPDATES = 500
-"""Number of updates of the policy, of 4,096 transitions each."""
+UPDATES = 2700
+"""Number of updates of the policy, of 32 steps of each of `LEARNERS`."""
+
+LEARNERS = 512
+"""Number of bodies that learn side by side."""
 
 BODIES = 100
 
 WALKING = (0.5, 1.0)
 """Least and largest commanded speed [m/s]."""
 
+RUNNING = (2.0, 3.0)
+
 STANDING = (0.0, 0.0)
 
 ANY = (0.0, 1.0)
+"""Speeds of standing and walking."""
 
 STILL_SECONDS = (2.0, 20.0)
 """Time to come to a stand, and of standing [s]."""
 
 SECONDS = 60.0
 
-HOLDS = (2.0, 5.0)
+HOLDS = (3.0, 6.0)
 """Least and largest time between two commands [s]."""
 
-SETTLED = 1.0
-"""Time after a command before it counts [s]."""
+SETTLED = 2.0
+"""Time after a command before it counts [s]: a commanded speed changes by 2 m/s in a second."""
 
 LEAST_HEIGHT = 0.6
 """Height of the pelvis below which a body has fallen [m]."""
@@ -96,7 +103,7 @@ IMAGES = 12
 
 
 class Walkers:
-    """Bodies that a policy moves on the physics, or on what `stepper` is of, on commands of speeds in a range, without an end."""
+    """Bodies that a policy moves on the physics, or on what `stepper` is of, as told: speeds in a range, or all it takes."""
 
     def __init__(
         self,
@@ -104,7 +111,7 @@ class Walkers:
         task: PolicyTask,
         system: MujocoSystem,
         count: int,
-        speeds: tuple[float, float],
+        speeds: tuple[float, float] | None = None,
         stepper: Stepper | None = None,
     ):
         reference = policy.view.reference
@@ -114,24 +121,32 @@ class Walkers:
         self.policy = policy
         self.system = system
         commands = reference.commands
-        least = Command(speeds[0], commands.least.turning)
-        most = Command(speeds[1], commands.most.turning)
+        slowest, fastest = speeds or (commands.least.speed, commands.most.speed)
+        least = Command(slowest, commands.least.turning)
+        most = Command(fastest, commands.most.turning)
         self.commands: Commands = commands._replace(least=least, most=most)
-        self.phase = reference.phase
-        self.lap = reference.lap
+        self.reference = reference
         self.rng = np.random.default_rng(0)
         self.stepper = stepper or physics_stepper(system, system.scheme, policy.dt)
         starts = np.stack([task.rules.draw_start(self.rng) for _ in range(count)])
-        self.states = self.commands.draw(self.rng, starts)
+        drawn = jnp.asarray(self.commands.draw(self.rng, starts), jnp.float32)
+        self.states = np.asarray(_frames(reference, drawn), float)
+        self.told = self.commands_of(self.states)
+        """Commands (N, 2): speed [m/s] and turning rate [rad/s]."""
         self.is_fallen = np.zeros(count, bool)
         self.trunk = system.model.body("torso").id
+
+    def commands_of(self, states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N 2"]:
+        """Return the commands that states carry."""
+        return np.stack([self.commands.speed(states), states[:, self.commands.turning]], axis=1)
 
     def controls(self) -> Float[np.ndarray, "N C"]:
         found = np.asarray(_controls(self.policy, jnp.asarray(self.states, jnp.float32)), float)
         return self.policy.emulator.bounds.clip(found)
 
     def step(self) -> None:
-        """Go a super step on; who falls stays down."""
+        """Go a super step on, as it is told; who falls stays down."""
+        self.states = np.asarray(self.reference.with_command(self.states, self.told))
         # All anew: commands are written into the states between two steps.
         moved = self.stepper(self.states, self.controls(), np.ones(len(self.states), bool))
         self._take(moved.states)
@@ -177,6 +192,11 @@ class Walkers:
 
 
 @eqx.filter_jit
+def _frames(reference: ReferenceMotion, states: Float[Array, "N S"]) -> Float[Array, "N S"]:
+    return reference.frame(states)
+
+
+@eqx.filter_jit
 def _controls(policy: StatePolicy, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
     return policy.control_of(states)
 
@@ -198,8 +218,8 @@ def commanded(walkers: Walkers) -> dict[str, Any]:
             before, after = origins[row], walkers.states[row]
             seconds = now - begun[row] - SETTLED
             errors.append(_errors(commands, before, after, seconds))
-        told = commands.draw(walkers.rng, walkers.states)
-        walkers.states = np.where(is_new[:, None], told, walkers.states)
+        drawn = walkers.commands_of(commands.draw(walkers.rng, walkers.states))
+        walkers.told = np.where(is_new[:, None], drawn, walkers.told)
         begun = np.where(is_new, now, begun)
         ends = np.where(is_new, now + walkers.rng.uniform(*HOLDS, count), ends)
         is_settled = np.abs(now - begun - SETTLED) < dt / 2
@@ -269,12 +289,10 @@ def walked(
     stepper: Stepper | None = None,
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of one body under commands (seconds, speed [m/s], turning [rad/s]), one after another."""
-    walkers = Walkers(policy, task, system, 1, ANY, stepper)
+    walkers = Walkers(policy, task, system, 1, stepper=stepper)
     states = []
     for seconds, speed, turning in told:
-        walkers.states = walkers.commands.give(
-            walkers.states, np.array([speed]), np.array([turning])
-        )
+        walkers.told = np.array([[speed, turning]])
         for _ in range(round(seconds / policy.dt)):
             states.append(walkers.states[0])
             walkers.step()
@@ -300,14 +318,44 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
             row[f"standing survived {impulse:g} N s"] = survived
         row["drift cm"] = 100 * drift(Walkers(policy, task, system, BODIES, STANDING))
     own = motion.commands.own_speed
-    states = walked(policy, task, system, [(20.0, own, 0.0)])
-    row["slip cm"] = 100 * slip(system, states, _laps(states, motion.phase))
-    frames = np.asarray(motion.frames, float)[-motion.lap :]
+    row["slip cm"], row["slip of the clip cm"] = _slips(policy, task, system, motion, own)
+    faster = motion.commands.faster
+    if faster is None:
+        return row
+    found = commanded(Walkers(policy, task, system, BODIES))
+    row |= {f"{name}, all speeds": found[name] for name in found if name != "bodies"}
+    found = commanded(Walkers(policy, task, system, BODIES, RUNNING))
+    row |= {f"{name}, running": found[name] for name in found if name != "bodies"}
+    for impulse in IMPULSES:
+        survived = pushed(Walkers(policy, task, system, BODIES, RUNNING), impulse)
+        row[f"running survived {impulse:g} N s"] = survived
+    run = own * faster.pace * faster.stride
+    slips = _slips(policy, task, system, motion, run)
+    row["slip cm, running"], row["slip of the run's clip cm"] = slips
+    return row
+
+
+def _slips(
+    policy: StatePolicy,
+    task: PolicyTask,
+    system: MujocoSystem,
+    motion: ReferenceMotion,
+    speed: float,
+) -> tuple[float, float]:
+    """Return how far feet slip at a speed [m/s], a step, and how far those of the motion do [cm]."""
+    commands = motion.commands
+    assert commands is not None
+    states = walked(policy, task, system, [(20.0, speed, 0.0)])
+    turns = np.tile(motion.begun(0.0), (motion.lap, 1))
+    turns[:, motion.phase] = 2 * np.pi * np.arange(motion.lap) / motion.lap
+    told = commands.give(turns, np.full(motion.lap, speed), np.zeros(motion.lap))
+    frames = np.array(motion.frame(jnp.asarray(told, jnp.float32)), float)
     # Frames stand at one place: they go as fast as their clock says.
     moving = slice(motion.velocity, motion.velocity + 2)
-    frames[:, :2] = np.cumsum(frames[:, moving] * policy.dt, axis=0)
-    row["slip of the clip cm"] = 100 * slip(system, frames, 1.0)
-    return row
+    dt = policy.dt / commands.pace(told)[0]
+    frames[:, :2] = np.cumsum(frames[:, moving] * dt, axis=0)
+    own_slip = slip(system, frames, 1.0)
+    return 100 * slip(system, states, _laps(states, motion.phase)), 100 * own_slip
 
 
 def _laps(states: Float[np.ndarray, "K S"], phase: int) -> float:
@@ -316,13 +364,13 @@ def _laps(states: Float[np.ndarray, "K S"], phase: int) -> float:
 
 def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, float, Rows]:
     """Return (the policy's file, seconds of a core's time it took, rows of its curve)."""
-    for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv"):
+    for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv", "run.csv"):
         (place / name).write_bytes((HUMAN / name).read_bytes())
     shutil.copytree(HUMAN / "skin", place / "skin", dirs_exist_ok=True)
     file = place / "human.policy.safetensors"
     began = seconds_of_children()
     command = [PROGRAM, "policy", "commanded.toml", "--start", start.resolve(), "--out", file]
-    command += ["--seed", seed, "--updates", updates]
+    command += ["--seed", seed, "--updates", updates, "--bodies", LEARNERS]
     subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
     seconds = seconds_of_children() - began
     lines = (place / "human.policy.run" / "metrics.jsonl").read_text().splitlines()

@@ -5,7 +5,8 @@ python benchmarks/emulated_walk.py human.policy.safetensors --sheet walk.png --d
 
 The policy's emulator is what `neuroanimator train examples/human/human.policy.safetensors` makes. The same policy moves bodies
 on MuJoCo, at the step it learnt with, and in the emulator:
-- 100 bodies under random commands for 60 s, as in commanded.py: how many never fall, and by how much speed and turning are off;
+- 100 bodies under random commands of all its speeds for 60 s, as in commanded.py: how many never fall, and by how much speed and
+  turning are off;
 - returns of 100 episodes of the task, as it is (pushes of up to 60 N s every 2 s in the mean) and without pushes, of 636 at most,
   and how many are still on the motion at their end;
 - how far the emulator is off the physics after 1, 8, 16 and 32 super steps from states of a walk, under the same controls;
@@ -23,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from commanded import BODIES, WALKING, Walkers, commanded, draw_sheet, walked
+from commanded import BODIES, Walkers, commanded, draw_sheet, walked
 from following import HUMAN, RESULTS
 from jaxtyping import Array, Float
 
@@ -80,7 +81,7 @@ def compared(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> Row
     rows = []
     for name, stepper in steppers.items():
         row: dict[str, Any] = {"in": name}
-        row |= commanded(Walkers(policy, task, system, BODIES, WALKING, stepper))
+        row |= commanded(Walkers(policy, task, system, BODIES, stepper=stepper))
         for label, rules in {"": calm, " with pushes": task.rules}.items():
             found = episodes_of(policy, stepper, rules, EPISODES, 0)
             row["return" + label] = float(found.returns.mean())
@@ -93,7 +94,7 @@ def walk(
     policy: StatePolicy, task: PolicyTask, system: MujocoSystem
 ) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "T B C"], Float[np.ndarray, "T B S"]]:
     """Return (states, controls of the policy from there on, states under them) of bodies that walk on the physics."""
-    walkers = Walkers(policy, task, system, PIECES, WALKING)
+    walkers = Walkers(policy, task, system, PIECES)
     for _ in range(SETTLING):
         walkers.step()
     starts = walkers.states

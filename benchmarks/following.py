@@ -1,14 +1,15 @@
 """A human who follows motions recorded of an actor: how long learning takes, how many stay on the motion, how far feet slip.
 
 python benchmarks/following.py                             a walk and a jog, learnt from nothing; see UPDATES
+python benchmarks/following.py jog --policy jog.policy.safetensors      one that 'neuroanimator policy' has learnt
 python benchmarks/following.py walk --updates 400 --seed 2 --dry
 python benchmarks/following.py walk --policy walk.policy.safetensors --sheet walk.png --dry
 
 Each run is what `neuroanimator policy` does with examples/human/human.toml, whose clip is another for the jog. Of 100 starts at
 random phases, without noise, those count that are on the motion after eleven rounds of it, never off by more than 0.25 m at the
 pelvis or 0.8 rad at the trunk. Slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step;
-that of the motion itself stands beside it. Seconds are of a core's time, the emulator's making and all: runs are by number of
-updates, so other work on the machine makes them longer, and changes nothing else.
+that of the motion itself stands beside it. Core seconds are of a core's time, the emulator's making and all; seconds are those of
+a clock. Runs are by number of updates, so other work on the machine makes them longer, and changes nothing else.
 
 Writes results/following.csv and results/following_curves.csv.
 """
@@ -16,7 +17,6 @@ Writes results/following.csv and results/following_curves.csv.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import shutil
 import subprocess
@@ -35,7 +35,7 @@ from jaxtyping import Float
 
 import neuroanimator as na
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.bodies import Bodies, episodes_of, motion_of
 from neuroanimator.gym.following import Following
@@ -81,9 +81,14 @@ def learn(clip: str, seed: int, updates: int, place: Path) -> tuple[Path, float,
     began = seconds_of_children()
     command = [PROGRAM, "policy", "human.toml", "--seed", seed, "--updates", updates, "--out", file]
     subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
-    seconds = seconds_of_children() - began
-    lines = (place / f"{clip}.policy.run" / "metrics.jsonl").read_text().splitlines()
-    return file, seconds, [{"clip": clip, "seed": seed} | json.loads(line) for line in lines]
+    return file, seconds_of_children() - began, curve_of(file, clip, seed)
+
+
+def curve_of(policy: Path, clip: str, seed: int) -> Rows:
+    """Return what the run that learnt a policy reported on its way; nothing if its folder is not beside the file."""
+    reports = policy.with_suffix(".run") / "metrics.jsonl"
+    lines = reports.read_text().splitlines() if reports.exists() else []
+    return [{"clip": clip, "seed": seed} | json.loads(line) for line in lines]
 
 
 def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[str, Any]:
@@ -152,16 +157,6 @@ def draw_sheet(policy: StatePolicy, task: PolicyTask, system: MujocoSystem, out:
         tile_motion(clip, Path(place) / "film.mp4", IMAGES, out)
 
 
-def kept(file: str, renewed: list[str]) -> Rows:
-    """Return the rows of a result whose clips are not measured anew."""
-    path = RESULTS / file
-    if not path.exists():
-        return []
-    with path.open(newline="") as lines:
-        next(lines)  # the machine
-        return [row for row in csv.DictReader(lines) if row["clip"] not in renewed]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -177,8 +172,10 @@ def main() -> None:
     print(describe_machine())
     system = load_system(str(HUMAN / "human.toml"))
     assert isinstance(system, MujocoSystem)
-    rows = kept("following.csv", arguments.clips)
-    curves = kept("following_curves.csv", arguments.clips)
+    table = RESULTS / "following.csv"
+    curve_table = RESULTS / "following_curves.csv"
+    rows: Rows = []
+    curves: Rows = []
     for clip in arguments.clips:
         with TemporaryDirectory() as place:
             row: dict[str, Any] = {"clip": clip, "seed": arguments.seed}
@@ -186,8 +183,12 @@ def main() -> None:
             if file is None:
                 updates = arguments.updates or UPDATES[clip]
                 file, seconds, curve = learn(clip, arguments.seed, updates, Path(place))
-                row |= {"core seconds": seconds, "transitions": curve[-1]["steps"]}
-                curves += curve
+                row["core seconds"] = seconds
+            else:
+                curve = curve_of(file, clip, arguments.seed)
+            if curve:
+                row |= {"transitions": curve[-1]["steps"], "seconds": curve[-1]["seconds"]}
+            curves += curve
             policy = load_state_policy(file)
             if arguments.keep:
                 policy.save(arguments.keep)
@@ -199,8 +200,8 @@ def main() -> None:
         if arguments.sheet:
             draw_sheet(policy, task, system, arguments.sheet)
         if not arguments.dry:
-            write_csv(RESULTS / "following.csv", rows)
-            write_csv(RESULTS / "following_curves.csv", curves)
+            write_csv(table, [*other_rows(table, rows, "clip", "seed"), *rows])
+            write_csv(curve_table, [*other_rows(curve_table, curves, "clip", "seed"), *curves])
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ controls of half of the ant's runs cease somewhere, and its layers narrower than
 from __future__ import annotations
 
 import argparse
-import csv
 import tempfile
 import time
 from collections.abc import Callable
@@ -29,7 +28,7 @@ from neuroanimator import Emulator, TrainingConfig
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved
 from neuroanimator.scaffold.write_toml import write_definition
@@ -224,12 +223,8 @@ def seconds_of(
 
 def keep(rows: list[dict[str, Any]]) -> None:
     """Write `rows` into the table, in place of the same bodies' older lines."""
-    new = {row["case"] for row in rows}
-    kept = []
-    if TABLE.exists():
-        lines = TABLE.read_text(encoding="utf-8").splitlines()[1:]
-        kept = [row for row in csv.DictReader(lines) if row["case"] not in new]
-    write_csv(TABLE, sorted([*kept, *rows], key=lambda row: ORDER.index(row["case"])))
+    whole = [*other_rows(TABLE, rows, "case"), *rows]
+    write_csv(TABLE, sorted(whole, key=lambda row: ORDER.index(row["case"])))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Make the motions that the human follows of markers: examples/human/walk.csv and jog.csv.
+"""Make the motions that the human follows of markers: examples/human/walk.csv, jog.csv and run.csv.
 
 git clone https://github.com/google-deepmind/mujoco_mpc
 python benchmarks/human_clips.py mujoco_mpc/mjpc/tasks/humanoid/tracking/keyframes
@@ -9,6 +9,9 @@ EIA-0196217.
 
 markers → angles by least squares on MuJoCo's kinematics → the floor levelled → one cycle cut out and closed
         → sampled anew, one control apart → velocities by central differences
+
+The run is the jog, unbent and averaged with its mirror image half a cycle later: the actor leans into a turn, which who runs
+straight ahead does not.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
@@ -104,11 +107,14 @@ class Cycle:
     """Whether it is unbent to go straight along X; otherwise it goes on turning as it does in a cycle."""
     always_touches: bool
     """Whether a foot is on the floor at all times: then that is kept to."""
+    is_symmetric: bool = False
+    """Whether it is averaged with its mirror image, half a cycle later."""
 
 
 CYCLES = {
     "walk": Cycle("CMU-CMU-137-137_40_poses.xml", 117, 165, True, True),
     "jog": Cycle("CMU-CMU-108-108_13_poses.xml", 6, 31, False, False),
+    "run": Cycle("CMU-CMU-108-108_13_poses.xml", 6, 31, True, False, is_symmetric=True),
 }
 
 Pose = Float[np.ndarray, " Q"]
@@ -252,9 +258,14 @@ def levelled(model: mujoco.MjModel, poses: Poses, *, always_touches: bool) -> Po
         poses[:, 2] -= gaussian_filter1d(lowest, 3.0)
         return poses
     times = np.arange(len(poses))
-    stands = lowest < np.percentile(lowest, 35)
+    stands = _stands(lowest)
     poses[:, 2] -= np.polyval(np.polyfit(times[stands], lowest[stands], 1), times)
     return poses
+
+
+def _stands(lowest: Float[np.ndarray, " K"]) -> Bool[np.ndarray, " K"]:
+    """Return whether a foot is on the floor, in a motion that also flies."""
+    return lowest < np.percentile(lowest, 35)
 
 
 def _turned(poses: Poses, angle: float) -> Poses:
@@ -302,8 +313,40 @@ def closed(poses: Poses, *, is_straight: bool) -> Poses:
     return poses
 
 
+def symmetric(model: mujoco.MjModel, poses: Poses) -> Poses:
+    """Return evenly spaced poses along X, from one before a lap to two after its last, as their mean with their mirror image."""
+    steps = len(poses) - 3
+    lap = _continuous(poses[1 : steps + 1])
+    length = poses[steps + 1, 0] - poses[1, 0]
+    lap[:, 0] -= length * np.arange(steps) / steps
+    later = _continuous(
+        np.concatenate([lap[:1], _mirrored(model, np.roll(lap, -steps // 2, axis=0))])
+    )
+    lap = (lap + later[1:]) / 2
+    numbers = np.arange(-1, steps + 2)
+    mean = lap[numbers % steps]
+    mean[:, 0] += length * numbers / steps
+    mean[:, 3:7] /= np.linalg.norm(mean[:, 3:7], axis=1, keepdims=True)
+    mean[:, -1] = poses[:, -1]
+    return mean
+
+
+def _mirrored(model: mujoco.MjModel, poses: Poses) -> Poses:
+    """Return the poses with left and right exchanged: limbs' angles have the same sign on both sides."""
+    mirrored = poses.copy()
+    mirrored[:, [1, 4, 6]] *= -1
+    for joint in range(1, model.njnt):
+        name = model.joint(joint).name
+        other = (
+            name.replace("_right", "_left") if "_right" in name else name.replace("_left", "_right")
+        )
+        sign = -1.0 if name in ("abdomen_x", "abdomen_z") else 1.0
+        mirrored[:, model.joint(joint).qposadr[0]] = sign * poses[:, model.joint(other).qposadr[0]]
+    return mirrored
+
+
 def sampled(
-    model: mujoco.MjModel, cycle: Poses, dt: float, *, always_touches: bool
+    model: mujoco.MjModel, cycle: Poses, dt: float, *, always_touches: bool, is_symmetric: bool
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of a closed cycle, `dt` apart; its time is rounded to whole steps."""
     steps = round((len(cycle) - 1) / RATE / dt)
@@ -316,6 +359,10 @@ def sampled(
     poses = spline(np.arange(-1, steps + 2) * dt)
     poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1, keepdims=True)
     poses[:, -1] = 2 * np.pi * np.arange(-1, steps + 2) / steps
+    if is_symmetric:
+        poses = symmetric(model, poses)
+        lowest = _lowest(model, poses)
+        poses[:, 2] -= lowest[_stands(lowest)].mean()
     if always_touches:
         lowest = _lowest(model, poses)
         lowest[1:-2] = gaussian_filter1d(lowest[1:-2], 1.5, mode="wrap")
@@ -351,7 +398,13 @@ def main() -> None:
         poses = _smoothed(fit_poses(model, markers), 1.0)
         poses = levelled(model, poses, always_touches=cycle.always_touches)
         cut = closed(poses[cycle.first : cycle.last + 1], is_straight=cycle.is_straight)
-        states = sampled(model, cut, dt, always_touches=cycle.always_touches)
+        states = sampled(
+            model,
+            cut,
+            dt,
+            always_touches=cycle.always_touches,
+            is_symmetric=cycle.is_symmetric,
+        )
         times = np.arange(len(states)) * dt
         write_table(arguments.out / f"{name}.csv", times, states.round(5), system.state)
         speed = np.linalg.norm(states[-1, :2]) / times[-1]

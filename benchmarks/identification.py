@@ -17,7 +17,6 @@ results/identification_summary.csv (medians).
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -41,7 +40,7 @@ from jaxtyping import Float
 
 import neuroanimator as na
 from neuroanimator import Emulator
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, read_rows, write_csv
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.systems.system import Scheme, System
@@ -234,23 +233,9 @@ def median(values: Iterable[float]) -> float:
     return float(np.median(numbers)) if numbers else np.nan
 
 
-def read_rows(path: Path) -> Rows:
+def read_numbers(path: Path) -> Rows:
     """Return the rows of one of the tables."""
-    return [{key: _number(value) for key, value in row.items()} for row in read_text(path)]
-
-
-def read_text(path: Path) -> Rows:
-    """Return the rows of one of the tables, their cells as text."""
-    with path.open(newline="") as lines:
-        next(lines)  # the machine
-        return list(csv.DictReader(lines))
-
-
-def with_other_systems(rows: Rows) -> Rows:
-    """Return rows of the table of accuracy with those that it has of other systems."""
-    measured = {row["system"] for row in rows}
-    others = [row for row in read_text(ACCURACY) if row["system"] not in measured]
-    return sorted([*others, *rows], key=lambda row: list(SYSTEMS).index(row["system"]))
+    return [{key: _number(value) for key, value in row.items()} for row in read_rows(path)]
 
 
 def _number(cell: str) -> float | str:
@@ -329,7 +314,9 @@ def main() -> None:
     if arguments.part == "accuracy":
         rows = table_rows(arguments.emulators, arguments.systems)
         print_table(rows)
-        keep(ACCURACY, with_other_systems(rows), arguments.dry)
+        whole = [*other_rows(ACCURACY, rows, "system"), *rows]
+        whole.sort(key=lambda row: list(SYSTEMS).index(row["system"]))
+        keep(ACCURACY, whole, arguments.dry)
     elif arguments.part == "recordings":
         require_toolbox()
         emulator = made(LARGE_FAMILY, arguments.emulators).emulator
@@ -339,8 +326,8 @@ def main() -> None:
             rows += some
             keep(RUNS, rows, arguments.dry)
     else:
-        making = next(r for r in read_rows(ACCURACY) if r["emulator"] == LARGE_FAMILY.name)
-        summary = summary_rows(read_rows(RUNS), making["data_s"] + making["training_s"])
+        making = next(r for r in read_numbers(ACCURACY) if r["emulator"] == LARGE_FAMILY.name)
+        summary = summary_rows(read_numbers(RUNS), making["data_s"] + making["training_s"])
         print_table(summary)
         keep(SUMMARY, summary, arguments.dry)
 

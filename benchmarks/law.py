@@ -23,7 +23,6 @@ All of one cloth, on one core. Writes results/law.csv and docs/images/law.png.
 from __future__ import annotations
 
 import argparse
-import csv
 import io
 import time
 from pathlib import Path
@@ -49,7 +48,7 @@ from scipy.sparse.linalg import splu
 from soft_meshes import grid_faces, obj_text, sheet
 
 import neuroanimator as na
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.files.atomic import write_whole
@@ -297,12 +296,8 @@ def draw(rows: Rows, path: Path) -> None:
 
 def keep(row: dict[str, Any]) -> None:
     """Write a row into the table, in place of an older one of as many nodes, and draw all of it."""
-    rows: dict[int, dict[str, Any]] = {}
-    if TABLE.exists():
-        lines = TABLE.read_text(encoding="utf-8").splitlines()[1:]
-        rows = {int(old["nodes"]): old for old in csv.DictReader(lines)}
-    rows[row["nodes"]] = row
-    ordered = [rows[nodes] for nodes in sorted(rows)]
+    whole = [*other_rows(TABLE, [row], "nodes"), row]
+    ordered = sorted(whole, key=lambda one: int(one["nodes"]))
     write_csv(TABLE, ordered)
     draw(ordered, PICTURE)
 

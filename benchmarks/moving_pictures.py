@@ -19,7 +19,7 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
-from commanded import WALKING, Walkers, walked
+from commanded import Walkers, walked
 from contact_sheets import ROOT, clip_of, tile
 from following import HUMAN
 
@@ -77,9 +77,10 @@ SMALL_FILM = [
 """How it is written: half a megabyte."""
 
 HUMAN_COMMANDS = (
-    (3.0, 0.8, 0.0),
-    (4.0, 0.7, 0.6),
     (2.5, 0.8, 0.0),
+    (4.0, 2.5, 0.0),
+    (3.5, 2.2, 0.6),
+    (3.0, 0.9, 0.0),
 )
 """Commands of the human: time [s], speed [m/s] and turning rate [rad/s]; then he is pushed."""
 
@@ -92,10 +93,13 @@ PUSH_SEED = 0
 RECOVERY = 4.5
 """[s] How long he walks on after it, as he was told last."""
 
-ROUND_AT = 1.2
+WALK_AT = 0.9
 """[s] Time at which a round of the walk begins that is shown step by step."""
 
-INSIDE_COMMANDS = ((3.0, 0.7, 0.0), (4.0, 0.7, 0.6), (3.0, 0.9, 0.0), (3.0, 0.5, -0.6))
+RUN_AT = 4.5
+"""[s] That of a round of the run."""
+
+INSIDE_COMMANDS = ((3.0, 0.7, 0.0), (4.0, 2.4, 0.4), (3.0, 1.5, 0.0), (3.0, 0.5, -0.6))
 """Commands inside the emulator: time [s], speed [m/s] and turning rate [rad/s]."""
 
 IMAGES = 12
@@ -185,12 +189,12 @@ def life(folder: Path) -> None:
 
 
 def human(folder: Path) -> None:
-    """Film a human who walks, turns, is pushed and recovers, on the physics."""
+    """Film a human who walks, runs, turns, walks on, is pushed and recovers, on the physics."""
     policy, system, task = loaded_policy(
         HUMAN / "human.policy.safetensors", HUMAN / "commanded.toml"
     )
     assert isinstance(system, MujocoSystem)
-    walkers = Walkers(policy, task, system, 1, WALKING)
+    walkers = Walkers(policy, task, system, 1)
     states = []
     for seconds, speed, turning in HUMAN_COMMANDS:
         states += walked_on(walkers, seconds, speed, turning)
@@ -201,7 +205,9 @@ def human(folder: Path) -> None:
     states += walked_on(walkers, RECOVERY, speed, turning)
     clip = na.make_clip(policy.emulator, np.array(states))
     na.write_glb(clip, folder / "human.glb")
-    write_round(clip, walkers.phase, folder / "human-walk.jpg")
+    phase = walkers.reference.phase
+    write_round(clip, phase, WALK_AT, folder / "human-walk.jpg")
+    write_round(clip, phase, RUN_AT, folder / "human-run.jpg")
     stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
     inside = walked(policy, task, system, list(INSIDE_COMMANDS), stepper)
     write_sheet(na.make_clip(policy.emulator, inside), folder / "human-inside.jpg")
@@ -213,10 +219,10 @@ def human(folder: Path) -> None:
     print(f"{out}: {clip.times[-1]:.1f} s, {out.stat().st_size / 1e6:.2f} MB")
 
 
-def write_round(clip: na.Clip, phase: int, out: Path) -> None:
-    """Lay pictures of one round of the walk side by side; the state entry `phase` is its clock."""
+def write_round(clip: na.Clip, phase: int, begin: float, out: Path) -> None:
+    """Lay pictures of one round of a gait side by side, from `begin` [s] on; the state entry `phase` is its clock."""
     angles = np.unwrap(clip.states[:, phase])
-    first = int(np.searchsorted(clip.times, ROUND_AT))
+    first = int(np.searchsorted(clip.times, begin))
     last = int(np.searchsorted(angles, angles[first] + 2 * np.pi))
     write_sheet(part_of(clip, clip.times[first], clip.times[last]), out)
 
@@ -238,7 +244,7 @@ def write_sheet(clip: na.Clip, out: Path) -> None:
 
 def walked_on(walkers: Walkers, seconds: float, speed: float, turning: float) -> list[np.ndarray]:
     """Return the states (S,) of the one body that walks on, as it is told [s], [m/s], [rad/s]."""
-    walkers.states = walkers.commands.give(walkers.states, np.array([speed]), np.array([turning]))
+    walkers.told = np.array([[speed, turning]])
     states = []
     for _ in range(round(seconds / walkers.policy.dt)):
         states.append(walkers.states[0])

@@ -8,7 +8,6 @@ python benchmarks/own_models.py --quick             little data, few updates; wr
 from __future__ import annotations
 
 import argparse
-import csv
 import shutil
 import tempfile
 import time
@@ -35,7 +34,7 @@ from neuroanimator.data.generate import generate
 from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.data.store import read_transitions
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.evaluate import QUICK as QUICK_EVALUATION
 from neuroanimator.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
 from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
@@ -280,12 +279,9 @@ def _self_divergence_at(evaluation: Evaluation, seconds: float) -> float | str:
 
 def keep(rows: list[dict[str, Any]]) -> None:
     """Write `rows` into the table, in place of the same models' older lines."""
-    kept: dict[str, dict[str, Any]] = {}
-    if TABLE.exists():
-        lines = TABLE.read_text(encoding="utf-8").splitlines()[1:]
-        kept = {row["model"]: row for row in csv.DictReader(lines) if [*row] == [*rows[0]]}
-    kept |= {row["model"]: row for row in rows}
-    write_csv(TABLE, [kept[model.name] for model in MODELS if model.name in kept])
+    whole = [*other_rows(TABLE, rows, "model"), *rows]
+    order = [model.name for model in MODELS]
+    write_csv(TABLE, sorted(whole, key=lambda row: order.index(row["model"])))
 
 
 def main() -> None:

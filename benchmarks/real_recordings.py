@@ -18,7 +18,6 @@ that read them.
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,7 @@ from real_recordings_cases.methods import FREE_METHODS, Method, start_noise
 from real_recordings_cases.runs import write_recording
 from real_recordings_cases.source_files import fetch
 
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
@@ -113,20 +112,9 @@ def rows_of(case: Case, data: Path, rows_told: str) -> list[dict[str, Any]]:
 
 def keep(rows: list[dict[str, Any]]) -> None:
     """Write `rows` into the table, in place of older lines of the same case, method and measure."""
-    kept: dict[tuple[str, ...], dict[str, Any]] = {}
-    if TABLE.exists():
-        lines = TABLE.read_text(encoding="utf-8").splitlines()[1:]
-        for line in csv.DictReader(lines):
-            if [*line] == [*rows[0]]:
-                kept[_key(line)] = line
-    for row in rows:
-        kept[_key(row)] = row
+    whole = [*other_rows(TABLE, rows, "case", "row", "method", "measure"), *rows]
     cases = [case.name for case in CASES]
-    write_csv(TABLE, sorted(kept.values(), key=lambda row: (cases.index(row["case"]), row["row"])))
-
-
-def _key(row: dict[str, Any]) -> tuple[str, ...]:
-    return row["case"], row["row"], row["method"], row["measure"]
+    write_csv(TABLE, sorted(whole, key=lambda row: (cases.index(row["case"]), row["row"])))
 
 
 def write_recordings(folder: Path, data: Path) -> None:

@@ -28,7 +28,6 @@ Settings were chosen on seeds 100 and above.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import time
 from collections.abc import Callable
@@ -40,7 +39,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import neuroanimator as na
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym import EmulatorVectorEnv, PhysicsVectorEnv
 from neuroanimator.terminal import print_table, progress_bar
@@ -320,13 +319,9 @@ def speed_rows(task: LearningTask, emulator: na.Emulator) -> list[dict[str, Any]
 
 def exchange(path: Path, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Write `rows` in the place of those of the same tasks; return all that are in the file."""
-    kept: list[dict[str, Any]] = []
-    names = {row["task"] for row in rows}
-    if path.exists():
-        lines = path.read_text().splitlines()
-        kept = [row for row in csv.DictReader(lines[1:]) if row["task"] not in names]
-    write_csv(path, [*kept, *rows])
-    return [*kept, *rows]
+    whole = [*other_rows(path, rows, "task"), *rows]
+    write_csv(path, whole)
+    return whole
 
 
 def main() -> None:

@@ -13,7 +13,6 @@ Writes results/walking.csv and results/walking_curves.csv.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import subprocess
 import sys
@@ -24,7 +23,7 @@ from typing import Any
 
 from neuroanimator.cli.policy import first_emulator
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.locomotion import locomotion_rules, task_of
 from neuroanimator.gym.rules import EpisodeRules
@@ -81,14 +80,10 @@ def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules
     return system, rules, first_emulator(name, definition, task.hold, folder / "run", seed)
 
 
-def kept(file: str, renewed: list[str]) -> Rows:
-    """Return the rows of a result whose environments are not measured anew."""
+def keep(file: str, rows: Rows) -> None:
+    """Write rows into a table, in place of those of the same environments."""
     path = RESULTS / file
-    if not path.exists():
-        return []
-    with path.open(newline="") as lines:
-        next(lines)  # the machine
-        return [row for row in csv.DictReader(lines) if row["environment"] not in renewed]
+    write_csv(path, [*other_rows(path, rows, "environment"), *rows])
 
 
 def run(folder: Path, *arguments: object) -> str:
@@ -108,8 +103,8 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
-    rows = kept("walking.csv", arguments.environments)
-    curves = kept("walking_curves.csv", arguments.environments)
+    rows: Rows = []
+    curves: Rows = []
     for env_id in arguments.environments:
         for seed in range(FIRST_SEED, FIRST_SEED + arguments.seeds):
             minutes = arguments.minutes or MINUTES.get(env_id, 10.0)
@@ -118,8 +113,8 @@ def main() -> None:
             curves += curve
             print_table([row])
             if not arguments.dry:
-                write_csv(RESULTS / "walking.csv", rows)
-                write_csv(RESULTS / "walking_curves.csv", curves)
+                keep("walking.csv", rows)
+                keep("walking_curves.csv", curves)
 
 
 if __name__ == "__main__":

@@ -17,15 +17,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from walking import kept, prepared
+from walking import keep, prepared
 
 import neuroanimator as na
-from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.terminal import print_table
-
-RESULTS = Path(__file__).parent / "results"
 
 FORMS = {"likelihoods": 0.0, "slopes": 1.0, "both": None}
 """Weights of slopes."""
@@ -65,13 +62,13 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
-    rows = kept("walking_forms.csv", arguments.environments)
+    rows = []
     for env_id in arguments.environments:
         for seed in range(FIRST_SEED, FIRST_SEED + arguments.seeds):
             rows += curves(env_id, seed, arguments.updates)
             print_table(rows)
             if not arguments.dry:
-                write_csv(RESULTS / "walking_forms.csv", rows)
+                keep("walking_forms.csv", rows)
 
 
 if __name__ == "__main__":

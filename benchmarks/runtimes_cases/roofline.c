@@ -13,7 +13,9 @@ void products(const float *k, long blocks, long steps, float *y) {
     *(na_wide *)y = sums[0];
 }
 
-/* `steps` times weights (tiles, LANES, NA_TILE) times x (LANES, LANES), for sixteen motions. */
-void products_of_lanes(const float *k, const float *x, long tiles, long steps, float *y) {
-    for (long t = 0; t < steps; t++) na_lane_products(tiles, LANES, k, (const na_wide *)x, (na_wide *)y);
+/* `steps` times `panels` of weights (LANES, LANES), each times x (LANES, LANES), for sixteen motions. */
+void products_of_lanes(const float *k, const float *x, long panels, long steps, float *y) {
+    for (long t = 0; t < steps; t++)
+        for (long p = 0; p < panels; p++)
+            na_lane_products(LANES, LANES, LANES, k + p * LANES * LANES, (const na_wide *)x, (na_wide *)y + p * LANES);
 }

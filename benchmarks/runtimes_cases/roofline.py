@@ -33,20 +33,22 @@ def cases(motion: Motion) -> Iterator[Case]:
     library = compiled_library(prelude() + text, FLAGS)
     if library is None:
         raise ResourceError("runtimes: nothing can be compiled here. Install a C compiler.")
-    blocks = -(-products_of(motion.emulator) // (SIDE_BY_SIDE * WIDTH))
-    weights = lanes(blocks * SIDE_BY_SIDE)
+    products = products_of(motion.emulator)
+    blocks = -(-products // (SIDE_BY_SIDE * WIDTH))
+    panels = -(-products // (WIDTH * WIDTH))
+    weights = lanes(panels * WIDTH)
     one = lanes(1)
     alone = partial(library.products, _at(weights), ctypes.c_long(blocks), ctypes.c_long(STEPS))
     yield Case(NAME, SUPER_STEP, STEPS, partial(alone, _at(one)))
     x = lanes(WIDTH)
-    y = lanes(blocks * SIDE_BY_SIDE)
+    y = lanes(panels * WIDTH)
     for batch in BATCHES:
         steps = batch * BATCH_STEPS
         together = partial(
             library.products_of_lanes,
             _at(weights),
             _at(x),
-            ctypes.c_long(blocks),
+            ctypes.c_long(panels),
             ctypes.c_long(steps // WIDTH),
             _at(y),
         )

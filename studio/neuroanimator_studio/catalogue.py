@@ -59,10 +59,9 @@ def shipped_folder() -> Path:
 
 
 def shipped_bundles() -> list[Path]:
-    """Return the folders of the bundles that ship; of examples those that are there, for the wheel has none."""
-    folder = shipped_folder()
-    examples = [folder / name for name in EXAMPLE_BUNDLES if (folder / name).is_dir()]
-    return [*(folder / name for name in (*SHIPPED_BUNDLES, *PHYSICS_BUNDLES)), *examples]
+    """Return the folders of the bundles that ship."""
+    names = (*SHIPPED_BUNDLES, *PHYSICS_BUNDLES, *EXAMPLE_BUNDLES)
+    return [shipped_folder() / name for name in names]
 
 
 def catalogue(folders: Iterable[Path], *, has_server: bool) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from neuroanimator.cli.policy_returns import commanded_motion
 from neuroanimator.cli.train import train_in_policy
 from neuroanimator.control.policies.commands import Commands
 from neuroanimator.control.policies.reference_motion import (
+    ACCELERATION,
     ORIENTATION,
     POSITION,
     WALKING_LEAD,
@@ -136,30 +137,59 @@ def test_a_body_told_nothing_else_goes_as_fast_as_the_motion_was_recorded(
     velocity = states[:, motion.velocity]
     np.testing.assert_allclose(velocity.mean(), commands.own_speed, rtol=0.01)
     np.testing.assert_allclose(commands.own_speed, 1.09331 / 1.59, rtol=0.02)
-    twice = commands.give(states, 2 * velocity, np.zeros(53))
-    np.testing.assert_allclose(commands.pace(twice).max() * commands.own_speed, 1.0, rtol=1e-3)
+    fastest = commands.give(states, np.full(53, 9.0), np.zeros(53))
+    np.testing.assert_allclose(commands.speed(fastest), commands.most.speed, rtol=1e-6)
 
 
+@pytest.mark.parametrize("runs", [False, True])
 def test_strides_are_as_long_as_the_commanded_speed_needs(
-    motion: ReferenceMotion, commands: Commands
+    runs: bool, motion: ReferenceMotion, commands: Commands
 ):
-    speeds = np.linspace(0, 1, 11)
-    told = commands.give(np.tile(motion.begun(0.0), (11, 1)), speeds, np.full(11, 0.8))
-    np.testing.assert_allclose(commands.speed(told), speeds, atol=1e-6)
+    assert commands.faster is not None
+    if not runs:
+        walking = replace(motion, frames=motion.frames[: -commands.faster.laps * motion.lap])
+        commands = commands._replace(faster=None)
+        motion = replace(walking, commands=commands)
+    speeds = np.linspace(0, 3, 31)
+    told = commands.give(np.tile(motion.begun(0.0), (31, 1)), speeds, np.full(31, 0.8))
+    np.testing.assert_allclose(commands.speed(told), speeds, atol=1e-5)
     strides = commands.stride(told)
     assert strides[0] == 0
-    assert (np.diff(strides) >= 0).all()
-    np.testing.assert_allclose(strides[speeds > commands.own_speed], 1)
+    assert (np.diff(strides) >= -1e-6).all()
+    longest = commands.faster.stride if commands.faster else 1
+    np.testing.assert_allclose(strides[speeds > 2.4], longest)
     for speed in speeds[::5]:
         states = np.stack([motion.begun(phase) for phase in np.linspace(0, 2 * np.pi, 54)[:-1]])
         frames = _frame(motion, commands.give(states, np.full(53, speed), np.zeros(53)))
         np.testing.assert_allclose(frames[:, motion.velocity].mean(), speed, atol=0.01)
 
 
-def test_a_command_is_three_numbers_of_a_state_and_told_twice_is_told_once(
+def test_at_its_own_speed_the_run_is_the_clip(
+    motion: ReferenceMotion, commands: Commands, system: MujocoSystem
+):
+    speed = commands.speed(motion.frames[:1])  # any state's
+    assert commands.faster is not None
+    own = commands.own_speed * commands.faster.pace * commands.faster.stride
+    assert own == pytest.approx(2.374, abs=0.01)
+    assert np.shape(speed) == (1,)
+    recorded = np.loadtxt(TOML.parent / "run.csv", delimiter=",", skiprows=1)[:-1, 1:]
+    base = np.tile(motion.begun(0.0), (len(recorded), 1))
+    base[:, motion.phase] = 2 * np.pi * np.arange(len(recorded)) / len(recorded)
+    frames = _frame(motion, commands.give(base, np.full(len(base), own), np.zeros(len(base))))
+    hinges = list(motion.hinges)
+    apart = [
+        np.abs(np.roll(frames[:, hinges], shift, axis=0) - recorded[:, hinges]).max()
+        for shift in range(len(base))
+    ]
+    assert min(apart) < 0.15
+    spread = np.ptp(recorded[:, hinges], axis=0).max()
+    assert max(apart) > 0.5 * spread, "begun elsewhere it is another pose"
+
+
+def test_a_command_is_three_numbers_of_a_state_and_comes_true_as_fast_as_a_body_can_follow(
     motion: ReferenceMotion, commands: Commands, starts: np.ndarray
 ):
-    command = np.stack([np.linspace(-1, 2, 20), np.linspace(-2, 2, 20)], axis=1)
+    command = np.stack([np.linspace(-1, 4, 20), np.linspace(-2, 2, 20)], axis=1)
     starts = starts.copy()
     starts[:, commands.heading] = np.linspace(-9, 9, 20)
     told = motion.with_command(starts, command)
@@ -167,9 +197,14 @@ def test_a_command_is_three_numbers_of_a_state_and_told_twice_is_told_once(
     assert set(changed) == {commands.heading, commands.turning, commands.clock_rate}
     lead = told[:, commands.heading] - heading_of(told[:, ORIENTATION])
     assert np.abs(lead).max() <= WALKING_LEAD + 1e-9
-    np.testing.assert_allclose(motion.with_command(told, command), told, atol=1e-12)
+    sooner = np.abs(commands.speed(told) - commands.speed(starts))
+    np.testing.assert_array_less(sooner, ACCELERATION * motion.dt + 1e-9)
     in_jax = motion.with_command(*(jnp.asarray(one, jnp.float32) for one in (starts, command)))
     np.testing.assert_allclose(in_jax, told, atol=1e-4)
+    for _ in range(round(3.0 / (ACCELERATION * motion.dt))):
+        told = motion.with_command(told, command)
+    np.testing.assert_allclose(commands.speed(told), np.clip(command[:, 0], 0, 3), atol=1e-6)
+    np.testing.assert_allclose(motion.with_command(told, command), told, atol=1e-12)
 
 
 def test_who_is_told_to_stand_stands_as_the_model_does_at_rest(
@@ -185,7 +220,7 @@ def test_who_is_told_to_stand_stands_as_the_model_does_at_rest(
     np.testing.assert_allclose(frames[:, moving], 0, atol=1e-4)
 
 
-@pytest.mark.parametrize("speed", [0.2, 0.45, 0.8])
+@pytest.mark.parametrize("speed", [0.2, 0.45, 0.8, 2.4])
 def test_feet_of_shorter_strides_stand_on_the_floor(
     speed: float,
     motion: ReferenceMotion,
@@ -217,10 +252,15 @@ def test_on_the_motion_all_is_earned_at_every_command_and_wherever_the_body_is(
 
 
 def test_feet_that_slide_earn_less_and_feet_in_the_air_do_not_slide(
-    motion: ReferenceMotion, system: MujocoSystem, table: FollowTable, starts: np.ndarray
+    motion: ReferenceMotion,
+    commands: Commands,
+    system: MujocoSystem,
+    table: FollowTable,
+    starts: np.ndarray,
 ):
     following = Following.of(motion, system, table)
-    states = motion.frame(jnp.asarray(starts, jnp.float32))
+    walking = commands.give(starts, np.linspace(0, 0.7, 20), np.zeros(20))
+    states = motion.frame(jnp.asarray(walking, jnp.float32))
     moved = states.at[:, 0].add(0.03)
     aloft = jnp.array([0.0, 0.0, 0.3])
     lifted = states.at[:, POSITION].add(aloft)
@@ -334,6 +374,7 @@ DAMAGE = {
     "speed": [1.0],
     "turning_rate": ["a", 1],
     "standing_pace": 1,
+    "faster": {"pace": 1.0, "stride": 2.0, "laps": 2},
 }
 
 
@@ -365,7 +406,7 @@ def test_a_pilot_tells_the_body_how_fast_and_which_way(
         frame = pilot.step(speed=0.5, turn=0.4, dt=0.015)
     assert frame.state[commands.heading] == pytest.approx(0.4 * 0.09, abs=1e-5)
     assert frame.pose.position[0] > 0.02
-    assert pilot.top_speed == 1.0
+    assert pilot.top_speed == 3.0
     assert len(pilot.controls) == 23
     turned = frame.state.copy()
     turned[commands.heading] = 2.0
@@ -400,7 +441,9 @@ def test_commands_are_told_one_after_another(
     _, states = commanded_motion(file, TOML, ["0.09,0.6,0.2", "0.06,0.9,-0.4"])
     assert len(states) == 6
     assert states[-1, commands.heading] == pytest.approx(0.2 * 0.09 - 0.4 * 0.06, abs=1e-5)
-    np.testing.assert_allclose(commands.speed(states[1:]), [0.6, 0.6, 0.6, 0.9, 0.9], rtol=1e-5)
+    step = ACCELERATION * policy.dt
+    speeds = [commands.own_speed - step, 0.6, 0.6, 0.6 + step, 0.6 + 2 * step]
+    np.testing.assert_allclose(commands.speed(states[1:]), speeds, atol=1e-3)
     for text in ("3", "3,0.7,left", "-1,0.7,0"):
         with pytest.raises(NeuroAnimatorError, match="command: wanted"):
             commanded_motion(file, TOML, [text])

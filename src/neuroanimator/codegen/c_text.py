@@ -65,6 +65,9 @@ DOT = ("0.0f", "{s} + {0} * {1}")
 ACCUMULATORS = 6
 """Sums of sixteen a product of vector and matrix keeps at a time: with AVX2 they take twelve of sixteen registers."""
 
+MAX_PANEL = ACCUMULATORS * WIDTH
+"""Maximum number of columns of a panel."""
+
 MIN_ROWS_PER_PART = 4
 """Rows of a matrix below which a product is not divided into parts that are summed side by side."""
 
@@ -104,6 +107,19 @@ class Group(NamedTuple):
 
     loops: list[Loop]
     repeats: int
+
+
+class Panel(NamedTuple):
+    """Some columns of a matrix of weights, side by side in memory, row after row; rows are padded to whole registers."""
+
+    base: int
+    """Where it begins among the constants."""
+    rows: int
+    first: int
+    """Number of its first column in the matrix."""
+    columns: int
+    stride: int
+    """Floats from one row to the next."""
 
 
 @dataclass
@@ -468,17 +484,35 @@ class Writer:
         total = sums
         if not _is_a_run(sums) or sums[0] % WIDTH:
             total = self.program.room_for_result(sums.shape, (sums,))
-        tail = weights.shape[1] % WIDTH
-        whole = weights.shape[1] - (tail if tail <= FEW else 0)
-        for first in range(0, whole, ACCUMULATORS * WIDTH):
-            columns = weights[:, first : min(whole, first + ACCUMULATORS * WIDTH)]
-            yield from self._summed(int(vector[0]), columns, int(total[0]) + first)
-        for last in range(whole, weights.shape[1]):
+        panels, tail = self._panels(weights)
+        for panel in panels:
+            yield from self._summed(int(vector[0]), panel, int(total[0]) + panel.first)
+        for last in tail:
             # The last few columns are summed one by one: most of a register would be empty.
             column = self._laid_out(weights[:, last])
             yield from self._dot(vector, column, int(total[last]))
         if total is not sums:
             yield from self.copied(total, sums)
+
+    def _panels(self, weights: np.ndarray) -> tuple[list[Panel], range]:
+        """Return the panels of weights (K, N), and the last columns, in none if they are too few for a register."""
+        columns = weights.shape[1]
+        rest = columns % WIDTH
+        whole = columns - (rest if rest <= FEW else 0)
+        panels = []
+        for first in range(0, whole, MAX_PANEL):
+            last = min(whole, first + MAX_PANEL)
+            panels.append(self._panel(weights, range(first, last)))
+        return panels, range(whole, columns)
+
+    def _panel(self, weights: np.ndarray, columns: range) -> Panel:
+        """Return a panel of some columns of weights (K, N)."""
+        count = len(weights)
+        stride = -(-len(columns) // WIDTH) * WIDTH
+        block = np.zeros((count, stride), np.float32)
+        block[:, : len(columns)] = weights[:, columns.start : columns.stop]
+        base = -int(self._laid_out(block).flat[0]) - 1
+        return Panel(base, count, columns.start, len(columns), stride)
 
     def _laid_out(self, weights: np.ndarray) -> Addresses:
         """Return the addresses of weights in the order in which a loop reads them."""
@@ -500,17 +534,14 @@ class Writer:
         yield "for (int l = 0; l < LANES; l++) sum += s[l];"
         yield f"{_name(target)}] = sum; }}"
 
-    def _summed(self, vector: int, weights: np.ndarray, total: int) -> Iterator[str]:
-        """Yield a pass over weights (K, N) for sums that fit in registers; in parts side by side if there is room."""
-        count = len(weights)
-        wide = -(-weights.shape[1] // WIDTH)  # registers a row fills
+    def _summed(self, vector: int, panel: Panel, total: int) -> Iterator[str]:
+        """Yield a pass over a panel, whose sums fit in registers; in parts side by side if there is room."""
+        count = panel.rows
+        stride = panel.stride
+        wide = stride // WIDTH  # registers a row fills
         parts = max(1, min(ACCUMULATORS // wide, count // MIN_ROWS_PER_PART))
         long = -(-count // parts)  # rows of a part; the last one may have fewer
         parts = -(-count // long)
-        stride = wide * WIDTH
-        block = np.zeros((count, stride), np.float32)
-        block[:, : weights.shape[1]] = weights
-        base = -self._laid_out(block)[:, 0] - 1
         cells = [(part, j) for part in range(parts) for j in range(wide)]
         names = ", ".join(f"s{part}_{j}" for part, j in cells)
         zeros = " ".join(f"NA_ZERO(s{part}_{j});" for part, j in cells)
@@ -521,7 +552,7 @@ class Writer:
                 yield f"for (int q = {first}; q < {last}; q++) {{"
                 for part in range(present):
                     yield f"const float x{part} = {_name(vector + part * long)} + q];"
-                    yield f"const na_wide *r{part} = (const na_wide *)(k + {base[part * long]} + q * {stride});"
+                    yield f"const na_wide *r{part} = (const na_wide *)(k + {panel.base + part * long * stride} + q * {stride});"
                     yield " ".join(
                         f"NA_MULTIPLY_ADD(s{part}_{j}, r{part}[{j}], x{part});" for j in range(wide)
                     )
@@ -535,22 +566,21 @@ class Writer:
     def _weighted_lanes(
         self, vector: Addresses, weights: np.ndarray, sums: Addresses
     ) -> Iterator[str]:
-        """Yield the product for all lanes: a weight is read once for sixteen of them, in the order it lies in memory."""
-        count, columns = weights.shape
-        tiles = -(-columns // LANE_TILE)
-        padded = np.zeros((count, tiles * LANE_TILE), np.float32)
-        padded[:, :columns] = weights
-        block = padded.reshape(count, tiles, LANE_TILE).swapaxes(0, 1)
-        base = -int(self._laid_out(block).flat[0]) - 1
+        """Yield the product for all lanes: a weight is read once for sixteen of them, where one motion reads it, too."""
         total = sums
-        if not _is_a_run(sums) or sums[0] % WIDTH or columns <= FEW:
-            # Whole tiles are written, for which only what is aligned has room.
-            total = self.program.room_for_result((tiles * LANE_TILE,), (sums,))
+        if not _is_a_run(sums) or sums[0] % WIDTH:
+            # Whole passes are written, for which only what is aligned has room.
+            total = self.program.room_for_result(sums.shape, (sums,))
+        panels, tail = self._panels(weights)
+        if tail:
+            panels.append(self._panel(weights, tail))
         x = _register(int(vector[0]))
-        y = _register(int(total[0]))
-        yield f"na_lane_products({tiles}, {count}, k + {base}, {x}, {y});"
+        for panel in panels:
+            y = _register(int(total[0]) + panel.first)
+            sizes = f"{panel.columns}, {panel.rows}, {panel.stride}"
+            yield f"na_lane_products({sizes}, k + {panel.base}, {x}, {y});"
         if total is not sums:
-            yield from self.copied(total[: len(sums)], sums)
+            yield from self.copied(total, sums)
 
 
 def are_weights(program: Program, addresses: Addresses) -> bool:
@@ -594,9 +624,6 @@ EACH_LANE = "NA_EACH_LANE "
 
 STATEMENTS_PER_LOOP = 24
 """Number of statements in a loop over the lanes: between them numbers stay in registers, and compilers see fewer loops."""
-
-LANE_TILE = 8
-"""`NA_TILE` of the prelude."""
 
 OUTSIDE = len(SPACES)
 """Number of the space of what is no space: an argument of the function."""

@@ -50,23 +50,33 @@ typedef struct { na_part a, b, c, d; } na_wide;
     ((s).a += (x).a * (f), (s).b += (x).b * (f), (s).c += (x).c * (f), (s).d += (x).d * (f))
 #endif
 
-/* Columns of weights that lie side by side in `na_lane_products`, and how many are summed in one pass: as many sums as
-   registers hold, and enough that none waits for the one before it. */
-#define NA_TILE 8
+/* Asks for what is read soon: rows of weights are too far apart for some processors to see them coming. */
+#if defined(__GNUC__)
+#define NA_PREFETCH(address) __builtin_prefetch(address)
+#else
+#define NA_PREFETCH(address) ((void)0)
+#endif
+
+/* Columns of weights that are summed in one pass of `na_lane_products`: as many sums as registers hold, and enough that
+   none waits for the one before it. Rows that are asked for ahead. */
 #if defined(__AVX512F__)
-#define NA_SUMS 8
+#define NA_SUMS 16
 #else
 #define NA_SUMS 4
 #endif
+#define NA_ROWS_AHEAD 8
 
-/* y (tiles * NA_TILE, LANES): x (count, LANES) times `weights` (tiles, count, NA_TILE). A weight is read once for all lanes. */
-static inline void na_lane_products(long tiles, long count, const float *weights, const na_wide *x, na_wide *y) {
-    for (long first = 0; first < tiles * NA_TILE; first += NA_SUMS) {
-        const float *row = weights + first / NA_TILE * count * NA_TILE + first % NA_TILE;
+/* y (columns, LANES): x (count, LANES) times the first `columns` of `weights` (count, stride). A weight is read once for all
+   lanes. Written are as many columns as whole passes have. */
+static inline void na_lane_products(long columns, long count, long stride, const float *weights, const na_wide *x, na_wide *y) {
+    for (long first = 0; first < columns; first += NA_SUMS) {
+        const float *row = weights + first;
         na_wide sums[NA_SUMS];
         for (int j = 0; j < NA_SUMS; j++) NA_ZERO(sums[j]);
-        for (long q = 0; q < count; q++, row += NA_TILE)
+        for (long q = 0; q < count; q++, row += stride) {
+            NA_PREFETCH(row + NA_ROWS_AHEAD * stride);
             for (int j = 0; j < NA_SUMS; j++) NA_MULTIPLY_ADD(sums[j], x[q], row[j]);
+        }
         for (int j = 0; j < NA_SUMS; j++) y[first + j] = sums[j];
     }
 }

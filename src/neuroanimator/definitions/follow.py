@@ -23,7 +23,7 @@ class CommandsTable(Table):
     """Walking on command: the body goes as the motion does, at a commanded speed and the way a commanded heading says.
 
     The clock turns as fast as is commanded, and so does a second hinge beside the body, whose angle is the heading. Below the
-    motion's own speed strides are shorter, too; at 0 m/s the body stands as the model does at rest.
+    motion's own speed strides are shorter, too; at 0 m/s the body stands as the model does at rest. Above, it may run.
     """
 
     heading: PartName = "heading"
@@ -34,6 +34,8 @@ class CommandsTable(Table):
     """Least and largest commanded turning rate, to the left [rad/s]."""
     interval: Annotated[float, Field(gt=0, le=1e4)] = 3.0
     """Mean time between two commands while a policy learns [s]."""
+    faster: ClipName | None = None
+    """File of a faster gait, such as a run: between its speed and the motion's, strides are mixed of both."""
 
     @model_validator(mode="after")
     def _check_ranges(self) -> CommandsTable:

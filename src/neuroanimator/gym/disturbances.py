@@ -28,7 +28,7 @@ def disturbance_of(
     ) -> Float[np.ndarray, "B S"]:
         if table.commands is not None and motion.commands is not None:
             is_told = rng.random(len(states)) < dt / table.commands.interval
-            told = motion.commands.draw(rng, states)
+            told = motion.commands.draw_change(rng, states)
             states = np.where(is_told[:, None], told, states)
         if table.pushes is not None:
             is_pushed = rng.random(len(states)) < dt / table.pushes.interval

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.control.policies.commands import STANDING_PACE, Command, Commands
 from neuroanimator.control.policies.reference_motion import (
     MAX_FRAMES,
     ORIENTATION,
@@ -22,9 +21,9 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.csv_text import csv_rows
-from neuroanimator.gym.shorter_strides import shorter_strides
+from neuroanimator.gym.gaits import Gait, GaitEntries, on_command
 from neuroanimator.state.layout import Layout
-from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, upward
+from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
@@ -47,12 +46,6 @@ SEAM = 0.05
 
 FREE = "free"
 
-STRIDES = (0.0, 1 / 3, 2 / 3)
-"""Lengths of the shorter strides a motion on command is kept with, besides its own."""
-
-MIN_SPEED = 0.01
-"""Least mean speed of a motion whose speed is commanded [m/s]."""
-
 
 def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMotion:
     """Return the motion in the CSV file at `path`, its laps one after another.
@@ -61,7 +54,6 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
     numbers that are none: each names the fix.
     """
     body = _servoed(system)
-    layout = system.state
     if body.views[0].kind != FREE:
         raise ArgumentError("follow: wanted a body whose first joint is free.")
     clock = _hinge(body, table.phase, "phase")
@@ -70,37 +62,20 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
         heading = _hinge(body, table.commands.heading, "commands.heading")
         if heading == clock:
             raise ArgumentError("follow.commands.heading: it is the clock. Name another hinge.")
-        layout = _without(layout, heading)
-    _check_columns(path, layout)
-    times, states = read_table(path, layout)
-    if heading is not None:
-        states = np.insert(states, heading.position_entry, 0.0, axis=1)
-        states = np.insert(states, heading.velocity_entry, 0.0, axis=1)
     dt = table.hold * system.physics_dt
-    _check_rate(path, times, dt, table.hold)
-    _check_quaternions(path, states)
-    _check_clock(path, states[:, clock.position_entry], table.phase)
-    states[:, clock.velocity_entry] = TURN / (dt * (len(states) - 1))
+    states = _read_states(path, table, body, clock, heading)
     jointed = [view for view in body.views[1:] if view not in (clock, heading)]
     hinges = tuple(view.position_entry for view in jointed)
     rates = tuple(view.velocity_entry for view in jointed)
     velocity = body.views[0].velocity_entry
-    if table.laps > 1 or heading is not None:
-        _check_seam(path, states, hinges, system.state)
     commands = None
     if table.commands is not None and heading is not None:
-        laps = _from_heading(states, velocity, dt)
-        commands = Commands(
-            heading=heading.position_entry,
-            turning=heading.velocity_entry,
-            clock_rate=clock.velocity_entry,
-            own_rate=float(states[0, clock.velocity_entry]),
-            own_speed=_speed(path, laps, velocity),
-            least=Command(table.commands.speed[0], table.commands.turning[0]),
-            most=Command(table.commands.speed[1], table.commands.turning[1]),
-            standing_pace=STANDING_PACE,
-        )
-        laps = _with_shorter_strides(path, body, laps, table.feet, dt, clock.position_entry)
+        gaits = [Gait(path, states)]
+        if table.commands.faster is not None:
+            faster = path.parent / table.commands.faster
+            gaits.append(Gait(faster, _read_states(faster, table, body, clock, heading)))
+        entries = GaitEntries(clock, heading, velocity, hinges)
+        laps, commands = on_command(body, gaits, table.commands, table.feet, entries, dt)
     else:
         laps = _laid_out(states, table.laps, clock.position_entry, velocity)
     if len(laps) > MAX_FRAMES:
@@ -120,6 +95,33 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
         reach=table.reach,
         commands=commands,
     )
+
+
+def _read_states(
+    path: Path,
+    table: FollowTable,
+    body: MujocoSystem,
+    clock: JointView,
+    heading: JointView | None,
+) -> Float[np.ndarray, "K S"]:
+    """Return the states of a clip, the clock's rate as it goes and a commanded heading zero; BadFileError for another body's."""
+    layout = body.state
+    if heading is not None:
+        layout = _without(layout, heading)
+    _check_columns(path, layout)
+    times, states = read_table(path, layout)
+    if heading is not None:
+        states = np.insert(states, heading.position_entry, 0.0, axis=1)
+        states = np.insert(states, heading.velocity_entry, 0.0, axis=1)
+    dt = table.hold * body.physics_dt
+    _check_rate(path, times, dt, table.hold)
+    _check_quaternions(path, states)
+    _check_clock(path, states[:, clock.position_entry], table.phase)
+    states[:, clock.velocity_entry] = TURN / (dt * (len(states) - 1))
+    if table.laps > 1 or heading is not None:
+        hinges = [view.position_entry for view in body.views[1:] if view not in (clock, heading)]
+        _check_seam(path, states, hinges, body.state)
+    return states
 
 
 def _hinge(body: MujocoSystem, name: str, label: str) -> JointView:
@@ -234,9 +236,8 @@ def _check_clock(path: Path, angles: Float[np.ndarray, " K"], name: str) -> None
 
 
 def _check_seam(
-    path: Path, states: Float[np.ndarray, "K S"], hinges: tuple[int, ...], layout: Layout
+    path: Path, states: Float[np.ndarray, "K S"], entries: list[int], layout: Layout
 ) -> None:
-    entries = list(hinges)
     apart = np.abs(states[-1, entries] - states[0, entries])
     worst = int(apart.argmax())
     if apart[worst] > SEAM:
@@ -245,72 +246,6 @@ def _check_seam(
             f"{path}: its last pose is not its first: '{name}' differs by {apart[worst]:.2g}. Close the loop, or say "
             "follow.laps = 1."
         )
-
-
-def _speed(path: Path, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
-    """Return the mean speed of a lap along its heading [m/s]; BadFileError for one that goes nowhere."""
-    speed = float(lap[:, velocity].mean())
-    if speed < MIN_SPEED:
-        raise BadFileError(
-            f"{path}: the root goes {speed:.2g} m/s; wanted a motion that goes somewhere, whose speed can be commanded."
-        )
-    return speed
-
-
-def _with_shorter_strides(
-    path: Path,
-    body: MujocoSystem,
-    lap: Float[np.ndarray, "L S"],
-    feet: tuple[str, ...],
-    dt: float,
-    clock: int,
-) -> Float[np.ndarray, "K S"]:
-    """Return the laps of shorter strides, from those of no length on, and then the lap itself."""
-    most = MAX_FRAMES // (len(STRIDES) + 1)
-    if len(lap) > most:
-        raise BadFileError(
-            f"{path}: {len(lap):,} states; wanted at most {most:,} of a motion on command. Give a shorter cycle."
-        )
-    standing = _standing(body)
-    laps = [
-        shorter_strides(body.model, standing, lap, stride, feet, dt, clock) for stride in STRIDES
-    ]
-    return np.concatenate([*laps, lap])
-
-
-def _standing(system: System) -> Float[np.ndarray, " S"]:
-    """Return the system's state of rest, at the origin and its heading zero."""
-    rest = np.array(system.rest, float)
-    back = facing(-heading_of(rest[ORIENTATION]))
-    rest[:2] = 0
-    rest[ORIENTATION] = multiply(back, rest[ORIENTATION])
-    return rest
-
-
-def _from_heading(
-    states: Float[np.ndarray, "K S"], velocity: int, dt: float
-) -> Float[np.ndarray, "L S"]:
-    """Return the states of a lap, its last left out, as seen from a root that stands at the origin and goes along X.
-
-    The heading turns evenly through the lap, by as much as the motion does; at its middle it is the way the lap leads.
-    """
-    count = len(states) - 1
-    first = states[0, ORIENTATION]
-    last = states[-1, ORIENTATION]
-    turned = heading_of(last) - heading_of(first)
-    turned = (turned + np.pi) % TURN - np.pi
-    leads = states[-1, POSITION] - states[0, POSITION]
-    headings = np.arctan2(leads[1], leads[0]) + turned * (np.arange(count) / count - 0.5)
-    back = facing(-headings)
-    lap = states[:-1].copy()
-    lap[:, :2] = 0
-    orientations = multiply(back, lap[:, ORIENTATION])
-    lap[:, ORIENTATION] = orientations * np.sign(orientations[:, :1])
-    moving = slice(velocity, velocity + 3)
-    lap[:, moving] = rotate(back, lap[:, moving])
-    spinning = slice(velocity + 3, velocity + 6)
-    lap[:, spinning] -= turned / (count * dt) * upward(orientations)
-    return lap
 
 
 def _laid_out(

@@ -23,10 +23,17 @@ from neuroanimator import (
     write_c_header,
 )
 from neuroanimator.codegen import compiler
+from neuroanimator.codegen.c_function import c_function
 from neuroanimator.codegen.compiler import find_compiler
+from neuroanimator.codegen.trace import Input
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.programs.c_file import check_gradients, check_steps, compiled_header
-from neuroanimator.export.programs.c_header import c_header, identifier, part_names
+from neuroanimator.export.programs.c_header import (
+    SharedConstants,
+    c_header,
+    identifier,
+    part_names,
+)
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.vectors import (
     KEPT,
@@ -202,6 +209,19 @@ def test_no_text_of_an_emulator_reaches_the_header():
     comment, _, rest = c_header(emulator, definition, "it").partition("*/")
     assert comment.count("passwd") == 2
     assert "passwd" not in rest
+
+
+def test_one_motion_and_sixteen_side_by_side_read_the_same_weights():
+    constants = SharedConstants()
+    weights = np.random.default_rng(0).normal(size=(21, 237))
+
+    def product(weights: np.ndarray, x: jnp.ndarray) -> jnp.ndarray:
+        return x @ weights
+
+    c_function("one", product, weights, [Input((21,))], constants)
+    size = constants.size
+    c_function("lanes", product, weights, [Input((21,), is_wide=True)], constants)
+    assert constants.size == size
 
 
 def test_without_a_compiler_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -3,9 +3,13 @@
 A clock's rate is the speed, a heading's rate is the turning rate and its angle the heading. So a policy that is steered stays a
 function of the state alone.
 
-Faster than recorded the clock turns faster. Slower it turns slower and strides are shorter, as people walk:
+    speed = own speed · pace · stride
 
-    speed = own speed · pace · stride,  pace = c + (1 − c) · speed / own speed  below the own speed
+Slower than recorded the clock turns slower and strides are shorter, as people walk; faster it turns faster. Where there is a
+faster gait, a run, strides grow with the pace until they are those of the run, and only then the clock alone turns faster:
+
+    pace = c + (1 − c) · speed / own speed                           below the own speed
+    pace = 1 + (P − 1) · (speed − own speed) / (run's − own speed)   from there to the run's, whose pace is P
 
 At a pace of c, the least, strides have no length, and the body stands.
 """
@@ -23,6 +27,8 @@ from neuroanimator.state.layout import Bounds, Layout, Slice
 
 TURN = 2 * np.pi
 
+TINY = 1e-6
+
 MAX_RATE = 1e3
 """Largest speed [m/s] and turning rate [rad/s]."""
 
@@ -31,8 +37,22 @@ STANDING_PACE = 0.7
 
 MAX_STANDING_PACE = 0.99
 
-STANDING_SHARE = 0.15
-"""Share of random commands to stand, where that is the least speed: of a range, a single number would never be drawn."""
+STANDING_SHARE = 0.3
+"""Share of random commands to stand, of those that may be: of a range, a single number would never be drawn."""
+
+LEAST_FASTER = 1.01
+"""Least pace and stride of a faster gait."""
+
+MAX_PACE = 100.0
+"""Largest pace and stride of a faster gait."""
+
+MAX_FASTER_LAPS = 100
+
+LARGEST_ACCELERATION = 1.5
+"""Largest acceleration across the way of a body that may run [m/s²]: the faster it goes, the wider it turns."""
+
+LARGEST_CHANGE = 1.0
+"""Largest change of the commanded speed at a time while a policy learns [m/s]."""
 
 LEAST_RADIUS = 0.6
 """Least radius of a turn on shorter strides [m]: a body that stands does not turn, for its feet do not leave the floor."""
@@ -49,6 +69,17 @@ class Command(NamedTuple):
 
 COMMAND_LAYOUT = Layout((Slice("speed", 1, "m/s"), Slice("turning", 1, "rad/s")))
 """Layout of a `Command` as an array."""
+
+
+class FasterGait(NamedTuple):
+    """A gait for larger speeds, such as a run, in terms of the slower one."""
+
+    pace: float
+    """Number of its laps in the time of one lap of the slower gait."""
+    stride: float
+    """Length of its lap, in laps of the slower gait."""
+    laps: int
+    """Number of laps whose strides are kept between the slower gait's and its own, its own among them."""
 
 
 class Commands(NamedTuple):
@@ -68,19 +99,37 @@ class Commands(NamedTuple):
     most: Command
     standing_pace: float = 0.0
     """Pace of the clock at a speed of zero; 0: strides are as long as they were recorded, however slow."""
+    faster: FasterGait | None = None
+    """Gait for larger speeds; None: the clock alone turns faster."""
 
     def pace(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
         """Return how many times as fast as it was recorded the motion is to go."""
         return states[..., self.clock_rate] / self.own_rate
 
     def stride(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
-        """Return how many times as long as they were recorded strides are to be: from 0, which is to stand, to 1."""
+        """Return how many times as long as recorded strides are to be: from 0, which is to stand, to 1, and on to a run's."""
         xp = states.__array_namespace__()
         pace = self.pace(states)
-        if self.standing_pace == 0:
-            return xp.ones_like(pace)
-        share = (pace - self.standing_pace) / (1 - self.standing_pace)
-        return xp.clip(share / xp.maximum(pace, self.standing_pace), 0, 1)
+        stride = xp.ones_like(pace)
+        if self.standing_pace > 0:
+            share = (pace - self.standing_pace) / (1 - self.standing_pace)
+            stride = xp.clip(share / xp.maximum(pace, self.standing_pace), 0, 1)
+        if self.faster is None:
+            return stride
+        run = self.faster
+        running = xp.clip(pace, 1, run.pace)
+        grown = 1 + (run.pace * run.stride - 1) * (running - 1) / (run.pace - 1)
+        return xp.where(pace > 1, grown / running, stride)
+
+    def lap_number(self, states: Float[AnyArray, "*B S"], longest: int) -> Float[AnyArray, " *B"]:
+        """Return which of the laps kept for strides of different lengths is to be shown, `longest` being that of stride 1."""
+        stride = self.stride(states)
+        if self.faster is None:
+            return longest * stride
+        xp = states.__array_namespace__()
+        run = self.faster
+        share = (xp.maximum(stride, 1) - 1) / (run.stride - 1)
+        return longest * xp.minimum(stride, 1) + run.laps * share
 
     def speed(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
         """Return the commanded speed [m/s]."""
@@ -102,27 +151,55 @@ class Commands(NamedTuple):
         pressed = xp.clip(speed, self.least.speed, self.most.speed)
         share = pressed / self.own_speed
         shortened = self.standing_pace + (1 - self.standing_pace) * share
-        rate = self.own_rate * xp.where(share < 1, shortened, share)
+        pace = xp.where(share < 1, shortened, share)
         turned = xp.clip(turning, self.least.turning, self.most.turning)
         if self.standing_pace > 0:
             fastest = pressed / LEAST_RADIUS
             turned = xp.clip(turned, -fastest, fastest)
-        told = with_entry(states, self.clock_rate, rate)
+        if self.faster is not None:
+            run = self.faster
+            whole_share = run.pace * run.stride
+            grown = 1 + (run.pace - 1) * (share - 1) / (whole_share - 1)
+            pace = xp.where(
+                share < 1, pace, xp.where(share < whole_share, grown, share / run.stride)
+            )
+            fastest = LARGEST_ACCELERATION / xp.maximum(pressed, TINY)
+            turned = xp.clip(turned, -fastest, fastest)
+        told = with_entry(states, self.clock_rate, self.own_rate * pace)
         return with_entry(told, self.turning, turned)
 
     def draw(
         self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
     ) -> Float[np.ndarray, "B S"]:
         """Return the states with random commands."""
-        speed = rng.uniform(self.least.speed, self.most.speed, len(states))
+        return self._drawn(rng, states, self.least.speed, self.most.speed)
+
+    def draw_change(
+        self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
+    ) -> Float[np.ndarray, "B S"]:
+        """Return the states with random commands of speeds that are at most `LARGEST_CHANGE` from those they have."""
+        now = np.clip(self.speed(states), self.least.speed, self.most.speed)
+        low = np.maximum(now - LARGEST_CHANGE, self.least.speed)
+        high = np.minimum(now + LARGEST_CHANGE, self.most.speed)
+        return self._drawn(rng, states, low, high)
+
+    def _drawn(
+        self,
+        rng: np.random.Generator,
+        states: Float[np.ndarray, "B S"],
+        low: float | Float[np.ndarray, " B"],
+        high: float | Float[np.ndarray, " B"],
+    ) -> Float[np.ndarray, "B S"]:
+        speed = rng.uniform(low, high, len(states))
         if self.least.speed == 0:
-            speed *= rng.random(len(states)) >= STANDING_SHARE
+            stands = (rng.random(len(states)) < STANDING_SHARE) & (np.asarray(low) == 0)
+            speed = np.where(stands, 0.0, speed)
         turning = rng.uniform(self.least.turning, self.most.turning, len(states))
         return self.give(states, speed, turning)
 
     def to_json(self) -> dict[str, Any]:
         """Return all of it."""
-        return {
+        described: dict[str, Any] = {
             "heading": self.heading,
             "turning": self.turning,
             "clock_rate": self.clock_rate,
@@ -132,6 +209,9 @@ class Commands(NamedTuple):
             "turning_rate": [self.least.turning, self.most.turning],
             "standing_pace": self.standing_pace,
         }
+        if self.faster is not None:
+            described["faster"] = self.faster._asdict()
+        return described
 
     @classmethod
     def from_json(cls, values: Any, size: int) -> Commands:
@@ -149,6 +229,7 @@ class Commands(NamedTuple):
             least=_command(slowest, right),
             most=_command(fastest, left),
             standing_pace=number(standing_pace, "commands: standing_pace", 0, MAX_STANDING_PACE),
+            faster=_faster(values["faster"]) if "faster" in values else None,
         )
 
 
@@ -159,6 +240,14 @@ def with_entry(
     xp = states.__array_namespace__()
     is_entry = np.arange(states.shape[-1]) == entry
     return xp.where(is_entry, xp.asarray(numbers)[..., None], states)
+
+
+def _faster(values: Any) -> FasterGait:
+    return FasterGait(
+        pace=number(values["pace"], "commands: faster.pace", LEAST_FASTER, MAX_PACE),
+        stride=number(values["stride"], "commands: faster.stride", LEAST_FASTER, MAX_PACE),
+        laps=whole(values["laps"], "commands: faster.laps", 1, MAX_FASTER_LAPS),
+    )
 
 
 def _command(speed: Any, turning: Any) -> Command:

@@ -50,6 +50,9 @@ ROOT_NUMBERS = 17
 
 COMMAND_NUMBERS = 2
 
+ACCELERATION = 2.0
+"""Largest rate at which the commanded speed changes [m/s²]: nobody who runs stands the next moment."""
+
 WALKING_LEAD = 0.5
 """Maximum lead of the commanded heading over the body's [rad]: policies learn with less than a task's `lost_tilt`."""
 
@@ -60,8 +63,8 @@ class ReferenceMotion(eqx.Module):
     frames: Float[AnyArray, "K S"]
     """All laps, one after another.
 
-    With commands these are of strides of evenly growing length, the whole one last; each is without its last state, from a root
-    that stands at the origin and whose heading is zero.
+    With commands these are of strides of evenly growing length, up to the motion's own and then, likewise, to those of a faster
+    gait; each is without its last state, from a root that stands at the origin and whose heading is zero.
     """
     lap: int = eqx.field(static=True)
     """Number of super steps in which the clock turns once."""
@@ -91,6 +94,12 @@ class ReferenceMotion(eqx.Module):
         if self.commands is not None:
             size += COMMAND_NUMBERS
         return size
+
+    @property
+    def dt(self) -> float:
+        """Return the time between two frames of a motion on command, at its own speed [s]."""
+        assert self.commands is not None
+        return TURN / (self.commands.own_rate * self.lap)
 
     @property
     def shown(self) -> tuple[int, ...]:
@@ -131,19 +140,20 @@ class ReferenceMotion(eqx.Module):
         away = steps - xp.arange(self.lap, dtype=xp.float32)
         away = away - self.lap * xp.floor(away / self.lap + 0.5)
         weights = xp.maximum(1 - xp.abs(away), 0)
-        longest = len(self.frames) // self.lap - 1
-        if longest > 0:
-            longer = longest * commands.stride(states)[..., None]
-            longer = longer - xp.arange(longest + 1, dtype=xp.float32)
-            strides = xp.maximum(1 - xp.abs(longer), 0)
+        laps = len(self.frames) // self.lap
+        if laps > 1:
+            longest = laps - 1
+            if commands.faster is not None:
+                longest -= commands.faster.laps
+            number = commands.lap_number(states, longest)[..., None]
+            strides = xp.maximum(1 - xp.abs(number - xp.arange(laps, dtype=xp.float32)), 0)
             mixed = strides[..., :, None] * weights[..., None, :]
             weights = mixed.reshape(*weights.shape[:-1], -1)
         own = weights @ xp.asarray(self.frames)
         tilted = own[..., ORIENTATION]
         tilted = tilted / xp.sqrt((tilted**2).sum(axis=-1, keepdims=True))
-        dt = TURN / (commands.own_rate * self.lap)
         turning = states[..., commands.turning]
-        turned = facing(states[..., commands.heading] + later * dt * turning)
+        turned = facing(states[..., commands.heading] + later * self.dt * turning)
         # A turn about the vertical, seen from the body.
         spin = turning[..., None] * upward(tilted)
         velocity = self.velocity
@@ -165,12 +175,16 @@ class ReferenceMotion(eqx.Module):
     ) -> Float[AnyArray, "*B S"]:
         """Return the states of bodies that are given a command, as `COMMAND_LAYOUT` has it.
 
-        Clock and heading turn as fast as it says, and the commanded heading is at most `WALKING_LEAD` ahead of the body's: what
-        a body cannot follow is not saved up for later. Nothing else changes. NumPy and JAX alike.
+        It is given once a super step. Clock and heading turn as fast as it says, but that speed changes by at most
+        `ACCELERATION`, and the commanded heading is at most `WALKING_LEAD` ahead of the body's: what a body cannot follow is not
+        saved up for later. Nothing else changes. NumPy and JAX alike.
         """
         assert self.commands is not None
         xp = states.__array_namespace__()
-        told = self.commands.give(states, command[..., 0], command[..., 1])
+        before = self.commands.speed(states)
+        most = ACCELERATION * self.dt
+        speed = before + xp.clip(command[..., 0] - before, -most, most)
+        told = self.commands.give(states, speed, command[..., 1])
         heading = heading_of(states[..., ORIENTATION])
         lead = states[..., self.commands.heading] - heading
         lead = lead - TURN * xp.floor(lead / TURN + 0.5)
@@ -260,6 +274,9 @@ class ReferenceMotion(eqx.Module):
         )
         if commands is not None and (count % motion.lap or count < motion.lap):
             raise ValueError(f"reference: wanted {motion.lap} frames of each lap, came {count}")
+        faster = None if commands is None else commands.faster
+        if faster is not None and count // motion.lap <= faster.laps:
+            raise ValueError(f"reference: wanted more than {faster.laps} laps")
         for driven in (motion.driven, motion.driven_rates, motion.leads):
             if len(driven) != controls:
                 raise ValueError(f"reference: wanted {controls} angles that controls drive")

@@ -1,8 +1,8 @@
-"""A recorded walk with shorter strides: feet go less far and are lifted less, on legs that reach where they are.
+"""Strides between those of two gaits, of which the slower may be to stand: legs reach where feet are between the two.
 
-Relative to the root a foot is where it is between its place in a standing pose and that in the walk, and as far tilted. So one
-that stands on the floor still does, at a speed that is as many times lower as strides are shorter. It is lifted by their square
-root, so that it clears the floor on short ones.
+Relative to the root a foot is where it is between its places in the two, and as far tilted. So one that stands on the floor in
+both still does, at a speed between theirs. On strides shorter than a walk's it is lifted by their square root, so that it clears
+the floor on short ones.
 """
 
 from __future__ import annotations
@@ -25,45 +25,45 @@ HEIGHT_DOF = 2
 ROOT_DOFS = 6
 
 
-def shorter_strides(
+def mixed_strides(
     model: mujoco.MjModel,
-    standing: Float[np.ndarray, " S"],
-    lap: Float[np.ndarray, "L S"],
-    stride: float,
+    slow: Float[np.ndarray, "L S"],
+    fast: Float[np.ndarray, "L S"],
+    share: float,
+    lifting: float,
     feet: tuple[str, ...],
     dt: float,
     clock: int,
 ) -> Float[np.ndarray, "L S"]:
-    """Return a lap of a walk whose strides are `stride` times as long, from 0 to 1, as it goes at its own clock's rate.
+    """Return a lap between that of a slow gait (a share of 0) and that of a fast one (1), all going at one clock's rate.
 
-    Roots of `standing` and `lap` are at the origin, their headings zero; `dt` lies between states of the lap [s], `clock` is the
-    entry of the clock's angle.
+    Roots are at the origin, their headings zero; feet are as high as a share `lifting` between the two says. `dt` lies between
+    states of a lap [s], `clock` is the entry of the clock's angle.
     """
-    states = standing + stride * (lap - standing)
-    states[:, clock] = lap[:, clock]
-    lifted = 1 / np.sqrt(stride) if stride > 0 else 1.0
+    states = slow + share * (fast - slow)
+    states[:, clock] = fast[:, clock]
     positions = states[:, : model.nq]
     _normalise(positions[:, 3:7])
     data = mujoco.MjData(model)
-    places = _foot_poses(model, data, standing[: model.nq], feet)
-    for row, pose in enumerate(lap[:, : model.nq]):
-        away = stride * (_foot_poses(model, data, pose, feet) - places)
-        away[:, HEIGHT] *= lifted
-        wanted = places + away
+    for row in range(len(fast)):
+        slower = _foot_poses(model, data, slow[row, : model.nq], feet)
+        away = _foot_poses(model, data, fast[row, : model.nq], feet) - slower
+        wanted = slower + share * away
+        wanted[:, HEIGHT] = slower[:, HEIGHT] + lifting * away[:, HEIGHT]
         _normalise(wanted[:, 3:])
         for _ in range(STEPS):
             _reach_nearer(model, data, positions[row], wanted, feet)
-    rates = np.empty((len(lap), model.nv))
+    rates = np.empty((len(fast), model.nv))
     following = np.roll(positions, -1, axis=0)
     before = np.roll(positions, 1, axis=0)
-    for row in range(len(lap)):
+    for row in range(len(fast)):
         mujoco.mj_differentiatePos(model, rates[row], 2 * dt, before[row], following[row])
     # How fast the root goes is no matter of where it is: it stays at the origin.
     velocities = states[:, model.nq :]
     velocities[:, ROOT_DOFS:] = rates[:, ROOT_DOFS:]
     velocities[:, HEIGHT_DOF] = rates[:, HEIGHT_DOF]
-    beside = lap[:, model.nq :] == lap[0, model.nq :]
-    velocities[:] = np.where(beside.all(axis=0), lap[:, model.nq :], velocities)
+    beside = fast[:, model.nq :] == fast[0, model.nq :]
+    velocities[:] = np.where(beside.all(axis=0), fast[:, model.nq :], velocities)
     return states
 
 

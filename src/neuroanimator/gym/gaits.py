@@ -1,0 +1,193 @@
+"""Laps of a motion on command, from standing to the fastest gait, as seen from a root that stands at the origin.
+
+clips → a lap of each, from a root that goes along X
+standing, walk → laps of shorter strides
+walk, run → the run begins when the walk does and goes by its clock → laps of strides between theirs
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.control.policies.commands import (
+    LEAST_FASTER,
+    STANDING_PACE,
+    Command,
+    Commands,
+    FasterGait,
+)
+from neuroanimator.control.policies.reference_motion import (
+    MAX_FRAMES,
+    ORIENTATION,
+    POSITION,
+    TURN,
+)
+from neuroanimator.definitions.follow import CommandsTable
+from neuroanimator.errors import BadFileError
+from neuroanimator.gym.mixed_strides import mixed_strides
+from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, upward
+from neuroanimator.systems.rigid.joints import JointView
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+STRIDES = (0.0, 1 / 3, 2 / 3)
+"""Lengths of the shorter strides a motion on command is kept with, besides its own."""
+
+SHARES = (0.5, 1.0)
+"""Shares of a faster gait in the laps beyond, up to its own."""
+
+MIN_SPEED = 0.01
+"""Least mean speed of a motion whose speed is commanded [m/s]."""
+
+
+class Gait(NamedTuple):
+    """A clip of a gait: a cycle, and its file."""
+
+    path: Path
+    states: Float[np.ndarray, "K S"]
+
+
+class GaitEntries(NamedTuple):
+    """Where in a state is what a gait is of."""
+
+    clock: JointView
+    heading: JointView
+    velocity: int
+    """First entry of the root's velocity."""
+    hinges: tuple[int, ...]
+    """Entries of the body's angles."""
+
+
+def on_command(
+    body: MujocoSystem,
+    gaits: list[Gait],
+    table: CommandsTable,
+    feet: tuple[str, ...],
+    entries: GaitEntries,
+    dt: float,
+) -> tuple[Float[np.ndarray, "K S"], Commands]:
+    """Return (laps one after another, what commands mean) of one gait, or of a slow and a fast one. States are `dt` apart [s].
+
+    BadFileError for a clip that goes nowhere or is too long, and for a faster gait that is no faster.
+    """
+    walk, *runs = gaits
+    clock = entries.clock.position_entry
+    lap = _from_heading(walk, entries, dt)
+    laps_in_all = len(STRIDES) + 1 + len(SHARES) * len(runs)
+    if len(lap) * laps_in_all > MAX_FRAMES:
+        raise BadFileError(
+            f"{walk.path}: {len(lap):,} states; wanted at most {MAX_FRAMES // laps_in_all:,} of a motion on command. Give a "
+            "shorter cycle."
+        )
+    commands = Commands(
+        heading=entries.heading.position_entry,
+        turning=entries.heading.velocity_entry,
+        clock_rate=entries.clock.velocity_entry,
+        own_rate=float(walk.states[0, entries.clock.velocity_entry]),
+        own_speed=_speed(walk, lap, entries.velocity),
+        least=Command(table.speed[0], table.turning[0]),
+        most=Command(table.speed[1], table.turning[1]),
+        standing_pace=STANDING_PACE,
+    )
+    standing = np.tile(_standing(body), (len(lap), 1))
+    laps = []
+    for stride in STRIDES:
+        # Feet are lifted more than strides are long, to clear the floor on short ones.
+        lifting = np.sqrt(stride)
+        laps.append(mixed_strides(body.model, standing, lap, stride, lifting, feet, dt, clock))
+    laps.append(lap)
+    for run in runs:
+        own = _from_heading(run, entries, dt)
+        faster = _faster_gait(run, _speed(run, own, entries.velocity), walk, commands)
+        commands = commands._replace(faster=faster)
+        fast = _by_clock_of(lap, own, faster.pace, body.model.nq, entries)
+        for share in SHARES:
+            laps.append(mixed_strides(body.model, lap, fast, share, share, feet, dt, clock))
+    return np.concatenate(laps), commands
+
+
+def _faster_gait(run: Gait, speed: float, walk: Gait, commands: Commands) -> FasterGait:
+    """Return the gait of a clip in terms of the slower one; BadFileError if its strides are no longer and no quicker."""
+    pace = (len(walk.states) - 1) / (len(run.states) - 1)
+    stride = speed / (commands.own_speed * pace)
+    if pace < LEAST_FASTER or stride < LEAST_FASTER:
+        raise BadFileError(
+            f"{run.path}: {pace:.2g} laps in the time of one of {walk.path.name}, each {stride:.2g} times as long; wanted a "
+            "faster gait, with quicker and longer strides."
+        )
+    return FasterGait(pace, stride, len(SHARES))
+
+
+def _by_clock_of(
+    lap: Float[np.ndarray, "L S"],
+    run: Float[np.ndarray, "R S"],
+    pace: float,
+    positions: int,
+    entries: GaitEntries,
+) -> Float[np.ndarray, "L S"]:
+    """Return a run by the walk's clock: as many states, velocities as much lower, and begun where legs are most alike."""
+    count = len(lap)
+    times = np.arange(count) * (len(run) / count)
+    closed = np.concatenate([run, run[:1]])
+    states = np.stack(
+        [np.interp(times, np.arange(len(closed)), column) for column in closed.T], axis=1
+    )
+    states[:, positions:] /= pace
+    hinges = list(entries.hinges)
+    off = [
+        ((np.roll(states[:, hinges], shift, axis=0) - lap[:, hinges]) ** 2).sum()
+        for shift in range(count)
+    ]
+    states = np.roll(states, int(np.argmin(off)), axis=0)
+    states[:, ORIENTATION] /= np.linalg.norm(states[:, ORIENTATION], axis=1, keepdims=True)
+    for entry in (entries.clock.position_entry, entries.clock.velocity_entry):
+        states[:, entry] = lap[:, entry]
+    return states
+
+
+def _speed(gait: Gait, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
+    """Return the mean speed of a lap along its heading [m/s]; BadFileError for one that goes nowhere."""
+    speed = float(lap[:, velocity].mean())
+    if speed < MIN_SPEED:
+        raise BadFileError(
+            f"{gait.path}: the root goes {speed:.2g} m/s; wanted a motion that goes somewhere, whose speed can be commanded."
+        )
+    return speed
+
+
+def _standing(body: MujocoSystem) -> Float[np.ndarray, " S"]:
+    """Return the body's state of rest, at the origin and its heading zero."""
+    rest = np.array(body.rest, float)
+    back = facing(-heading_of(rest[ORIENTATION]))
+    rest[:2] = 0
+    rest[ORIENTATION] = multiply(back, rest[ORIENTATION])
+    return rest
+
+
+def _from_heading(gait: Gait, entries: GaitEntries, dt: float) -> Float[np.ndarray, "L S"]:
+    """Return the states of a lap, its last left out, as seen from a root that stands at the origin and goes along X.
+
+    The heading turns evenly through the lap, by as much as the motion does; at its middle it is the way the lap leads.
+    """
+    states = gait.states
+    count = len(states) - 1
+    first = states[0, ORIENTATION]
+    last = states[-1, ORIENTATION]
+    turned = heading_of(last) - heading_of(first)
+    turned = (turned + np.pi) % TURN - np.pi
+    leads = states[-1, POSITION] - states[0, POSITION]
+    headings = np.arctan2(leads[1], leads[0]) + turned * (np.arange(count) / count - 0.5)
+    back = facing(-headings)
+    lap = states[:-1].copy()
+    lap[:, :2] = 0
+    orientations = multiply(back, lap[:, ORIENTATION])
+    lap[:, ORIENTATION] = orientations * np.sign(orientations[:, :1])
+    velocity = entries.velocity
+    moving = slice(velocity, velocity + 3)
+    lap[:, moving] = rotate(back, lap[:, moving])
+    spinning = slice(velocity + 3, velocity + 6)
+    lap[:, spinning] -= turned / (count * dt) * upward(orientations)
+    return lap
