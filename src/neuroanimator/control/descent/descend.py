@@ -209,7 +209,8 @@ def guesses_around(
 ) -> Float[np.ndarray, "K Z"]:
     """Return `count` z around that of the first guess: with noise of every size of `SCATTER`."""
     rng = np.random.default_rng([seed, FIRST_GUESSES])
-    sizes = np.exp(rng.uniform(*np.log(SCATTER), (count, 1)))
+    least, greatest = np.log(SCATTER)
+    sizes = np.exp(rng.uniform(least, greatest, (count, 1)))
     return first + sizes * rng.normal(size=(count, len(first)))
 
 
