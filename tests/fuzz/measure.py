@@ -1,13 +1,15 @@
 """What a parser takes of the machine: each input tried in a child of its own, forked after all imports.
 
-python -m fuzz.measure PARSER FILE PARSER FILE ...    one line of JSON per file
+python -m fuzz.measure    reads lines "PARSER FILE", writes one line of JSON for each
 """
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import resource
+import select
 import subprocess
 import sys
 import time
@@ -26,7 +28,7 @@ MAX_MESSAGE = 500
 """Characters: a line on a wide terminal, and a long path."""
 
 PATIENCE = 600
-"""[s] Of the clock, for all inputs together, on a busy machine."""
+"""[s] Of the clock, for one input, on a busy machine."""
 
 
 class Refusal(NamedTuple):
@@ -45,19 +47,35 @@ class Refusal(NamedTuple):
 
 def refusals(inputs: dict[str, tuple[str, bytes]], folder: Path) -> dict[str, Refusal]:
     """Return how each of the `inputs`, (parser, content) by name, is answered."""
-    arguments = []
-    for number, (parser, content) in enumerate(inputs.values()):
+    answers = {}
+    for number, (name, (parser, content)) in enumerate(inputs.items()):
         path = folder / f"input-{number}"
         path.write_bytes(content)
-        arguments += [parser, str(path)]
-    command = [sys.executable, "-m", "fuzz.measure", *arguments]
-    tests = Path(__file__).parents[1]
-    result = subprocess.run(
-        command, cwd=tests, capture_output=True, text=True, timeout=PATIENCE, check=False
+        answers[name] = _ask(parser, path)
+    return answers
+
+
+def _ask(parser: str, path: Path) -> Refusal:
+    process = _parsing_process()
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(f"{parser} {path}\n")
+    process.stdin.flush()
+    readable, _, _ = select.select([process.stdout], [], [], PATIENCE)
+    assert readable, f"no answer from {parser} in {PATIENCE} s"
+    return Refusal(**json.loads(process.stdout.readline()))
+
+
+@functools.cache
+def _parsing_process() -> subprocess.Popen[str]:
+    """Return the process that all inputs of this one are tried in: its imports take seconds. It ends with its input."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "fuzz.measure"],
+        cwd=Path(__file__).parents[1],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     )
-    assert result.returncode == 0, result.stderr[-2000:]
-    lines = result.stdout.splitlines()
-    return {name: Refusal(**json.loads(line)) for name, line in zip(inputs, lines, strict=True)}
 
 
 def check_refusal(answer: Refusal, message: str) -> None:
@@ -91,9 +109,9 @@ def _answer(parser: str, content: bytes) -> Refusal:
 def main() -> None:
     import fuzz.targets  # noqa: F401 (loaded before the fork, so that it counts for no input)
 
-    for parser, path in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+    for line in sys.stdin:
+        parser, path = line.rstrip("\n").split(" ", 1)
         content = Path(path).read_bytes()
-        sys.stdout.flush()
         child = os.fork()
         if not child:
             _limit()
@@ -101,7 +119,8 @@ def main() -> None:
             os._exit(0)
         _, status = os.waitpid(child, 0)
         if status:
-            print(json.dumps(Refusal(f"exit status {status}", False, "", 0.0, 0.0)._asdict()))
+            failed = Refusal(f"exit status {status}", False, "", 0.0, 0.0)
+            print(json.dumps(failed._asdict()), flush=True)
 
 
 def _limit() -> None:

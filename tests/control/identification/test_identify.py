@@ -60,7 +60,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     name, definition, substeps = resolve(str(toml))
     config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=20_000)
     data = simulate_transitions(config)
-    settings = TrainingConfig(updates=2500, widths=(48, 32))
+    settings = TrainingConfig(updates=1200, widths=(48, 32))
     train(data, settings, folder / "arm.emulator.safetensors")
     return folder
 

@@ -23,7 +23,7 @@ from neuroanimator import (
 from neuroanimator.cli.main_job import CORRECTIONS, SWEEPS
 from neuroanimator.control.descent import descend as descend_module
 from neuroanimator.control.descent.defects import find_defects
-from neuroanimator.control.descent.descend import pose_problem
+from neuroanimator.control.descent.descend import guesses_around, pose_problem
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.objective.costs import (
@@ -35,9 +35,9 @@ from neuroanimator.control.objective.costs import (
 )
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective_cost import objective_cost
-from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS
+from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS, Search, make_attempt
 from neuroanimator.control.synthesis.finetune import transitions_near
-from neuroanimator.control.synthesis.synthesise import synthesise_goal
+from neuroanimator.control.synthesis.synthesise import restart, synthesise_goal
 from neuroanimator.data.store import Transitions
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
@@ -272,6 +272,36 @@ def test_beginning_again_never_ends_worse_and_is_charged(shipped: Emulator):
         shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options
     )
     assert stopped.spent.physics_steps == once.spent.physics_steps
+
+
+def test_a_beginning_in_which_the_physics_diverges_is_charged_and_changes_nothing(
+    shipped: Emulator, monkeypatch: pytest.MonkeyPatch
+):
+    system = load_system("pendulum")
+    options = DescentOptions(iterations=3)
+    search = Search(system, stand_upright(), REST, 20, options, 0, lambda states: False)
+    once = make_attempt(search, shipped, options)
+    simulate = type(system).simulate_fastest
+
+    def diverging(*arguments):
+        runs = simulate(*arguments)
+        return runs._replace(has_diverged=np.ones_like(runs.has_diverged))
+
+    monkeypatch.setattr(type(system), "simulate_fastest", diverging)
+    again = restart(search, once, 1)
+    assert again.outcome is once.outcome
+    assert again.spent.physics_steps > once.spent.physics_steps
+    assert again.spent.iterations > once.spent.iterations
+
+
+def test_guesses_around_a_first_one_are_of_every_size_and_the_seeds():
+    first = np.linspace(-1, 1, 50)
+    guesses = guesses_around(first, 400, seed=3)
+    sizes = (guesses - first).std(axis=1)
+    assert np.quantile(sizes, 0.1) < 0.1
+    assert np.quantile(sizes, 0.9) > 1.0
+    assert np.array_equal(guesses, guesses_around(first, 400, seed=3))
+    assert not np.array_equal(guesses, guesses_around(first, 400, seed=4))
 
 
 def test_a_correction_goes_on_from_the_motion_it_corrects(

@@ -187,19 +187,36 @@ def random_guesses(
 
 
 def searched_guesses(problem: Problem, options: DescentOptions) -> Float[np.ndarray, "K Z"]:
-    """Return the z of the best of many random controls, by J of one rollout each.
+    """Return the z of the best of many guesses, by J of one rollout each: around the first guess, if there is one, or random.
 
     Where a motor is too weak to do it at once a body has to pump: then gradients from nearly all guesses lead nowhere,
-    but some of thousands of random motions come near.
+    but some of thousands of random motions come near. An animal comes near by what is like its gait.
     """
-    drawn = random_guesses(
-        problem.emulator, problem.parametrisation, options.searched, options.seed
-    )
+    parametrisation = problem.parametrisation
+    if options.first is None:
+        drawn = random_guesses(problem.emulator, parametrisation, options.searched, options.seed)
+    else:
+        first = first_guesses(problem.emulator, parametrisation, options)[0]
+        drawn = guesses_around(first, options.searched, options.seed)
     with phase("searching"):
         costs = evaluator_of(problem).costs(drawn)
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     return drawn[order[: options.starts]]
 
+
+def guesses_around(
+    first: Float[np.ndarray, " Z"], count: int, seed: int
+) -> Float[np.ndarray, "K Z"]:
+    """Return `count` z around that of the first guess: with noise of every size of `SCATTER`."""
+    rng = np.random.default_rng([seed, FIRST_GUESSES])
+    least, greatest = np.log(SCATTER)
+    sizes = np.exp(rng.uniform(least, greatest, (count, 1)))
+    return first + sizes * rng.normal(size=(count, len(first)))
+
+
+SCATTER = (0.05, 2.0)
+"""Least and greatest standard deviation of guesses around the first one: from nearly the same to at the bounds, as a control
+is the hyperbolic tangent of what is varied."""
 
 FIRST_GUESSES = 11
 """Joins the seed of random first guesses, so that they are not those of something else with the same seed."""

@@ -46,7 +46,8 @@ class DescentOptions:
     defects: Float[AnyArray, "T V"] | None = None
     """Added to the emulator's super steps, see `find_defects`; none if None."""
     searched: int = 0
-    """Random controls tried by a rollout each, of which the best are the first guesses: rollouts cost microseconds. None if 0."""
+    """Number of guesses tried by a rollout each, of which the best are descended from: random controls, or around `first`
+    where one guess is given. None if 0."""
     finalists: int = 0
     """Number of starts that go on after the first `SCREENING` of the iterations: the best by then. All of them if 0."""
     varied: tuple[str, ...] = ()

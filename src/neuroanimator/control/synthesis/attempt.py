@@ -79,6 +79,15 @@ class SearchCost:
         return cls(iterations=descent.iterations, seconds=descent.seconds, courses=(descent.costs,))
 
 
+class DivergedAttemptError(DivergedError):
+    """The physics diverged under all that a descent found."""
+
+    def __init__(self, message: str, spent: SearchCost):
+        super().__init__(message)
+        self.spent = spent
+        """What it took."""
+
+
 @dataclass(frozen=True)
 class Search:
     """What is searched for, and how; the emulator is given apart, for it may learn on the way."""
@@ -138,13 +147,20 @@ def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
 
 
 def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) -> Attempt:
-    """Return the best of the descents once corrected: of the physics' best, and where that fails of the next ones."""
+    """Return the best of the descents once corrected: of the physics' best, and where that fails of the next ones.
+
+    Raises DivergedAttemptError where the physics diverges under all that are replayed.
+    """
     # One for all descents: what was compiled for it is found again.
     parametrisation = options.parametrisation_of(emulator, search.steps)
     options = replace(options, parametrisation=parametrisation)
     descent = descend(emulator, search.objective, search.start, steps=search.steps, options=options)
-    motions = search.replay(emulator, descent.candidates[:MAX_REPLAYED])
-    spent = SearchCost.of_descent(descent) + search.cost_of_replays(emulator, len(motions))
+    candidates = descent.candidates[:MAX_REPLAYED]
+    spent = SearchCost.of_descent(descent) + search.cost_of_replays(emulator, len(candidates))
+    try:
+        motions = search.replay(emulator, candidates)
+    except DivergedError as error:
+        raise DivergedAttemptError(str(error), spent) from error
     best = motions[0]
     for motion in motions:
         corrected, cost = correct(search, emulator, options, motion)

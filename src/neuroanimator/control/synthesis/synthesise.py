@@ -21,12 +21,18 @@ from neuroanimator.control.objective.goals import (
 )
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trusted import stay_trusted
-from neuroanimator.control.synthesis.attempt import Attempt, Search, SearchCost, make_attempt
+from neuroanimator.control.synthesis.attempt import (
+    Attempt,
+    DivergedAttemptError,
+    Search,
+    SearchCost,
+    make_attempt,
+)
 from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import ArgumentError, DivergedError
+from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import System
@@ -42,10 +48,10 @@ REFINING_MINUTES = 0.5
 """Longest time that refinements may take in all, if nothing else is said [min]."""
 
 RESTARTS = 6
-"""Maximum number of new beginnings from random controls where the physics has not done it."""
+"""Maximum number of new beginnings from other guesses where the physics has not done it."""
 
 SEARCHED = 4096
-"""Number of random controls tried by a rollout each before a new beginning: a second or two."""
+"""Number of guesses tried by a rollout each before a new beginning: a second or less."""
 
 SEARCH_STARTS = 16
 """Minimum number of the best of them that are descended from."""
@@ -113,10 +119,10 @@ def synthesise(
 
     A motion replayed on the physics shows what the emulator gets wrong along it. These defects are added to the
     emulator, and the descent goes on from there, up to `corrections` times. Where that is not good enough, all begins
-    again from random controls, up to `restarts` times. Where the gap stays large, transitions around the motion are
-    added to `data` (what the emulator was trained on; simulated anew if not given), a copy of the emulator trains on,
-    and all begins again, up to `refinements` times, if their data and trainings take no longer than `minutes` in all;
-    `on_refine` is told the gap before each.
+    again from the best of many guesses, in turn around the first one given and random, up to `restarts` times. Where the
+    gap stays large, transitions around the motion are added to `data` (what the emulator was trained on; simulated anew if
+    not given), a copy of the emulator trains on, and all begins again, up to `refinements` times, if their data and
+    trainings take no longer than `minutes` in all; `on_refine` is told the gap before each.
 
     All ends as soon as `is_enough` says so of the states (T+1, S) of the physics. Where the physics disagrees at last,
     `measures_trust` measures whether the emulator's gradient can be trusted, at random controls: at its optimum it vanishes.
@@ -146,10 +152,13 @@ def synthesise(
 
 
 def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
-    """Return the best of `attempt` and others from the best of many random controls, charged with all of them.
+    """Return the best of `attempt` and others from the best of many guesses, charged with all of them.
 
-    One in which the physics diverges counts for nothing.
+    Guesses lie around the first one of `search.options` and are random controls in turn; where there is none, always random.
     """
+    around = search.options.first
+    if around is not None and around.ndim == 3:
+        around = around[0]
     best = attempt
     spent = attempt.spent
     for number in range(1, restarts + 1):
@@ -157,14 +166,15 @@ def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
             break
         widely = replace(
             search.options,
-            first=None,
+            first=around if number % 2 else None,
             searched=SEARCHED,
             starts=max(search.options.starts, SEARCH_STARTS),
             seed=search.options.seed + number,
         )
         try:
             other = make_attempt(search, attempt.emulator, widely)
-        except DivergedError:
+        except DivergedAttemptError as diverged:
+            spent = spent + diverged.spent
             continue
         spent = spent + other.spent
         best = _better(search, best, other)
