@@ -27,7 +27,7 @@ from neuroanimator.control.tasks.all_tasks import TASKS
 from neuroanimator.control.tasks.solver import Solver
 from neuroanimator.control.tasks.task import Task
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.evaluation.csv_table import quartiles, write_csv
+from neuroanimator.evaluation.csv_table import other_rows, quartiles, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
@@ -128,7 +128,7 @@ def chosen_tasks(names: str | None) -> list[Task]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("part", choices=("tasks", "descents", "own"))
-    parser.add_argument("--tasks", help="only these, such as fish-turn,truck-park")
+    parser.add_argument("--tasks", help="only these, such as fish-turn,truck-park; others' rows stay as they are")
     parser.add_argument("--quick", action="store_true", help="fewer trials; writes no file")
     parser.add_argument("--plot", type=Path, help="also draw how J fell, as a PNG (tasks)")
     parser.add_argument("--json", action="store_true", help="print all columns as JSON")
@@ -143,8 +143,10 @@ def main() -> None:
     else:
         rows = own_rows(tasks, 20 if options.quick else ROUNDS)
         printed = rows
-    if not options.quick and not options.tasks:
-        write_csv(RESULTS / f"control_{options.part}.csv", rows)
+    if not options.quick:
+        table = RESULTS / f"control_{options.part}.csv"
+        whole = [*other_rows(table, rows, "task"), *rows]
+        write_csv(table, sorted(whole, key=lambda row: list(TASKS).index(row["task"])))
     if options.json:
         print(json.dumps(rows, indent=2))
         return
