@@ -289,7 +289,8 @@ def walked(
     stepper: Stepper | None = None,
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of one body under commands (seconds, speed [m/s], turning [rad/s]), one after another."""
-    walkers = Walkers(policy, task, system, 1, stepper=stepper)
+    first = told[0][1]
+    walkers = Walkers(policy, task, system, 1, (first, first), stepper)
     states = []
     for seconds, speed, turning in told:
         walkers.told = np.array([[speed, turning]])

@@ -194,7 +194,8 @@ def human(folder: Path) -> None:
         HUMAN / "human.policy.safetensors", HUMAN / "commanded.toml"
     )
     assert isinstance(system, MujocoSystem)
-    walkers = Walkers(policy, task, system, 1)
+    first = HUMAN_COMMANDS[0][1]
+    walkers = Walkers(policy, task, system, 1, (first, first))
     states = []
     for seconds, speed, turning in HUMAN_COMMANDS:
         states += walked_on(walkers, seconds, speed, turning)
