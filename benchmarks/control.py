@@ -128,7 +128,9 @@ def chosen_tasks(names: str | None) -> list[Task]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("part", choices=("tasks", "descents", "own"))
-    parser.add_argument("--tasks", help="only these, such as fish-turn,truck-park; others' rows stay as they are")
+    parser.add_argument(
+        "--tasks", help="only these, such as fish-turn,truck-park; others' rows stay as they are"
+    )
     parser.add_argument("--quick", action="store_true", help="fewer trials; writes no file")
     parser.add_argument("--plot", type=Path, help="also draw how J fell, as a PNG (tasks)")
     parser.add_argument("--json", action="store_true", help="print all columns as JSON")
