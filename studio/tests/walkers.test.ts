@@ -56,6 +56,7 @@ describe("a human", () => {
     [0.5, 0],
     [0.75, 0.6],
     [1, -0.6],
+    [2.4, 0.5],
   ])("walks for 20 s at %f m/s, turning left by %f rad/s, and nothing of it is beyond training", (speed, turning) => {
     const { poses, mostDoubt } = walk(speed, turning);
     expect(Math.min(...poses.map((pose) => pose.position[2]))).toBeGreaterThan(FALLEN);

@@ -26,8 +26,12 @@ const EAGERNESS = 1.5;
 const MAX_TURNING = 0.75;
 const TURNING_CHANGE = 1;
 
-/** The slowest, between the slowest and the fastest that the policy knows: who turns while walking slowly falls most. */
+/**
+ * The slowest and the fastest, as shares of what the policy knows: who turns while walking slowly falls most, and who runs fast turns
+ * too wide for so small a place.
+ */
 const SLOWEST = 0.3;
+const FASTEST = 0.4;
 
 /** Whoever is lower than this share of the height it began at has fallen, and begins anew where it is. */
 const FALLEN = 0.6;
@@ -71,7 +75,7 @@ export class Walkers {
     this.#batch = emulator.batch(count);
     const [, , slowest, fastest] = facts.policy!.command[0]!;
     for (let number = 0; number < count; number++) {
-      this.#speeds.push(slowest + (fastest - slowest) * (SLOWEST + (1 - SLOWEST) * Math.random()));
+      this.#speeds.push(slowest + (fastest - slowest) * (SLOWEST + (FASTEST - SLOWEST) * Math.random()));
       this.#turnings.push(0);
       // One in every direction.
       const angle = (2 * Math.PI * (number + Math.random())) / count;
