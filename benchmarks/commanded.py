@@ -22,7 +22,6 @@ Writes results/commanded.csv and results/commanded_curves.csv.
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -35,7 +34,7 @@ import mujoco
 import numpy as np
 from cold_start import seconds_of_children
 from contact_sheets import tile_motion
-from following import HUMAN, PROGRAM, RESULTS, slip
+from following import HUMAN, PROGRAM, RESULTS, curve_of, slip
 from jaxtyping import Array, Float
 
 import neuroanimator as na
@@ -373,9 +372,7 @@ def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, floa
     command = [PROGRAM, "policy", "commanded.toml", "--start", start.resolve(), "--out", file]
     command += ["--seed", seed, "--updates", updates, "--bodies", LEARNERS]
     subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
-    seconds = seconds_of_children() - began
-    lines = (place / "human.policy.run" / "metrics.jsonl").read_text().splitlines()
-    return file, seconds, [{"seed": seed} | json.loads(line) for line in lines]
+    return file, seconds_of_children() - began, curve_of(file, {"seed": seed})
 
 
 def draw_sheet(policy: StatePolicy, states: Float[np.ndarray, "K S"], out: Path) -> None:

@@ -81,14 +81,14 @@ def learn(clip: str, seed: int, updates: int, place: Path) -> tuple[Path, float,
     began = seconds_of_children()
     command = [PROGRAM, "policy", "human.toml", "--seed", seed, "--updates", updates, "--out", file]
     subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
-    return file, seconds_of_children() - began, curve_of(file, clip, seed)
+    return file, seconds_of_children() - began, curve_of(file, {"clip": clip, "seed": seed})
 
 
-def curve_of(policy: Path, clip: str, seed: int) -> Rows:
-    """Return what the run that learnt a policy reported on its way; nothing if its folder is not beside the file."""
+def curve_of(policy: Path, labels: dict[str, Any]) -> Rows:
+    """Return what the run that learnt a policy reported, with `labels`; nothing if its folder is not beside the file."""
     reports = policy.with_suffix(".run") / "metrics.jsonl"
     lines = reports.read_text().splitlines() if reports.exists() else []
-    return [{"clip": clip, "seed": seed} | json.loads(line) for line in lines]
+    return [labels | json.loads(line) for line in lines]
 
 
 def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[str, Any]:
@@ -185,7 +185,7 @@ def main() -> None:
                 file, seconds, curve = learn(clip, arguments.seed, updates, Path(place))
                 row["core seconds"] = seconds
             else:
-                curve = curve_of(file, clip, arguments.seed)
+                curve = curve_of(file, {"clip": clip, "seed": arguments.seed})
             if curve:
                 row |= {"transitions": curve[-1]["steps"], "seconds": curve[-1]["seconds"]}
             curves += curve

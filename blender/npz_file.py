@@ -32,7 +32,6 @@ from neuroanimator.export.programs.onnx_graph import onnx_graph
 from neuroanimator.export.programs.vectors import make_vectors
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.state.pose_entries import describe_root
-from neuroanimator.state.rotation import rotation_matrices
 
 
 class Body(NamedTuple):
@@ -138,15 +137,14 @@ def _add_pieces(
     """
     assert skeleton.skin is not None
     mesh = skin_mesh(skeleton)
-    main = mesh.bones[np.arange(len(mesh.bones)), mesh.weights.argmax(axis=1)]
+    main = mesh.main_bones
     light = linear_of(colours_of(skeleton.skin, mesh.shades))
     for part in parts_of(skeleton.skin, mesh).values():
         triangles = mesh.triangles[part]
         bones = main[triangles[:, 0]]
-        for number in np.unique(bones):
+        for number in np.unique(bones).tolist():
             used, corners = np.unique(triangles[bones == number], return_inverse=True)
-            axes = rotation_matrices(mesh.bind_orientations[number])
-            points = (mesh.points[used] - mesh.bind_positions[number]) @ axes
+            points = mesh.points_of(number, used)
             name = f"shape_{len(arrays)}"
             arrays[f"{name}_points"] = points.astype(np.float32)
             arrays[f"{name}_triangles"] = corners.reshape(-1, 3).astype(np.uint32)

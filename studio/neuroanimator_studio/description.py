@@ -150,7 +150,7 @@ def describe_bones(skeleton: Skeleton) -> list[dict[str, Any]]:
     rows = skeleton.bones_to_json()
     if skeleton.skin is not None and skeleton.skin.kind == "mesh":
         mesh = skin_mesh(skeleton)
-        main = mesh.bones[np.arange(len(mesh.bones)), mesh.weights.argmax(axis=1)]
+        main = mesh.main_bones
         distances = np.linalg.norm(mesh.points - mesh.bind_positions[main], axis=1)
         for number in np.unique(main):
             rows[number]["reach"] = round(float(distances[main == number].max()), REACH_DECIMALS)

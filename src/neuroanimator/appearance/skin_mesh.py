@@ -20,6 +20,7 @@ from neuroanimator.appearance.loft import (
 from neuroanimator.appearance.mesh_skin import INFLUENCES, MeshSkin
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box, Fin, Skin, Swimmer
+from neuroanimator.state.rotation import rotation_matrices
 
 BELLY = 0.0
 """Shade of a swimmer's belly: where its colour lies in the palette."""
@@ -82,6 +83,16 @@ class SkinMesh(NamedTuple):
     """Positions of all bones of the skeleton in the bind pose [m]; those that no point follows are anywhere."""
     bind_orientations: Float[np.ndarray, "B 4"]
     """Their quaternions wxyz."""
+
+    @property
+    def main_bones(self) -> Int[np.ndarray, " V"]:
+        """The bone that each point follows most."""
+        return self.bones[np.arange(len(self.bones)), self.weights.argmax(axis=1)]
+
+    def points_of(self, bone: int, rows: np.ndarray) -> Float[np.ndarray, "N 3"]:
+        """Return the points that `rows` selects, as seen from a bone in the bind pose [m]."""
+        axes = rotation_matrices(self.bind_orientations[bone])
+        return (self.points[rows] - self.bind_positions[bone]) @ axes
 
 
 class _Influences(NamedTuple):

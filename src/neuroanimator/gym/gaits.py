@@ -63,20 +63,20 @@ class GaitEntries(NamedTuple):
 
 def on_command(
     body: MujocoSystem,
-    gaits: list[Gait],
+    walk: Gait,
+    run: Gait | None,
     table: CommandsTable,
     feet: tuple[str, ...],
     entries: GaitEntries,
     dt: float,
 ) -> tuple[Float[np.ndarray, "K S"], Commands]:
-    """Return (laps one after another, what commands mean) of one gait, or of a slow and a fast one. States are `dt` apart [s].
+    """Return (laps one after another, what commands mean) of a gait, and of a faster one if there is one.
 
-    BadFileError for a clip that goes nowhere or is too long, and for a faster gait that is no faster.
+    States are `dt` apart [s]. BadFileError for a clip that goes nowhere or is too long, and for a faster gait that is no faster.
     """
-    walk, *runs = gaits
     clock = entries.clock.position_entry
     lap = _from_heading(walk, entries, dt)
-    laps_in_all = len(STRIDES) + 1 + len(SHARES) * len(runs)
+    laps_in_all = len(STRIDES) + 1 + (len(SHARES) if run is not None else 0)
     if len(lap) * laps_in_all > MAX_FRAMES:
         raise BadFileError(
             f"{walk.path}: {len(lap):,} states; wanted at most {MAX_FRAMES // laps_in_all:,} of a motion on command. Give a "
@@ -99,7 +99,7 @@ def on_command(
         lifting = np.sqrt(stride)
         laps.append(mixed_strides(body.model, standing, lap, stride, lifting, feet, dt, clock))
     laps.append(lap)
-    for run in runs:
+    if run is not None:
         own = _from_heading(run, entries, dt)
         faster = _faster_gait(run, _speed(run, own, entries.velocity), walk, commands)
         commands = commands._replace(faster=faster)

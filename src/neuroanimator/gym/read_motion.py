@@ -63,19 +63,20 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
         if heading == clock:
             raise ArgumentError("follow.commands.heading: it is the clock. Name another hinge.")
     dt = table.hold * system.physics_dt
-    states = _read_states(path, table, body, clock, heading)
     jointed = [view for view in body.views[1:] if view not in (clock, heading)]
     hinges = tuple(view.position_entry for view in jointed)
+    states = _read_states(path, table, body, clock, heading, hinges)
     rates = tuple(view.velocity_entry for view in jointed)
     velocity = body.views[0].velocity_entry
     commands = None
     if table.commands is not None and heading is not None:
-        gaits = [Gait(path, states)]
+        walk = Gait(path, states)
+        run = None
         if table.commands.faster is not None:
             faster = path.parent / table.commands.faster
-            gaits.append(Gait(faster, _read_states(faster, table, body, clock, heading)))
+            run = Gait(faster, _read_states(faster, table, body, clock, heading, hinges))
         entries = GaitEntries(clock, heading, velocity, hinges)
-        laps, commands = on_command(body, gaits, table.commands, table.feet, entries, dt)
+        laps, commands = on_command(body, walk, run, table.commands, table.feet, entries, dt)
     else:
         laps = _laid_out(states, table.laps, clock.position_entry, velocity)
     if len(laps) > MAX_FRAMES:
@@ -103,6 +104,7 @@ def _read_states(
     body: MujocoSystem,
     clock: JointView,
     heading: JointView | None,
+    hinges: tuple[int, ...],
 ) -> Float[np.ndarray, "K S"]:
     """Return the states of a clip, the clock's rate as it goes and a commanded heading zero; BadFileError for another body's."""
     layout = body.state
@@ -119,7 +121,6 @@ def _read_states(
     _check_clock(path, states[:, clock.position_entry], table.phase)
     states[:, clock.velocity_entry] = TURN / (dt * (len(states) - 1))
     if table.laps > 1 or heading is not None:
-        hinges = [view.position_entry for view in body.views[1:] if view not in (clock, heading)]
         _check_seam(path, states, hinges, body.state)
     return states
 
@@ -236,8 +237,9 @@ def _check_clock(path: Path, angles: Float[np.ndarray, " K"], name: str) -> None
 
 
 def _check_seam(
-    path: Path, states: Float[np.ndarray, "K S"], entries: list[int], layout: Layout
+    path: Path, states: Float[np.ndarray, "K S"], hinges: tuple[int, ...], layout: Layout
 ) -> None:
+    entries = list(hinges)
     apart = np.abs(states[-1, entries] - states[0, entries])
     worst = int(apart.argmax())
     if apart[worst] > SEAM:

@@ -2,6 +2,7 @@
 
 import { isPhysics } from "../bundle/bundle";
 import { labelsOf } from "../bundle/layout";
+import type { Pilot } from "../motion/player";
 import { button, element, panel, slider, type Slider } from "../page/dom";
 import type { Session } from "../page/session";
 import type { Life } from "../steering/life";
@@ -23,6 +24,15 @@ export interface Panel {
   update(): void;
 }
 
+/** Return what makes a slider of `set`: whoever moves it takes over as `pilot`. */
+function taking(session: Session, pilot: Pilot, goLive: () => void) {
+  return (set: (value: number) => void) => (value: number) => {
+    session.player.pilot = pilot;
+    set(value);
+    goLive();
+  };
+}
+
 /** Sliders of what a swimmer is told: speed, turn, climb. */
 export function steerPanel(session: Session, goLive: () => void, onTarget: () => void): Panel | null {
   const pilot = session.swimmer;
@@ -31,11 +41,7 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
   }
   const { details, body } = panel("Steer", true);
   const { command } = pilot;
-  const take = (set: (value: number) => void) => (value: number) => {
-    session.player.pilot = pilot;
-    set(value);
-    goLive();
-  };
+  const take = taking(session, pilot, goLive);
   const speed = slider({
     label: "speed",
     unit: "m/s",
@@ -94,11 +100,7 @@ export function walkPanel(session: Session, goLive: () => void): Panel | null {
   }
   const { details, body } = panel("Steer", true);
   const { command } = pilot;
-  const take = (set: (value: number) => void) => (value: number) => {
-    session.player.pilot = pilot;
-    set(value);
-    goLive();
-  };
+  const take = taking(session, pilot, goLive);
   const speed = slider({
     label: "speed",
     unit: "m/s",

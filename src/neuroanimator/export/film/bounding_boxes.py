@@ -104,14 +104,12 @@ def _boxes_of_skin(
 ) -> tuple[Float[np.ndarray, "N F 3"], Float[np.ndarray, "N F 3"]]:
     """Return the corners [m] of a box a bone, around the vertices that follow it more than any other."""
     mesh = skin_mesh(clip.skeleton)
-    rows = np.arange(len(mesh.bones))
-    nearest = mesh.bones[rows, mesh.weights.argmax(axis=1)]
+    main = mesh.main_bones
     positions, orientations = clip.skeleton.world_poses(clip.states)
     lows = []
     highs = []
-    for number in np.unique(nearest):
-        offsets = mesh.points[nearest == number] - mesh.bind_positions[number]
-        local = offsets @ rotation_matrices(mesh.bind_orientations[number])
+    for number in np.unique(main).tolist():
+        local = mesh.points_of(number, main == number)
         middle = (local.min(axis=0) + local.max(axis=0)) / 2
         axes = rotation_matrices(orientations[:, number])
         centre = positions[:, number] + axes @ middle

@@ -85,8 +85,9 @@ def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -
     if isinstance(model, Policy):
         return _policy_definition(model, licence)
     if isinstance(model, StatePolicy):
-        if commands_of(model) is not None:
-            return _commanded_definition(model, licence)
+        commands = commands_of(model)
+        if commands is not None:
+            return _commanded_definition(model, commands, licence)
         return Definition(
             name="control",
             function=lambda state: (model.control_of(state),),
@@ -172,10 +173,8 @@ def _answer(
     return (policy.control(latent, jnp.reshape(phase, ()), command),)
 
 
-def _commanded_definition(policy: StatePolicy, licence: str) -> Definition:
+def _commanded_definition(policy: StatePolicy, commands: Commands, licence: str) -> Definition:
     emulator = policy.emulator
-    commands = commands_of(policy)
-    assert commands is not None
     facts = _facts("commanded-policy", emulator, licence)
     facts["command"] = COMMAND_LAYOUT.to_json()
     facts["command_low"] = list(commands.bounds.low)

@@ -18,17 +18,14 @@ export async function load(source = new URL("./@name@.wasm", import.meta.url)) {
 class Policy {
   #exports;
   #inputs;
-  #outputs;
 
   constructor(instance) {
     const exports = instance.exports;
     exports._initialize?.();
     this.#exports = exports;
     this.#inputs = Math.ceil(exports.__heap_base.value / ALIGNMENT) * ALIGNMENT;
-    const count = INPUTS.reduce((sum, [, size]) => sum + size, 0);
-    this.#outputs = this.#inputs + 4 * count;
-    const room = OUTPUTS.reduce((sum, [, size]) => sum + size, 0);
-    const missing = this.#outputs + 4 * room - exports.memory.buffer.byteLength;
+    const count = [...INPUTS, ...OUTPUTS].reduce((sum, [, size]) => sum + size, 0);
+    const missing = this.#inputs + 4 * count - exports.memory.buffer.byteLength;
     if (missing > 0) exports.memory.grow(Math.ceil(missing / PAGE));
   }
 
@@ -41,10 +38,9 @@ class Policy {
       address += 4 * size;
       return address - 4 * size;
     });
-    let place = this.#outputs;
     const places = OUTPUTS.map(([, size]) => {
-      place += 4 * size;
-      return place - 4 * size;
+      address += 4 * size;
+      return address - 4 * size;
     });
     this.#exports.@name@_control(...passed, ...places);
     const found = OUTPUTS.map(([name, size], i) => [name, this.#view(places[i], size).slice()]);

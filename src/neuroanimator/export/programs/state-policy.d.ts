@@ -4,14 +4,7 @@
 /** What the numbers are: parts of states and controls as [name, size, unit], and their bounds. */
 export declare const facts: {
   readonly kind: "state-policy";
-  readonly system: string;
-  readonly dt: number;
-  readonly substeps: number;
-  readonly state: ReadonlyArray<readonly [name: string, size: number, unit: string]>;
-  readonly control: ReadonlyArray<readonly [name: string, size: number, unit: string]>;
-  readonly control_low: readonly number[];
-  readonly control_high: readonly number[];
-  readonly rest: readonly number[];
+@measures@
   readonly conventions: string;
   readonly generator: string;
   readonly licence?: string;

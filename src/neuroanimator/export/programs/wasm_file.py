@@ -176,6 +176,7 @@ def _filled(suffix: str, model: Model, definition: Definition, name: str) -> str
         "about": about(definition),
         "generator": facts["generator"],
         "loading": loading,
+        "measures": (folder / "measures.d.ts").read_text(encoding="utf-8").rstrip(),
         "name": name,
         "facts": json.dumps(facts),
         "inputs": json.dumps([(port.name, _length(port)) for port in definition.inputs]),
