@@ -122,11 +122,19 @@ def test_no_more_than_some_shards_lie_in_memory(
     unseen: HeldOut,
 ):
     measure(stored, unseen)  # what is imported and kept the first time is not what is measured
+    # Other threads of this process are counted too, so the least of three is nearest to what it takes itself.
+    least = min(peak_of(lambda: measure(stored, unseen)) for _ in range(3))
+    assert least < 0.5 * read.states.nbytes
+
+
+def peak_of(work: Callable[[], object]) -> int:
+    """Return the most memory allocated at a time while `work` runs [bytes]."""
     tracemalloc.start()
-    measure(stored, unseen)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 0.5 * read.states.nbytes
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 def test_blocks_are_equally_long_wherever_shards_end(stored: StoredTransitions, read: Transitions):
