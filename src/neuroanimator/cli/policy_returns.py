@@ -27,6 +27,9 @@ from neuroanimator.training.train import METRICS, read_reports, run_folder
 
 MAX_EPISODES = 100_000
 
+TRUE_RETURN = 0.9
+"""Least share of the return on the physics that a policy earns inside an emulator that stands in for it."""
+
 MAX_SECONDS = 3600.0
 """Longest time of a command [s]."""
 
@@ -228,16 +231,18 @@ def _evaluate_following(
         }
         print(dumps(numbers, indent=2))
         return
-    print_rows(
-        [
-            ("policy", path),
-            ("episodes", f"{episodes:,} on the physics, of {task.steps * policy.dt:.3g} s at most"),
-            ("on the motion", f"{kept:,} of them at its end"),
-            ("mean return", f"{found.returns.mean():.0f} of {task.steps}"),
-            ("least, most", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
-            (
-                "in the emulator",
-                f"{inside.returns.mean():.0f}, {kept_inside:,} on the motion at its end",
-            ),
-        ]
-    )
+    rows: list[tuple[str, object]] = [
+        ("policy", path),
+        ("episodes", f"{episodes:,} on the physics, of {task.steps * policy.dt:.3g} s at most"),
+        ("on the motion", f"{kept:,} of them at its end"),
+        ("mean return", f"{found.returns.mean():.0f} of {task.steps}"),
+        ("least, most", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
+        (
+            "in the emulator",
+            f"{inside.returns.mean():.0f}, {kept_inside:,} on the motion at its end",
+        ),
+    ]
+    if inside.returns.mean() < TRUE_RETURN * found.returns.mean():
+        advice = "useless as physics; 'neuroanimator train' makes one of what the policy does"
+        rows.append(("the emulator", advice))
+    print_rows(rows)

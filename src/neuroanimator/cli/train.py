@@ -29,6 +29,9 @@ from neuroanimator.training.train import METRICS, Report, run_folder, train
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
+EPISODES = 100
+"""Number of episodes by which a policy is judged inside an emulator that learnt what it does."""
+
 PERCENT = 100
 
 SHOWN_DIGITS = 12
@@ -139,8 +142,11 @@ def train_in_policy(
     count: int | None = None,
     toml: Path | None = None,
 ) -> None:
-    """Train the emulator of the policy in the file at `path` on what it does, and write the policy with it to `out`."""
-    from neuroanimator.cli.policy_returns import loaded_policy  # needs the extra [gym]
+    """Train the emulator of the policy in the file at `path` on what it does, and write the policy with it to `out`.
+
+    What the policy earns in it is printed beside what it earns on the physics: an error of one step does not tell who falls.
+    """
+    from neuroanimator.cli.policy_returns import evaluate_policy, loaded_policy  # needs [gym]
     from neuroanimator.gym.policy_transitions import COUNT, TRAINING, policy_transitions
 
     count = count or COUNT
@@ -162,8 +168,8 @@ def train_in_policy(
     emulator, last = _train_with_bar(data, config, place)
     trained = replace(policy, emulator=emulator)
     trained.save(out, {"emulator": config.model_dump(mode="json")})
-    print_rows([("policy", out), ("of what it did", f"{count:,} super steps")])
-    print_rows(_rows(emulator, last, place))
+    print_rows([("of what it did", f"{count:,} super steps"), *_rows(emulator, last, place)])
+    evaluate_policy(out, toml, EPISODES, 0, as_json=False)
 
 
 def _settings(config: Path | None, widths: str | None, **options: object) -> dict[str, Any]:
