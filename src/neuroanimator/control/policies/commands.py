@@ -54,6 +54,10 @@ LARGEST_ACCELERATION = 1.5
 LARGEST_CHANGE = 1.0
 """Largest change of the commanded speed at a time while a policy learns [m/s]."""
 
+SLOW_SHARE = 0.5
+"""Share of commands of at most the motion's own speed, of those while a policy learns that may be: below it strides are of
+every length, and bodies fell who turned at a tenth of it."""
+
 LEAST_RADIUS = 0.6
 """Least radius of a turn on shorter strides [m]: a body that stands does not turn, for its feet do not leave the floor."""
 
@@ -181,6 +185,8 @@ class Commands(NamedTuple):
         now = np.clip(self.speed(states), self.least.speed, self.most.speed)
         low = np.maximum(now - LARGEST_CHANGE, self.least.speed)
         high = np.minimum(now + LARGEST_CHANGE, self.most.speed)
+        is_slow = (rng.random(len(states)) < SLOW_SHARE) & (low < self.own_speed)
+        high = np.where(is_slow, np.minimum(high, self.own_speed), high)
         return self._drawn(rng, states, low, high)
 
     def _drawn(
