@@ -77,7 +77,7 @@ def checked(function: Any) -> Callable[..., Any]:
         nonlocal quick
         if quick is not None and not checks.names_axes:
             return quick(*arguments, **named)
-        given = (kind_of(arguments), kind_of(named))
+        given = (kind_of_parts(arguments), kind_of_pairs(named) if named else None)
         results = checks.fitting.get(given)
         if results is not None:
             result = function(*arguments, **named)
@@ -113,22 +113,49 @@ MAX_PARTS = 64
 def kind_of(value: Any) -> Hashable:
     """Return all of `value` that an annotation may speak of: its type, of arrays and collections more than that."""
     kind = type(value)
-    if kind is int or isinstance(value, type) or (kind is str and len(value) <= MAX_LETTERS):
-        return kind, value
-    if kind is tuple or kind is list:
-        return kind, *map(kind_of, value if len(value) <= MAX_PARTS else value[:1])
-    if kind is dict:
-        parts = list(value.items())
-        return kind, *map(kind_of, parts if len(parts) <= MAX_PARTS else parts[:1])
-    if kind not in HAVE_SHAPES:
-        HAVE_SHAPES[kind] = hasattr(value, "shape") and hasattr(value, "dtype")
-    if HAVE_SHAPES[kind]:
-        return kind, value.shape, value.dtype
-    return kind
+    reader = READERS.get(kind)
+    if reader is None:
+        reader = READERS[kind] = reader_for(value)
+    return reader(value)
 
 
-HAVE_SHAPES: dict[type, bool] = {}
-"""Whether values of a type are arrays, by the types that came so far."""
+def reader_for(value: Any) -> Callable[[Any], Hashable]:
+    """Return what tells the kinds of values of its type, of which `value` is the first to come."""
+    if isinstance(value, type):
+        return with_type
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return kind_of_array
+    return type
+
+
+def with_type(value: Any) -> Hashable:
+    return type(value), value
+
+
+def kind_of_array(value: Any) -> Hashable:
+    return type(value), value.shape, value.dtype
+
+
+def kind_of_text(value: str) -> Hashable:
+    return value if len(value) <= MAX_LETTERS else str
+
+
+def kind_of_parts(value: tuple[Any, ...] | list[Any]) -> Hashable:
+    return type(value), *map(kind_of, value if len(value) <= MAX_PARTS else value[:1])
+
+
+def kind_of_pairs(value: dict[Any, Any]) -> Hashable:
+    return dict, kind_of_parts(list(value.items()))
+
+
+READERS: dict[type, Callable[[Any], Hashable]] = {
+    int: with_type,
+    str: kind_of_text,
+    tuple: kind_of_parts,
+    list: kind_of_parts,
+    dict: kind_of_pairs,
+}
+"""What tells the kinds of values, by their type."""
 
 
 def check_result(
