@@ -25,7 +25,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.files.atomic import canonical_json, kind_in, read_tensors, write_tensors
+from neuroanimator.files.atomic import canonical_json, read_tensors, write_tensors
 from neuroanimator.systems import load_system
 from neuroanimator.systems.rigid.model_files import read_model_files
 
@@ -449,8 +449,7 @@ def bare_text() -> str:
 
 def dress(path: Path) -> None:
     """Let an emulator or a policy in a file name the model with today's skin, and carry that."""
-    kind = kind_in(path)
-    tensors, metadata = read_tensors(path, kind)
+    tensors, metadata = read_tensors(path, "emulator", "policy", "state-policy")
     emulator = metadata.get("emulator", metadata)
     carried = json.loads(emulator["definition"])
     named = carried["files"]

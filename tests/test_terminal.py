@@ -5,55 +5,75 @@ from __future__ import annotations
 import os
 import pty
 import re
-import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from threading import Thread
 
-from neuroanimator.terminal import phase, phase_seconds
+import pytest
 
-PHASES = """
-import time
 from neuroanimator import terminal
-terminal.show_phases()
-with terminal.phase("settling"):
-    time.sleep(0.8)
-    with terminal.progress_bar("rounds", 2) as bar, terminal.phase("compiling"):
-        time.sleep(0.8)
-        bar.advance_to(2)
-with terminal.inner_bar("runs", 3) as bar:
-    bar.advance_to(1)
-    time.sleep(0.5)
-with terminal.phase("fleeting"), terminal.inner_bar("passing", 3):
-    pass
-print("done")
-"""
+from neuroanimator.terminal import inner_bar, phase, phase_seconds, progress_bar, show_phases
+
+LONG = 0.4
+"""Duration of what is long enough to be shown [s]."""
 
 
-def on_terminal(code: str) -> str:
-    """Return what a process writes to its stderr if that is a terminal."""
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is shown yet, and what is shown comes sooner than for people."""
+    monkeypatch.setattr(terminal, "_screen", terminal._Screen())
+    monkeypatch.setattr(terminal, "SHOWN_AFTER", LONG / 4)
+    monkeypatch.setattr(terminal, "LINE_EVERY", LONG / 5)
+
+
+@contextmanager
+def on_terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """Let stderr be a terminal; yield a list that holds what it showed, afterwards."""
     ours, theirs = pty.openpty()
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], stderr=theirs, stdout=subprocess.PIPE, env=environment
-    )
-    os.close(theirs)
-    shown = b""
-    while True:
-        try:
-            part = os.read(ours, 4096)
-        except OSError:  # the other end is closed
-            break
-        if not part:
-            break
-        shown += part
+    parts = []
+    shown = []
+
+    def read() -> None:
+        while True:
+            try:
+                part = os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                return
+            parts.append(part)
+
+    reader = Thread(target=read)
+    with monkeypatch.context() as changed, os.fdopen(theirs, "w") as stream:
+        changed.setenv("TERM", "xterm")
+        changed.setenv("COLUMNS", "100")
+        changed.setattr(sys, "stderr", stream)
+        reader.start()
+        yield shown
+    reader.join()
     os.close(ours)
-    assert process.communicate()[0] == b"done\n"
-    return shown.decode()
+    shown.append(b"".join(parts).decode())
 
 
-def test_a_terminal_shows_phases_and_bars_side_by_side():
-    shown = on_terminal(PHASES)
+def work() -> None:
+    """Go through phases and bars, long and short ones."""
+    with phase("settling"):
+        time.sleep(LONG)
+        with progress_bar("rounds", 2) as bar, phase("compiling"):
+            time.sleep(LONG)
+            bar.advance_to(2)
+    with inner_bar("runs", 3) as bar:
+        bar.advance_to(1)
+        time.sleep(LONG)
+    with phase("fleeting"), inner_bar("passing", 3):
+        pass
+
+
+def test_a_terminal_shows_phases_and_bars_side_by_side(monkeypatch: pytest.MonkeyPatch):
+    with on_terminal(monkeypatch) as texts:
+        show_phases()
+        work()
+    (shown,) = texts
     assert "settling" in shown
     assert "compiling" in shown
     assert "rounds" in shown
@@ -63,35 +83,34 @@ def test_a_terminal_shows_phases_and_bars_side_by_side():
     assert "passing" not in shown
 
 
-def piped(code: str) -> str:
-    """Return what a process writes to its stderr if that is a pipe."""
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert process.stdout == "done\n"
-    return process.stderr
-
-
-def test_a_pipe_is_told_now_and_then_how_far_it_is():
-    often = PHASES.replace("import terminal\n", "import terminal\nterminal.LINE_EVERY = 0.3\n")
-    lines = piped(
-        often.replace("bar.advance_to(2)", "bar.advance_to(1, 'J 3')\n        time.sleep(0.7)")
-    )
+def test_a_pipe_is_told_now_and_then_how_far_it_is(capsys: pytest.CaptureFixture[str]):
+    show_phases()
+    with phase("settling"):
+        time.sleep(LONG)
+        with progress_bar("rounds", 2) as bar:
+            bar.advance_to(1, "J 3")
+            time.sleep(LONG)
+            with phase("compiling"):
+                time.sleep(LONG)
+    lines = capsys.readouterr().err
     assert re.search(r"settling ... \d s", lines)
     assert re.search(r"compiling ... \d s", lines)
-    bars = often.replace(', terminal.phase("compiling")', "").replace(
-        "time.sleep(0.8)\n        bar.advance_to(2)",
-        "bar.advance_to(1, 'J 3')\n        time.sleep(0.8)",
-    )
-    assert re.search(r"rounds: 1 of 2 after \d s, about \d s left \(J 3\)", piped(bars))
+    assert re.search(r"rounds: 1 of 2 after \d s, about \d s left \(J 3\)", lines)
 
 
-def test_nothing_is_shown_of_what_is_quick_or_has_no_command_line():
-    assert piped(PHASES) == ""
-    quiet = on_terminal(
-        PHASES.replace("terminal.show_phases()", "")
-        .replace('terminal.progress_bar("rounds", 2) as bar, ', "")
-        .replace("bar.advance_to(2)", "")
-    )
-    assert quiet == ""
+def test_nothing_is_shown_of_what_is_quick_or_has_no_command_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    show_phases()
+    monkeypatch.setattr(terminal, "LINE_EVERY", 10.0)
+    work()
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(terminal, "_screen", terminal._Screen())
+    with on_terminal(monkeypatch) as texts, phase("settling"):
+        time.sleep(LONG)
+        with inner_bar("runs", 3):
+            time.sleep(LONG)
+    assert texts == [""]
 
 
 def test_time_within_an_inner_phase_counts_for_it_alone():

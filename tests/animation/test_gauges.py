@@ -39,7 +39,11 @@ def emulator(tmp_path_factory: pytest.TempPathFactory) -> na.Emulator:
     toml, _ = write_definition(str(folder / "room.py"))
     system = na.load_system(str(toml))
     config = na.DatasetConfig(
-        system=system.name, definition=system.definition_text, substeps=2, count=600
+        system=system.name,
+        definition=system.definition_text,
+        substeps=2,
+        count=612,
+        samples_per_run=36,
     )
     na.generate(config, folder / "data")
     settings = na.TrainingConfig(updates=250, widths=(8,))

@@ -67,7 +67,9 @@ def write_noisy_recording(folder: Path) -> Path:
 def test_what_names_no_rates_is_animated(write, tmp_path: Path):
     toml, _ = write_definition(str(write(tmp_path)))
     name, definition, substeps = resolve(str(toml))
-    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=1200)
+    config = DatasetConfig(
+        system=name, definition=definition, substeps=substeps, count=1224, samples_per_run=36
+    )
     generate(config, tmp_path / "data")
     path = tmp_path / "own.emulator.safetensors"
     train(read_transitions(tmp_path / "data"), TrainingConfig(updates=250, widths=(8,)), path)

@@ -33,7 +33,9 @@ def family(tmp_path_factory: pytest.TempPathFactory) -> Emulator:
     path = write_arm(tmp_path_factory.mktemp("family"), {}, parameter_lines())
     trust_files(path)
     name, definition, substeps = resolve(str(path))
-    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=2000)
+    config = DatasetConfig(
+        system=name, definition=definition, substeps=substeps, count=2016, samples_per_run=36
+    )
     emulator = build_emulator(simulate_transitions(config), TrainingConfig())
     # As large as those of training, so that parameters do something.
     scale = jnp.ones_like(emulator.normaliser.change_scale)

@@ -63,7 +63,9 @@ def trained(folder: Path, model: str) -> tuple[Emulator, Transitions, TrainingCo
     folder.mkdir()
     (folder / "reacher.xml").write_text(model)
     name, definition, substeps = resolve(str(write_definition(str(folder / "reacher.xml"))[0]))
-    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=2400)
+    config = DatasetConfig(
+        system=name, definition=definition, substeps=substeps, count=2412, samples_per_run=36
+    )
     generate(config, folder / "data")
     data = read_transitions(folder / "data")
     return (

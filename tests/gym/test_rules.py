@@ -59,7 +59,9 @@ def task(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     toml = folder / f"{name}.toml"
     toml.write_text("\n".join(lines))
     system, definition, _ = resolve(str(toml))
-    config = DatasetConfig(system=system, definition=definition, substeps=4, count=360)
+    config = DatasetConfig(
+        system=system, definition=definition, substeps=4, count=360, samples_per_run=36
+    )
     emulator = build_emulator(simulate_transitions(config), TrainingConfig(widths=(8, 8)))
     return request.param, emulator
 

@@ -38,7 +38,7 @@ PLANAR = (
 
 @pytest.fixture(scope="module", params=["truck", "lander"])
 def fresh(request: pytest.FixtureRequest) -> Emulator:
-    data = simulate_transitions(DatasetConfig(system=request.param, count=600))
+    data = simulate_transitions(DatasetConfig(system=request.param, count=612, samples_per_run=36))
     return build_emulator(data, TrainingConfig(widths=(24, 16)))
 
 

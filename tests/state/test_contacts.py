@@ -91,7 +91,13 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> System:
 @pytest.fixture(scope="module")
 def fresh(robot: System) -> Emulator:
     data = simulate_transitions(
-        DatasetConfig(system="robot", definition=robot.definition_text, substeps=4, count=600)
+        DatasetConfig(
+            system="robot",
+            definition=robot.definition_text,
+            substeps=4,
+            count=612,
+            samples_per_run=36,
+        )
     )
     return build_emulator(data, TrainingConfig(widths=(24, 16)))
 

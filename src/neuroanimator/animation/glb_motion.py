@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.animation.interpolate import hermite_cubic
 from neuroanimator.files.glb import Glb, object_at, objects_in
 from neuroanimator.files.numbers import entries, numbers, whole
 from neuroanimator.state.rotation import conjugate, multiply, quaternions_of, rotate
@@ -88,12 +89,7 @@ class Track:
         end = keys[second, 1]
         leaving = span * keys[first, 2]
         coming = span * keys[second, 0]
-        return (
-            (2 * s**3 - 3 * s**2 + 1) * start
-            + (s**3 - 2 * s**2 + s) * leaving
-            + (3 * s**2 - 2 * s**3) * end
-            + (s**3 - s**2) * coming
-        )
+        return hermite_cubic(s, start, end, leaving, coming)
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,7 +53,7 @@ def interpolate_hermite(
         real = np.zeros((len(states), 1))
         imaginary = states[:, angular_velocity : angular_velocity + 3]
         slopes = multiply(quaternions, np.concatenate([real, imaginary], axis=1)) / 2 * dt
-        interpolated[:, orientation : orientation + 4] = _cubic(
+        interpolated[:, orientation : orientation + 4] = hermite_cubic(
             share, quaternions[index], quaternions[index + 1], slopes[index], slopes[index + 1]
         )
     if rates:
@@ -64,12 +64,12 @@ def interpolate_hermite(
         p1 = after[:, positions]
         v0 = before[:, velocities] * dt
         v1 = after[:, velocities] * dt
-        interpolated[:, positions] = _cubic(share, p0, p1, v0, v1)
+        interpolated[:, positions] = hermite_cubic(share, p0, p1, v0, v1)
         interpolated[:, velocities] = _cubic_slope(share, p0, p1, v0, v1) / dt
     return _unit(interpolated, orientations)
 
 
-def _cubic(
+def hermite_cubic(
     s: Float[np.ndarray, "F 1"],
     p0: Float[np.ndarray, "F K"],
     p1: Float[np.ndarray, "F K"],
@@ -92,7 +92,7 @@ def _cubic_slope(
     v0: Float[np.ndarray, "F K"],
     v1: Float[np.ndarray, "F K"],
 ) -> Float[np.ndarray, "F K"]:
-    """Return the slope of `_cubic` per interval."""
+    """Return the slope of `hermite_cubic` per interval."""
     return 6 * (s**2 - s) * (p0 - p1) + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
 
 

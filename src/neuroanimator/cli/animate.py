@@ -17,6 +17,7 @@ from neuroanimator.animation.motion import (
     random_drive,
 )
 from neuroanimator.animation.path_drive import path_drive
+from neuroanimator.cli.usage import refuse_given
 from neuroanimator.control.policies.school import school_clips
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
@@ -134,14 +135,9 @@ def run(
     """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
     film = read_film(size, camera)
     if emulator.endswith(POLICY_ENDING) and school is None:
-        _refuse_with_a_policy(
-            {
-                "controls": controls,
-                "path": path,
-                "start": start,
-                "hybrid": hybrid or None,
-                "trust": trust or None,
-            }
+        refuse_given(
+            {"controls": controls, "path": path, "start": start, "hybrid": hybrid, "trust": trust},
+            "a policy moves the physics, from a start of its own.",
         )
         model, states = _moved_by_policy(
             Path(emulator), system, command, seconds, seed, is_inside=inside
@@ -151,13 +147,19 @@ def run(
         with phase("drawing"):
             export_clip(clip, model, out, film)
         return print_rows(_rows(clip, out))
-    _refuse_without_a_policy({"command": command, "inside": inside})
-    _refuse_without_hybrid(hybrid, threshold, system)
-    _refuse_beside_a_path(path, path_speed, controls, start, seed)
+    refuse_given({"command": command, "inside": inside}, "it is of policies' files. Leave it out.")
+    if not hybrid:
+        refuse_given(
+            {"threshold": threshold, "system": system},
+            "it is of motions in turns with the physics. Give --hybrid, too.",
+        )
+    _check_path(path, path_speed, {"controls": controls, "start": start, "seed": seed})
     with phase("loading"):
         model = emulator_for(out, emulator)
     if school is not None:
-        _refuse_in_a_school(controls, path, start, interpolation, trust, hybrid)
+        others: dict[str, object] = {"controls": controls, "path": path, "start": start}
+        others |= {"trust": trust, "hybrid": hybrid, "interpolation": interpolation != "hermite"}
+        refuse_given(others, "a school swims as its policy says. Leave it out, or --school.")
         with phase("emulating"):
             clips = school_clips(model, school, seconds=seconds, seed=seed or 0, rate=rate)
         with phase("drawing"):
@@ -223,29 +225,6 @@ def _rows(
     return [*rows, *(("file", path) for path in out)]
 
 
-def _refuse_without_hybrid(hybrid: bool, threshold: float | None, system: Path | None) -> None:
-    """Refuse the options that nothing but turns with the physics has a use for."""
-    for name, value in {"threshold": threshold, "system": system}.items():
-        if value is not None and not hybrid:
-            raise ArgumentError(
-                f"{name}: it is of motions in turns with the physics. Give --hybrid, too."
-            )
-
-
-def _refuse_with_a_policy(others: dict[str, object]) -> None:
-    """Refuse the options that a motion of the physics by a policy has no use for."""
-    for name, value in others.items():
-        if value is not None:
-            raise ArgumentError(f"{name}: a policy moves the physics, from a start of its own.")
-
-
-def _refuse_without_a_policy(options: dict[str, object]) -> None:
-    """Refuse the options that only a policy's file has use for."""
-    for name, value in options.items():
-        if value:
-            raise ArgumentError(f"{name}: it is of policies' files. Leave it out.")
-
-
 def _moved_by_policy(
     policy: Path,
     system: Path | None,
@@ -260,10 +239,21 @@ def _moved_by_policy(
 
     if not command:
         return policy_motion(policy, system, seconds, seed or 0, is_inside=is_inside)
-    for name, value in {"seconds": seconds, "seed": seed}.items():
-        if value is not None:
-            raise ArgumentError(f"{name}: commands say what the motion is. Leave one of them out.")
+    refuse_given(
+        {"seconds": seconds, "seed": seed},
+        "commands say what the motion is. Leave one of them out.",
+    )
     return commanded_motion(policy, system, command, is_inside=is_inside)
+
+
+def _check_path(
+    path: list[str] | None, path_speed: float | None, others: dict[str, object]
+) -> None:
+    """Refuse the `others` beside a path, and the speed of none."""
+    if path:
+        refuse_given(others, "a motion along a path begins and moves as the path does.")
+    elif path_speed is not None:
+        raise ArgumentError("path-speed: it is of motions along a path. Give --path, too.")
 
 
 def _paths(texts: list[str]) -> dict[str, str]:
@@ -279,44 +269,3 @@ def _paths(texts: list[str]) -> dict[str, str]:
             raise ArgumentError(f"path: {quoted(name)} has two. Give it one.")
         paths[name] = source
     return paths
-
-
-def _refuse_beside_a_path(
-    path: list[str] | None,
-    path_speed: float | None,
-    controls: Path | None,
-    start: list[str] | None,
-    seed: int | None,
-) -> None:
-    """Refuse the options that a motion along a path has no use for, and the speed of none."""
-    if not path:
-        if path_speed is not None:
-            raise ArgumentError("path-speed: it is of motions along a path. Give --path, too.")
-        return
-    for name, value in {"controls": controls, "start": start, "seed": seed}.items():
-        if value is not None:
-            raise ArgumentError(f"{name}: a motion along a path begins and moves as the path does.")
-
-
-def _refuse_in_a_school(
-    controls: Path | None,
-    path: list[str] | None,
-    start: list[str] | None,
-    interpolation: str,
-    trust: bool,
-    hybrid: bool,
-) -> None:
-    """Refuse the options that a school has no use for."""
-    given = {
-        "controls": controls,
-        "path": path,
-        "start": start,
-        "interpolation": interpolation != "hermite",
-        "trust": trust,
-        "hybrid": hybrid,
-    }
-    for name, value in given.items():
-        if value:
-            raise ArgumentError(
-                f"{name}: a school swims as its policy says. Leave it out, or --school."
-            )

@@ -12,6 +12,7 @@ import typer
 
 from neuroanimator.cli.closed_loop import run_closed_loop
 from neuroanimator.cli.control_output import start_in_words, time_rows
+from neuroanimator.cli.usage import refuse_given
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.goals import find_goal, goal_start, is_reached, usual_goal
 from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
@@ -122,15 +123,14 @@ def run(
         own = load_system(str(system)) if system else None
         model = emulator_for([glb] if glb else [], emulator)
         if closed_loop:
-            _refuse_in_closed_loop(
-                objective=objective,
-                starts=starts,
-                data=data,
-                log=log,
-                report=report,
-                threshold=threshold,
-                minutes=minutes,
-            )
+            others: dict[str, object] = {
+                "objective": objective,
+                "starts": starts,
+                "data": data,
+                "log": log,
+            }
+            others |= {"report": report, "threshold": threshold, "minutes": minutes}
+            refuse_given(others, "does not go with --closed-loop. Leave one of them out.")
         elif horizon is not None:
             raise ArgumentError("horizon: goes with --closed-loop only. Leave it out.")
         if objective is None:
@@ -249,13 +249,6 @@ def _search_goal(
         "written. Name another start, such as --start root.position=3,-2,8."
     )
     return _Search(find, words, nothing_to_find=told, closed_loop=closed_loop)
-
-
-def _refuse_in_closed_loop(**given: object) -> None:
-    """Refuse the options that a motion in closed loop has no use for."""
-    for name, value in given.items():
-        if value is not None:
-            raise ArgumentError(f"{name}: does not go with --closed-loop. Leave one of them out.")
 
 
 def _checked_system(emulator: Emulator, own: System | None) -> System:

@@ -10,6 +10,7 @@ import typer
 
 from neuroanimator.animation.motion import named_start
 from neuroanimator.cli.animate import START_HELP
+from neuroanimator.cli.usage import refuse_given
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
@@ -89,18 +90,9 @@ def run(
     if from_ is None:
         _improve(model, out, config, old, tolerance, controls or [], start)
         return
-    others = {
-        "--controls": controls,
-        "--start": start,
-        "--tolerance": tolerance,
-        "--rounds": rounds,
-        "--samples": samples,
-    }
-    for name, value in others.items():
-        if value:
-            raise ArgumentError(
-                f"improve: {name} does not go with --from, which simulates nothing. Leave one of them out."
-            )
+    others: dict[str, object] = {"controls": controls, "start": start, "tolerance": tolerance}
+    others |= {"rounds": rounds, "samples": samples}
+    refuse_given(others, "does not go with --from, which simulates nothing. Leave one of them out.")
     _learn_from(model, from_, out, config, old)
 
 

@@ -10,18 +10,16 @@ import typer
 
 from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
 from neuroanimator.codegen.backend import backend_in_words
-from neuroanimator.control.policies.policy import load_policy
-from neuroanimator.control.policies.state_policy import KIND as STATE_POLICY
-from neuroanimator.control.policies.state_policy import load_state_policy
+from neuroanimator.control.policies.state_policy import StatePolicy, read_policy
 from neuroanimator.data.stored import open_to_measure
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.trust_summary import UNJUDGED
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.weakness.inspection import inspect
-from neuroanimator.files.atomic import kind_in, read_tensors
+from neuroanimator.files.atomic import read_tensors
 from neuroanimator.files.places import is_url, place_of
-from neuroanimator.files.zoo import find_emulator, find_policy, is_shipped
+from neuroanimator.files.zoo import find_emulator, find_policy
 from neuroanimator.state.layout import Layout
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows
@@ -145,11 +143,9 @@ def _parameter_rows(emulator: Emulator) -> Rows:
 def _policy(file: str) -> tuple[dict[str, Any], Rows]:
     """Return (all that a policy says, the rows to show)."""
     path = find_policy(file)
-    if kind_in(path) == STATE_POLICY:
-        return _state_policy(path)
-    if not is_shipped(path):
-        load_policy(path)  # BadFileError for what is no policy: it takes longer
-    _, metadata = read_tensors(path, "policy")
+    policy, metadata = read_policy(path)
+    if isinstance(policy, StatePolicy):
+        return metadata, _state_policy_rows(path, policy, metadata)
     emulator = metadata["emulator"]
     step = f"{emulator['system']}, n = {emulator['substeps']}: a command every {emulator['dt'] * 1e3:g} ms"
     rows: Rows = [
@@ -164,12 +160,10 @@ def _policy(file: str) -> tuple[dict[str, Any], Rows]:
     return metadata, rows
 
 
-def _state_policy(path: Path) -> tuple[dict[str, Any], Rows]:
-    """Return (all that a policy of `neuroanimator policy` says, the rows to show)."""
-    policy = load_state_policy(path)
-    _, metadata = read_tensors(path, STATE_POLICY)
+def _state_policy_rows(path: Path, policy: StatePolicy, metadata: dict[str, Any]) -> Rows:
+    """Return the rows to show of a policy of `neuroanimator policy`."""
     emulator = policy.emulator
-    rows: Rows = [
+    return [
         ("file", path.name),
         ("policy for", f"{emulator.system}, a control every {emulator.dt * 1e3:g} ms"),
         ("shown", f"{len(policy.view.entries)} of {emulator.state.size} numbers of the state"),
@@ -178,7 +172,6 @@ def _state_policy(path: Path) -> tuple[dict[str, Any], Rows]:
         ("sha256", metadata["sha256"]),
         ("what it earns", f"neuroanimator evaluate {path.name} --episodes 100"),
     ]
-    return metadata, rows
 
 
 NOTHING_DRIVES_IT = "none: nothing drives it"

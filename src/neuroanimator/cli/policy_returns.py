@@ -14,12 +14,13 @@ from neuroanimator.control.policies.state_policy import StatePolicy, load_state_
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.export.programs.definition import commands_of
 from neuroanimator.files.numbers import number_in
 from neuroanimator.gym.bodies import environment_returns, episodes_of, motion_of, returns_of
 from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
 from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
-from neuroanimator.systems.loading import trust_files
+from neuroanimator.systems.loading import MissingPhysicsError, trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import quoted
@@ -32,6 +33,11 @@ TRUE_RETURN = 0.9
 
 MAX_SECONDS = 3600.0
 """Longest time of a command [s]."""
+
+COMMANDS_NEED_NO_PHYSICS = (
+    "Inside its emulator the policy walks on command without it, such as --command 3,0.7,0.4."
+)
+"""Advice where an episode inside an emulator lacks the physics that says where it begins."""
 
 
 def loaded_policy(path: Path, toml: Path | None) -> tuple[StatePolicy, System, PolicyTask]:
@@ -51,7 +57,12 @@ def policy_motion(
 
     Those of one in the emulator where `is_inside`.
     """
-    policy, system, task = loaded_policy(path, toml)
+    try:
+        policy, system, task = loaded_policy(path, toml)
+    except MissingPhysicsError as error:
+        if is_inside and commands_of(load_state_policy(path)) is not None:
+            raise MissingPhysicsError(f"{error} {COMMANDS_NEED_NO_PHYSICS}") from error
+        raise
     steps = task.steps
     if seconds is not None:
         if not policy.dt <= seconds <= task.steps * policy.dt:

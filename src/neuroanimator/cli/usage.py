@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import typer
@@ -31,3 +31,10 @@ def usage_in_one_line() -> Iterator[None]:
         if context is not None and context.parent:
             command += f" {context.info_name}"
         raise ArgumentError(f"{said}{stop} '{command} --help' shows what there is.") from error
+
+
+def refuse_given(options: Mapping[str, object], reason: str) -> None:
+    """Refuse the first of `options` that is given: neither None, nor off, nor empty. The error says its name and `reason`."""
+    for name, value in options.items():
+        if value is not None and value is not False and value != []:
+            raise ArgumentError(f"{name}: {reason}")

@@ -54,9 +54,8 @@ def c_formula(name: str, function: Callable[..., Any], *shapes: tuple[int, ...])
 def _statements(operation: Operation, terms: dict[int, str]) -> Iterator[str]:
     """Yield what computes each entry of `operation`, of the `terms` of its inputs by their addresses; its own are added."""
     formula = _formula(operation)
-    shape = operation.output.shape
-    columns = [np.broadcast_to(addresses, shape).ravel() for addresses in operation.inputs]
-    for target, *sources in zip(operation.output.ravel().tolist(), *columns, strict=True):
+    targets = operation.output.ravel().tolist()
+    for target, *sources in zip(targets, *operation.entries(), strict=True):
         value = formula.format(*[terms[int(source)] for source in sources])
         terms[target] = f"w{target}"
         yield f"const real w{target} = {value};"

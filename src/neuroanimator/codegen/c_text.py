@@ -19,7 +19,6 @@ from neuroanimator.codegen.program import (
     Operation,
     Program,
     free_axes,
-    ordered_axes,
 )
 from neuroanimator.codegen.trace import UnsupportedError
 
@@ -183,9 +182,7 @@ class Writer:
         yield f"memcpy({SPACES[space]} + {lanes}{offset}, {name}, {lanes}{len(target)} * sizeof(float));"
 
     def _each(self, formula: str, operation: Operation) -> Iterator[str]:
-        shape = operation.output.shape
-        inputs = [np.broadcast_to(addresses, shape).ravel() for addresses in operation.inputs]
-        return self._elementwise(formula, inputs, operation.output.ravel())
+        return self._elementwise(formula, operation.entries(), operation.output.ravel())
 
     def _elementwise(
         self, formula: str, inputs: Sequence[Addresses], output: Addresses
@@ -370,10 +367,7 @@ class Writer:
         return f"{SPACES[space]}[{index}]"
 
     def _reduced(self, operation: Operation) -> Iterator[str]:
-        axes = tuple(operation.params["axes"])
-        source = operation.inputs[0]
-        rest = [axis for axis in range(source.ndim) if axis not in axes]
-        rows = source.transpose(*rest, *axes).reshape(operation.output.size, -1)
+        rows = operation.reduced_rows()
         yield from self._accumulated(REDUCTIONS[operation.name], [rows], operation.output.ravel())
 
     def _accumulated(
@@ -438,10 +432,7 @@ class Writer:
 
     def _products(self, operation: Operation) -> Iterator[str]:
         """Yield products of (M, K) and (K, N), one for each entry of a batch."""
-        (left_sum, right_sum), (left_batch, right_batch) = operation.params["dimension_numbers"]
-        left = ordered_axes(operation.inputs[0], left_batch, left_sum, ends_with_sum=True)
-        right = ordered_axes(operation.inputs[1], right_batch, right_sum, ends_with_sum=False)
-        outputs = operation.output.reshape(len(left), left.shape[1], right.shape[2])
+        left, right, outputs = operation.matrices()
         rest: list[tuple[Addresses, Addresses, Addresses]] = []
         for left_matrix, right_matrix, output in zip(left, right, outputs, strict=True):
             if are_weights(self.program, left_matrix) and not are_weights(
@@ -481,9 +472,7 @@ class Writer:
         if is_any_wide(vector):
             yield from self._weighted_lanes(vector, weights, sums)
             return
-        total = sums
-        if not _is_a_run(sums) or sums[0] % WIDTH:
-            total = self.program.room_for_result(sums.shape, (sums,))
+        total = self._aligned(sums)
         panels, tail = self._panels(weights)
         for panel in panels:
             yield from self._summed(int(vector[0]), panel, int(total[0]) + panel.first)
@@ -563,14 +552,17 @@ class Writer:
             yield f"*(na_wide *)&{_name(total + j * WIDTH)}] = s0_{j};"
         yield "}"
 
+    def _aligned(self, sums: Addresses) -> Addresses:
+        """Return `sums`, or other room for them: whole passes are written, for which only what is aligned has room."""
+        if _is_a_run(sums) and sums[0] % WIDTH == 0:
+            return sums
+        return self.program.room_for_result(sums.shape, (sums,))
+
     def _weighted_lanes(
         self, vector: Addresses, weights: np.ndarray, sums: Addresses
     ) -> Iterator[str]:
         """Yield the product for all lanes: a weight is read once for sixteen of them, where one motion reads it, too."""
-        total = sums
-        if not _is_a_run(sums) or sums[0] % WIDTH:
-            # Whole passes are written, for which only what is aligned has room.
-            total = self.program.room_for_result(sums.shape, (sums,))
+        total = self._aligned(sums)
         panels, tail = self._panels(weights)
         if tail:
             panels.append(self._panel(weights, tail))

@@ -131,6 +131,25 @@ class Operation:
         """The space of its output, all of which lies in one."""
         return int(self.output.flat[0]) // SPACE
 
+    def entries(self) -> list[Addresses]:
+        """Return the inputs of one that computes entry by entry: (N,) each, for every entry of its output."""
+        shape = self.output.shape
+        return [np.broadcast_to(addresses, shape).ravel() for addresses in self.inputs]
+
+    def reduced_rows(self) -> Addresses:
+        """Return the input of a reduction as rows (N, R): those that become one entry of its output each."""
+        axes = tuple(self.params["axes"])
+        (source,) = self.inputs
+        rest = [axis for axis in range(source.ndim) if axis not in axes]
+        return source.transpose(*rest, *axes).reshape(self.output.size, -1)
+
+    def matrices(self) -> tuple[Addresses, Addresses, Addresses]:
+        """Return the factors and the output of `dot_general`: (B, M, K), (B, K, N) and (B, M, N)."""
+        (left_sum, right_sum), (left_batch, right_batch) = self.params["dimension_numbers"]
+        left = ordered_axes(self.inputs[0], left_batch, left_sum, ends_with_sum=True)
+        right = ordered_axes(self.inputs[1], right_batch, right_sum, ends_with_sum=False)
+        return left, right, self.output.reshape(len(left), left.shape[1], right.shape[2])
+
 
 def spaces_of(addresses: Addresses) -> np.ndarray:
     """Return the space each address lies in; constants' are negative."""

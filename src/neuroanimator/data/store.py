@@ -288,7 +288,7 @@ def read_held_out(
     Datasets of older versions do not say what that is.
     """
     path = folder / HELD_OUT_NAME
-    tensors, metadata = read_tensors(path, "held-out", MAX_HELD_OUT)
+    tensors, metadata = read_tensors(path, "held-out", largest=MAX_HELD_OUT)
     if metadata.get("config") != config.hash:
         raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
     controls = tensors.get("controls", np.zeros(0))
@@ -347,7 +347,9 @@ def read_shard(
     else:
         specs = simulated_shard_specs(system, config)
         rows = runs
-    tensors, metadata = read_tensors(path, "shard", HEADER_LIMIT + largest_size(specs, rows))
+    tensors, metadata = read_tensors(
+        path, "shard", largest=HEADER_LIMIT + largest_size(specs, rows)
+    )
     if metadata.get("config") != config.hash or metadata.get("shard") != shard:
         raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
     diverged = whole_number(path, metadata, "diverged", runs)

@@ -124,17 +124,17 @@ def log_scores(scores: Float[np.ndarray, "*B T"]) -> Float[np.ndarray, "*B T"]:
     return np.log(np.sqrt(np.cumsum(squares, axis=-1) / counts) + LEAST_SCORE)
 
 
-def bounds_in_words(bounds: ErrorBounds, dt: float, level: float = USUAL_LEVEL) -> str:
+def bounds_in_words(bounds: ErrorBounds, dt: float) -> str:
     """Return how far motions with the usual scores go astray in a quarter, half and all of the time that was measured."""
     steps = [max(1, round(share * bounds.steps)) for share in WORDS_SHARES]
     after = ", ".join(f"{step * dt:.3g}" for step in steps)
     texts = []
     for kind in KINDS[: len(bounds.weights)]:
-        usual = bounds.usual(level, kind)
+        usual = bounds.usual(USUAL_LEVEL, kind)
         figures = ", ".join(f"{usual[step - 1]:.2g}" for step in steps)
         texts.append(f"{figures} under {kind} controls")
     unit = f"after {after} s, in standard deviations of a super step's change"
-    return f"{level:.0%} of motions by at most {'; '.join(texts)} ({unit})"
+    return f"{USUAL_LEVEL:.0%} of motions by at most {'; '.join(texts)} ({unit})"
 
 
 def blank_bounds(kinds: int, levels: tuple[float, ...], steps: int, changes: int) -> ErrorBounds:

@@ -19,6 +19,9 @@ BLOCK = 500
 PHYSICS_STARTS = 16
 """Number of runs of the physics that show how far it gets in the same time: a lander may fly off at any speed."""
 
+STARTS_SEED = 1
+"""Seed of the starts and controls of the emulator's rollouts."""
+
 PHYSICS_SEED = 2
 """The runs of the physics are drawn from this seed."""
 
@@ -33,7 +36,6 @@ def count_diverged(
     emulator: Emulator,
     starts: int,
     steps: int,
-    seed: int = 1,
     *,
     among: Float[np.ndarray, "N S"] | None = None,
 ) -> int:
@@ -42,7 +44,7 @@ def count_diverged(
     The starts are the system's own random ones, or drawn from the states `among`. Controls are as
     random and as strong as in training, for `steps` super steps.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(STARTS_SEED)
     if among is None:
         drawn = sample_starts(system_of(emulator), rng, starts, core_count())
     else:

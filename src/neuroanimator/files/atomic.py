@@ -170,9 +170,9 @@ def write_tensors(path: Place, tensors: dict[str, np.ndarray], metadata: dict[st
 
 
 def read_tensors(
-    path: Place, kind: str, largest: int = SIZE_LIMIT
+    path: Place, *kinds: str, largest: int = SIZE_LIMIT
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return (tensors, metadata) of a file written by `write_tensors` whose metadata says it is a `kind`.
+    """Return (tensors, metadata) of a file written by `write_tensors` whose metadata says it is of one of `kinds`.
 
     The tensors cannot be written to. Raises BadFileError naming the file and the fault for any bytes that are no such
     file, and if there are more than `largest` [bytes].
@@ -184,21 +184,12 @@ def read_tensors(
         if len(header) > TENSOR_LIMIT:
             raise ValueError(f"{len(header)} tensors; wanted at most {TENSOR_LIMIT}")
         tensors = _parse_tensors(raw)
-        _check_payload(tensors, metadata, kind)
+        _check_payload(tensors, metadata, kinds)
     except (ValueError, safetensors.SafetensorError) as error:
         raise BadFileError(
-            f"{path} is not a usable {kind} file: {one_line(error)}. Make it again."
+            f"{path} is not a usable {kinds[0]} file: {one_line(error)}. Make it again."
         ) from error
     return tensors, metadata
-
-
-def kind_in(path: Place) -> str:
-    """Return the kind that a file of `write_tensors` says it is; empty where it says none. `read_tensors` checks the file."""
-    try:
-        kind = _take_metadata(_read_header(read_bounded(path, SIZE_LIMIT))).get("kind")
-    except ValueError:
-        return ""
-    return kind if isinstance(kind, str) else ""
 
 
 def read_bounded(path: Place, largest: int) -> bytes:
@@ -250,8 +241,10 @@ def _parse_tensors(raw: bytes) -> dict[str, np.ndarray]:
     return tensors
 
 
-def _check_payload(tensors: dict[str, np.ndarray], metadata: dict[str, Any], kind: str) -> None:
-    if metadata.get("kind") != kind:
+def _check_payload(
+    tensors: dict[str, np.ndarray], metadata: dict[str, Any], kinds: tuple[str, ...]
+) -> None:
+    if metadata.get("kind") not in kinds:
         raise ValueError(f"it says it is a {str(metadata.get('kind'))[:MAX_SHOWN]!r}")
     for name, array in tensors.items():
         if not np.isfinite(array).all():

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
@@ -290,3 +290,28 @@ class System(abc.ABC):
         None where that is not known, or nothing can touch anything.
         """
         return None
+
+
+class SystemWithoutPhysics(System):
+    """A system whose states are known, and which cannot be simulated: whatever would do that raises `reason`."""
+
+    @property
+    @abc.abstractmethod
+    def reason(self) -> NeuroAnimatorError:
+        """The error that says why it cannot be simulated, and what to do."""
+
+    def _simulate(
+        self,
+        states: np.ndarray,
+        controls: np.ndarray,
+        scheme: Scheme,
+        substeps: int,
+        threads: int,
+    ) -> None:
+        raise self.reason
+
+    def has_diverged(self, states: np.ndarray) -> np.ndarray:
+        raise self.reason
+
+    def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        raise self.reason

@@ -99,7 +99,7 @@ def read_tree(
     path = folder / NAME
     if not path.exists():
         return None
-    tensors, metadata = read_tensors(path, "checkpoint", largest)
+    tensors, metadata = read_tensors(path, "checkpoint", largest=largest)
     if metadata.get("identity") != identity:
         raise BadFileError(
             f"{folder} holds a run with other data or settings. Choose another --out, or remove that folder."

@@ -119,20 +119,17 @@ def cook(
     *,
     size: str = "",
     seed: int = 0,
-    has_data: bool = False,
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> tuple[Emulator, Path]:
     """Return the emulator the recipe makes in `folder` and its file; a killed run goes on where it stopped.
 
-    `size` is "large", or empty for the usual one. `has_data`: its dataset is there, and is not asked for again, as
-    others may be at it.
+    `size` is "large", or empty for the usual one.
     """
     recipe = LARGE_RECIPES[system] if size == "large" else RECIPES[system]
     strides = recipe.strides(substeps)
     stride = recipe.stride(substeps)
     data = folder / emulator_name(system, stride, size)
-    if not has_data:
-        generate(recipe.data(system, stride), data)
+    generate(recipe.data(system, stride), data)
     name = shipped_path(system, substeps, size).name
     out = folder / (name if seed == 0 else name.replace(".emulator", f"-seed-{seed}.emulator"))
     of_stride = out if strides == 1 else out.with_name(f"stride-of-{out.name}")

@@ -58,7 +58,9 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     toml = write_arm(folder, {}, PARAMETERS)
     trust_files(toml)
     name, definition, substeps = resolve(str(toml))
-    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=20_000)
+    config = DatasetConfig(
+        system=name, definition=definition, substeps=substeps, count=20_016, samples_per_run=36
+    )
     data = simulate_transitions(config)
     settings = TrainingConfig(updates=1200, widths=(48, 32))
     train(data, settings, folder / "arm.emulator.safetensors")
@@ -170,7 +172,7 @@ def test_an_offset_is_noticed_and_found(emulator: Emulator, system: System, tmp_
         return states + np.array([0.15, 0.0, 0.0, 0.0])
 
     path = record(tmp_path / "r.csv", system, emulator.dt, change=shifted)
-    notes = identify(emulator, path, window=WINDOW).notes
+    notes = identify(emulator, path, window=WINDOW, physics=False).notes
     assert any("shoulder[0] seems to be off" in note for note in notes)
     found = identify(emulator, path, offsets=True, window=WINDOW, physics=False)
     offsets = {e.name: e.value for e in found.estimates if e.name.startswith("offset")}
@@ -186,7 +188,8 @@ def test_a_delay_is_noticed_and_found(emulator: Emulator, system: System, tmp_pa
         return np.concatenate([states[:1], states[:1], states[:-2]])
 
     path = record(tmp_path / "r.csv", system, emulator.dt, change=delayed, every=every)
-    assert any("late" in note for note in identify(emulator, path, window=WINDOW).notes)
+    notes = identify(emulator, path, window=WINDOW, physics=False).notes
+    assert any("late" in note for note in notes)
     found = identify(emulator, path, delay=True, window=WINDOW, physics=False)
     delay = next(e for e in found.estimates if e.name == "delay")
     assert delay.value == pytest.approx(late, rel=0.15)
@@ -200,7 +203,7 @@ def test_the_verb_prints_json_and_writes_a_report_and_an_emulator(
     out = tmp_path / "mine.emulator.safetensors"
     report = tmp_path / "r.html"
     file = arm / "arm.emulator.safetensors"
-    options = ["--from", path, "--system", arm / "arm.toml", "--json"]
+    options = ["--from", path, "--system", arm / "arm.toml", "--window", WINDOW, "--json"]
     done = cli("identify", file, *options, "--out", out, "--report", report)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -220,7 +223,7 @@ def test_without_its_physics_nothing_is_proved_and_that_is_said(
     path = record(tmp_path / "r.csv", system, emulator.dt)
     alone = tmp_path / "alone.emulator.safetensors"
     alone.write_bytes((arm / "arm.emulator.safetensors").read_bytes())
-    done = cli_process("identify", alone, "--from", path, "--json")
+    done = cli_process("identify", alone, "--from", path, "--window", WINDOW, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert not found["is_proven"]

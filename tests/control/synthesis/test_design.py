@@ -40,7 +40,9 @@ def family(tmp_path_factory: pytest.TempPathFactory) -> tuple[Emulator, System]:
     toml = write_arm(folder, {}, parameter_lines(("damping", "gear", "mass")))
     trust_files(toml)
     name, definition, substeps = resolve(str(toml))
-    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=2_000)
+    config = DatasetConfig(
+        system=name, definition=definition, substeps=substeps, count=2_016, samples_per_run=36
+    )
     settings = TrainingConfig(updates=500, widths=(48, 32))
     emulator = train(simulate_transitions(config), settings, folder / "arm.emulator.safetensors")
     return emulator, load_system(str(toml))

@@ -131,7 +131,7 @@ def test_the_verb_learns_from_a_recording(recording: Path, dataset: Path, tmp_pa
     assert out.exists()
     refused = cli("improve", "pendulum-50", *options, "--rounds", "2")
     assert refused.returncode == 2
-    assert "--rounds does not go with --from" in refused.stderr
+    assert "rounds: does not go with --from" in refused.stderr
 
 
 def test_an_emulator_of_recordings_learns_from_another(

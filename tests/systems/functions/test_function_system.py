@@ -64,7 +64,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("spring")
     system = system_from(folder)
     config = DatasetConfig(
-        system=system.name, definition=system.definition_text, substeps=10, count=3000
+        system=system.name,
+        definition=system.definition_text,
+        substeps=10,
+        count=3024,
+        samples_per_run=36,
     )
     generate(config, folder / "data")
     settings = TrainingConfig(updates=500, widths=(24, 24), batch=128)

@@ -197,9 +197,8 @@ class Commands(NamedTuple):
         high: float | Float[np.ndarray, " B"],
     ) -> Float[np.ndarray, "B S"]:
         speed = rng.uniform(low, high, len(states))
-        if self.least.speed == 0:
-            stands = (rng.random(len(states)) < STANDING_SHARE) & (np.asarray(low) == 0)
-            speed = np.where(stands, 0.0, speed)
+        stands = (rng.random(len(states)) < STANDING_SHARE) & (np.asarray(low) == 0)
+        speed = np.where(stands, 0.0, speed)
         turning = rng.uniform(self.least.turning, self.most.turning, len(states))
         return self.give(states, speed, turning)
 

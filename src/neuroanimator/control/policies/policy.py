@@ -44,6 +44,8 @@ from neuroanimator.state.structure import Structure
 FORMAT = 2
 """The version of the file format, raised whenever an older reader would misunderstand a file."""
 
+KIND = "policy"
+
 MAKER = "train_policy"
 """Command that trains policies anew that are too old to be read."""
 
@@ -253,7 +255,7 @@ def policy_leaves(policy: Policy) -> dict[str, Any]:
 def describe_policy(policy: Policy) -> dict[str, Any]:
     """Return the metadata that, with the tensors, makes up the policy."""
     return {
-        "kind": "policy",
+        "kind": KIND,
         "format": FORMAT,
         "emulator": describe(policy.emulator),
         "emulator_sha256": digest(emulator_tensors(policy.emulator)),
@@ -270,11 +272,12 @@ def load_policy(name: str | Path) -> Policy:
     file, or which policies ship.
     """
     path = find_policy(str(name))
-    tensors, metadata = read_tensors(path, "policy")
-    check_format(path, metadata.get("format"), FORMAT, MAKER)
-    emulator = metadata.get("emulator")
-    emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
-    check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
+    return policy_from(path, *read_tensors(path, KIND))
+
+
+def policy_from(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> Policy:
+    """Return the policy that was read from the file at `path`; BadFileError says what is wrong with it."""
+    check_policy_formats(path, metadata, FORMAT, MAKER)
     try:
         policy = with_tensors(blank_policy(metadata), policy_leaves, tensors)
         if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
@@ -284,6 +287,14 @@ def load_policy(name: str | Path) -> Policy:
         raise BadFileError(
             f"{path} is not a usable policy: {first_line(error)}. Make it again."
         ) from error
+
+
+def check_policy_formats(path: Path, metadata: dict[str, Any], wanted: int, maker: str) -> None:
+    """Refuse a policy's file of another format than `wanted`, or with an emulator of another format; `maker` makes it anew."""
+    check_format(path, metadata.get("format"), wanted, maker)
+    emulator = metadata.get("emulator")
+    emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
+    check_format(path, emulator_format, EMULATOR_FORMAT, maker)
 
 
 def blank_policy(metadata: dict[str, Any]) -> Policy:

@@ -13,17 +13,17 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.codegen.jax_settings import keep_programs
-from neuroanimator.control.policies.policy import Policy, load_policy
+from neuroanimator.control.policies.policy import KIND as POLICY_KIND
+from neuroanimator.control.policies.policy import Policy, check_policy_formats, policy_from
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
-from neuroanimator.emulator.artifact import FAULTS, check_arrays, check_format, first_line
-from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
+from neuroanimator.emulator.artifact import FAULTS, check_arrays, first_line
 from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks import MAX_LAYER
 from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.tensors import emulator_leaves, to_numpy, with_tensors
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import kind_in, read_tensors, write_tensors
+from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.numbers import entries, listed, whole
 
 FORMAT = 1
@@ -176,12 +176,14 @@ def _describe(policy: StatePolicy) -> dict[str, Any]:
 
 def load_state_policy(path: Path) -> StatePolicy:
     """Return the policy in the file at `path`; BadFileError says what is wrong with it."""
+    return _policy_from(path, *read_tensors(path, KIND))
+
+
+def _policy_from(
+    path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]
+) -> StatePolicy:
     keep_programs()
-    tensors, metadata = read_tensors(path, KIND)
-    check_format(path, metadata.get("format"), FORMAT, MAKER)
-    emulator = metadata.get("emulator")
-    emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
-    check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
+    check_policy_formats(path, metadata, FORMAT, MAKER)
     try:
         policy = with_tensors(_blank(metadata), policy_leaves, tensors)
         check_arrays(policy.emulator)
@@ -198,9 +200,18 @@ def load_state_policy(path: Path) -> StatePolicy:
 
 def load_any_policy(path: Path) -> Policy | StatePolicy:
     """Return the policy in the file at `path`, of whichever kind it is; BadFileError says what is wrong with it."""
-    if kind_in(path) == KIND:
-        return load_state_policy(path)
-    return load_policy(path)
+    return read_policy(path)[0]
+
+
+def read_policy(path: Path) -> tuple[Policy | StatePolicy, dict[str, Any]]:
+    """Return (the policy in the file at `path`, of whichever kind it is, all that the file says of itself).
+
+    Raises BadFileError, which says what is wrong with the file.
+    """
+    tensors, metadata = read_tensors(path, POLICY_KIND, KIND)
+    if metadata["kind"] == KIND:
+        return _policy_from(path, tensors, metadata), metadata
+    return policy_from(path, tensors, metadata), metadata
 
 
 def _blank(metadata: dict[str, Any]) -> StatePolicy:

@@ -74,10 +74,32 @@ class GatedLayer(eqx.Module):
         return {"odd_weight": self.odd_in, "even_weight": self.even_in, "bias": self.bias}
 
 
-class Gated(Network):
-    """Layers of gated units, then a linear map. The default."""
+class GatedNetwork(Network):
+    """A network of layers of gated units."""
 
     layers: tuple[GatedLayer, ...]
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return tuple(2 * layer.half for layer in self.layers)
+
+    @property
+    def gates_even(self) -> bool:
+        """Whether even units are gated by even features: see `GatedLayer`."""
+        return any(layer.gates_even for layer in self.layers)
+
+    def gated_units(
+        self, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> tuple[Float[Array, " H"], Float[Array, " H"]]:
+        """Return the odd and the even units of the last layer; the streams themselves where there is none."""
+        for layer in self.layers:
+            odd, even = layer(odd, even)
+        return odd, even
+
+
+class Gated(GatedNetwork):
+    """Layers of gated units, then a linear map. The default."""
+
     out: Float[AnyArray, "H S"]
 
     @classmethod
@@ -102,22 +124,12 @@ class Gated(Network):
         return {**layer_leaves(self.layers), "out.weight": self.out}
 
     @property
-    def widths(self) -> tuple[int, ...]:
-        return tuple(2 * layer.half for layer in self.layers)
-
-    @property
-    def gates_even(self) -> bool:
-        """Whether even units are gated by even features: see `GatedLayer`."""
-        return any(layer.gates_even for layer in self.layers)
-
-    @property
     def unit_counts(self) -> tuple[int, int]:
         return self.widths[-1] // 2, 0
 
     def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
-        for layer in self.layers:
-            odd, even = layer(odd, even)
-        return Units(odd, even[:0])  # every answer is odd
+        odd_units, even_units = self.gated_units(odd, even)
+        return Units(odd_units, even_units[:0])  # every answer is odd
 
     def answers(
         self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]

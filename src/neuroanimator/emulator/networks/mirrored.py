@@ -10,9 +10,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.features import reordered
-from neuroanimator.emulator.networks.gated import GatedLayer, gated_layers, layer_leaves
+from neuroanimator.emulator.networks.gated import GatedNetwork, gated_layers, layer_leaves
 from neuroanimator.emulator.networks.network import (
-    Network,
     Units,
     check_halves,
     random_weights,
@@ -21,7 +20,7 @@ from neuroanimator.emulator.networks.network import (
 from neuroanimator.state.arrays import AnyArray
 
 
-class Mirrored(Network):
+class Mirrored(GatedNetwork):
     """A linear map plus layers of gated units as in `Gated`, for bodies with a left and a right.
 
     Springs are nearly linear: the linear map alone leaves an eighth of the change unexplained. In the mirror the
@@ -29,7 +28,6 @@ class Mirrored(Network):
     to the right. At equal width it costs half of `Glu`.
     """
 
-    layers: tuple[GatedLayer, ...]
     odd_out: Float[AnyArray, "H O"]
     even_out: Float[AnyArray, "H E"]
     odd_linear: Float[AnyArray, "I O"]
@@ -78,22 +76,11 @@ class Mirrored(Network):
         }
 
     @property
-    def widths(self) -> tuple[int, ...]:
-        return tuple(2 * layer.half for layer in self.layers)
-
-    @property
-    def gates_even(self) -> bool:
-        """Whether even units are gated by even features: see `GatedLayer`."""
-        return any(layer.gates_even for layer in self.layers)
-
-    @property
     def unit_counts(self) -> tuple[int, int]:
         return self.widths[-1] // 2, self.widths[-1] // 2
 
     def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
-        for layer in self.layers:
-            odd, even = layer(odd, even)
-        return Units(odd, even)
+        return Units(*self.gated_units(odd, even))
 
     def answers(
         self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]

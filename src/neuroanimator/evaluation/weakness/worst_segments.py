@@ -59,8 +59,8 @@ class Segment:
     controls: Float[np.ndarray, "T C"]
 
 
-def worst_segments(emulator: Emulator, test: HeldOut, count: int = SEGMENTS) -> tuple[Segment, ...]:
-    """Return the `count` segments of the test's runs with the largest error, at most one of each run, worst first."""
+def worst_segments(emulator: Emulator, test: HeldOut) -> tuple[Segment, ...]:
+    """Return the `SEGMENTS` segments of the test's runs with the largest error, at most one of each run, worst first."""
     runs, total, _ = test.states.shape
     steps = min(max(round(SEGMENT_SECONDS / test.dt), MIN_STEPS), total - 1)
     starts = np.arange(0, total - steps, max(1, steps // 2))
@@ -72,7 +72,7 @@ def worst_segments(emulator: Emulator, test: HeldOut, count: int = SEGMENTS) -> 
     relative = _relative(test, physics, emulated)
     errors = root_mean_square(relative, axis=(1, 2)).reshape(runs, len(starts))
     found = []
-    for run in np.argsort(-errors.max(axis=1), kind="stable")[:count].tolist():
+    for run in np.argsort(-errors.max(axis=1), kind="stable")[:SEGMENTS].tolist():
         piece = int(np.argmax(errors[run]))
         row = run * len(starts) + piece
         wrong = root_mean_square(relative[row])

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neuroanimator.codegen.decompositions import without_decompositions
-from neuroanimator.codegen.program import Addresses, Operation, Program, ordered_axes
+from neuroanimator.codegen.program import Addresses, Operation, Program
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
 from neuroanimator.export.programs.definition import Definition
 
@@ -221,8 +221,7 @@ class _Writer:
 
     def _each(self, operation: Operation, written: Callable[..., str]) -> None:
         """Write an operation that computes entry by entry."""
-        shape = operation.output.shape
-        columns = [np.broadcast_to(addresses, shape).ravel() for addresses in operation.inputs]
+        columns = operation.entries()
         operands = [self._operand(addresses) for addresses in columns]
         output = operation.output.ravel()
         is_same_everywhere = all((addresses == addresses[0]).all() for addresses in columns)
@@ -244,10 +243,7 @@ class _Writer:
         return self.node("Cast", tensor, to=BOOL)
 
     def _reduced(self, operation: Operation) -> None:
-        axes = tuple(operation.params["axes"])
-        (source,) = operation.inputs
-        rest = [axis for axis in range(source.ndim) if axis not in axes]
-        rows = source.transpose(*rest, *axes).reshape(operation.output.size, -1)
+        rows = operation.reduced_rows()
         table = self._shaped(self.tensor(rows.ravel()), rows.shape)
         operator = REDUCTIONS[operation.name]
         if operator == "ReduceSum":  # it alone takes its axes as an input
@@ -258,10 +254,7 @@ class _Writer:
 
     def _products(self, operation: Operation) -> None:
         """Write products of (M, K) and (K, N), one for each entry of a batch of JAX' own."""
-        (left_sum, right_sum), (left_batch, right_batch) = operation.params["dimension_numbers"]
-        left = ordered_axes(operation.inputs[0], left_batch, left_sum, ends_with_sum=True)
-        right = ordered_axes(operation.inputs[1], right_batch, right_sum, ends_with_sum=False)
-        output = operation.output.reshape(len(left), left.shape[1], right.shape[2])
+        left, right, output = operation.matrices()
         if (left < 0).all():
             left, right = right.swapaxes(1, 2), left.swapaxes(1, 2)
             output = output.swapaxes(1, 2)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
-
-import numpy as np
-from jaxtyping import Bool, Float
+from typing import Any
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -18,10 +15,10 @@ from neuroanimator.systems.state_parts import (
     structure_of_parts,
     wrapping_entries,
 )
-from neuroanimator.systems.system import Scheme, System
+from neuroanimator.systems.system import Scheme, SystemWithoutPhysics
 
 
-class RecordedSystem(System):
+class RecordedSystem(SystemWithoutPhysics):
     """Recordings as the pipeline sees them. Their file is read when its samples are needed, if the user allowed that."""
 
     is_self_contained = False
@@ -55,24 +52,9 @@ class RecordedSystem(System):
         self.recordings = self._recordings
         self.goals = self.goals_of(definition.goals)
 
-    def _simulate(
-        self,
-        states: Float[np.ndarray, "B _ S"],
-        controls: Float[np.ndarray, "B T C"],
-        scheme: Scheme,
-        substeps: int,
-        threads: int,
-    ) -> None:
-        self._refuse()
-
-    def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
-        self._refuse()
-
-    def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        self._refuse()
-
-    def _refuse(self) -> NoReturn:
-        raise ArgumentError(
+    @property
+    def reason(self) -> ArgumentError:
+        return ArgumentError(
             f"recordings cannot be simulated; {self.name} is known from {self._recordings.name} alone. "
             "Use its emulator, or bring a model or a step function: neuroanimator new --help."
         )

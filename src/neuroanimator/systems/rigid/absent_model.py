@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
-
 import numpy as np
-from jaxtyping import Bool, Float
 
 from neuroanimator.definitions.carried import read_definition_text
 from neuroanimator.definitions.goal import GoalTable
@@ -15,10 +12,10 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.model_system import model_goal
 from neuroanimator.systems.schemes import schemes_of
-from neuroanimator.systems.system import Scheme, System
+from neuroanimator.systems.system import SystemWithoutPhysics
 
 
-class AbsentModel(System):
+class AbsentModel(SystemWithoutPhysics):
     """The system an emulator is of, without physics; goals at a site of the model are left out."""
 
     has_ground = True
@@ -43,21 +40,6 @@ class AbsentModel(System):
         """Return the goal that `table` describes; ArgumentError names `name` and the part that is wrong."""
         return model_goal(self.state, name, table, {})
 
-    def _simulate(
-        self,
-        states: Float[np.ndarray, "B _ S"],
-        controls: Float[np.ndarray, "B T C"],
-        scheme: Scheme,
-        substeps: int,
-        threads: int,
-    ) -> None:
-        self._refuse()
-
-    def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
-        self._refuse()
-
-    def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        self._refuse()
-
-    def _refuse(self) -> NoReturn:
-        raise BadFileError(self.missing)
+    @property
+    def reason(self) -> BadFileError:
+        return BadFileError(self.missing)

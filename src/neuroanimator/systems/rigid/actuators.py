@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import mujoco
+import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import model_name
@@ -29,6 +31,15 @@ def layout_of_actuators(model: mujoco.MjModel) -> Layout:
                 f"Two actuators would be called '{name}'. Rename one of them in the model."
             )
     return Layout(tuple(slices))
+
+
+def moment_arms(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "U V"]:
+    """Return the moment arms of all actuators about all degrees of freedom."""
+    dense = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        dense, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return dense
 
 
 def bounds_of_actuators(

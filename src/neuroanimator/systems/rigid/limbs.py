@@ -9,6 +9,7 @@ from jaxtyping import Bool
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import Group
 from neuroanimator.systems.groups import check_groups
+from neuroanimator.systems.rigid.actuators import moment_arms
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.text import listed
@@ -80,8 +81,4 @@ def acts_on(model: mujoco.MjModel) -> Bool[np.ndarray, "A V"]:
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), POSE_SPREAD)
     with warnings_counted:
         mujoco.mj_forward(model, data)
-    moments = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(
-        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
-    return moments != 0
+    return moment_arms(model, data) != 0

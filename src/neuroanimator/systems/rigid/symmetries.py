@@ -12,6 +12,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.state.symmetry import Symmetry
+from neuroanimator.systems.rigid.actuators import moment_arms
 from neuroanimator.systems.rigid.bones import JOINT_NAMES, joints_of_body
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
@@ -191,7 +192,7 @@ class _Likeness:
             ):
                 if not self._pair_joints(state, joint, joint_of_other):
                     return None
-        moments = _moments(model, self.data)
+        moments = moment_arms(model, self.data)
         velocities = slice(model.nq, model.nq + model.nv)
         rates = np.array(state.sources[velocities]) - model.nq
         mirrored = moments[:, rates] * state.signs[velocities]
@@ -303,15 +304,6 @@ def _is_like_actuator(model: mujoco.MjModel, actuator: int, other: int, sign: in
         return False
     bounds = np.sort(sign * model.actuator_ctrlrange[actuator])
     return _is_close(bounds, model.actuator_ctrlrange[other])
-
-
-def _moments(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "U V"]:
-    """Return the moment arms of all actuators about all degrees of freedom."""
-    dense = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(
-        dense, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
-    return dense
 
 
 def _sign(one: Float[np.ndarray, " K"], other: Float[np.ndarray, " K"]) -> int:

@@ -24,6 +24,9 @@ from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.terminal import progress_bar
 
+SEED = 0
+"""Seed of the random paths of movers and of random parameters."""
+
 SETTLING = 12.0
 """Time in which a body comes to rest under weight, if it is stopped every `BLOCK` frames [s]."""
 
@@ -66,14 +69,12 @@ class Found(NamedTuple):
     """The state in which it rests, and its movers."""
 
 
-def find_shapes(
-    definition: SoftDefinition | FlexDefinition, scene: SoftScene, seed: int = 0
-) -> Found:
+def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -> Found:
     """Return the shapes of the body of `scene`, and where it rests.
 
     Raises ArgumentError if the physics diverges in every run.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     dt = definition.substeps * definition.physics.step
     steps = round(dt / scene.finding_step)
     settling = round(SETTLING / dt)
