@@ -6,9 +6,10 @@ python benchmarks/slope_descents.py human --keep policies --dry
 From states of the policies that walking_slopes.py is about, the controls of the next half second begin as the policy has them.
 Each iteration takes one slope, one step of Adam, and one rollout on the physics, which says what is earned and where the next
 slope is taken. After a second of one core's time, in which compilation is not counted, the best return so far counts. `gain` is
-by how much it is above the policy's own, in the median over starts and at least; `iterations` is how many there were. Slopes are
-the emulator's at true states, central differences of the physics, and MJX's where `mujoco-mjx` is installed; `random` takes no
-slope, but keeps what random changes of the best controls improve. Each has the best, by its median, of the rates in `RATES`.
+by how much it is above the policy's own `return`, in the median over starts and at least; `iterations` is how many there were.
+Slopes are the emulator's at true states, central differences of the physics, and MJX's where `mujoco-mjx` is installed; `random`
+takes no slope, but keeps what random changes of the best controls improve. Each has the best, by its median, of the rates in
+`RATES`.
 
 Writes results/slope_descents.csv.
 """
@@ -17,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +28,7 @@ from walking_slopes import (
     BODIES,
     STARTS,
     Case,
+    Slope,
     cases_of,
     difference_slope,
     folder_at,
@@ -59,26 +60,25 @@ DECAYS = (0.9, 0.999)
 
 TINY = 1e-8
 
-Proposal = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""(best or present controls (T, C), states (T+1, S) under them) → other controls."""
-
 
 class Descent(NamedTuple):
-    """What came of one start."""
+    """Result of one start."""
 
+    first: float
+    """Return of the policy's own controls."""
     gain: float
-    """Of return, on the physics."""
+    """Increase of the return on the physics."""
     iterations: int
 
 
 class Ascent:
-    """Steps of Adam upwards."""
+    """Steps of Adam up a slope."""
 
     is_greedy = False
 
-    def __init__(self, case: Case, name: str, rate: float):
+    def __init__(self, case: Case, slope: Slope, rate: float):
         self.case = case
-        self.slope = difference_slope(case) if name == "differences" else slopes_of(case)[name]
+        self.slope = slope
         self.rate = rate * case.spread
         self.count = 0
         self.mean: Any = 0.0
@@ -114,7 +114,7 @@ def descended(
     controls: Float[np.ndarray, "T C"],
     states: Float[np.ndarray, "T+1 S"],
 ) -> Descent:
-    """Return what is gained within `SECONDS` over `controls`, under which the physics goes through `states`."""
+    """Return the gain within `SECONDS` over `controls`, under which the physics goes through `states`."""
     bounds = case.policy.emulator.bounds
     first = best = float(paid(case, states[None], controls[None]).sum())
     iterations = 0
@@ -124,7 +124,7 @@ def descended(
         moved = simulated(case, states[:1], tried[None])
         earned = float(paid(case, moved, tried[None]).sum())
         if time.process_time() - began > SECONDS:
-            return Descent(best - first, iterations)
+            return Descent(first, best - first, iterations)
         iterations += 1
         if not proposal.is_greedy or earned > best:
             controls, states = tried, moved[0]
@@ -135,21 +135,24 @@ def measured(case: Case) -> Rows:
     """Return a row for each kind of slope."""
     steps = case.steps(HORIZON)
     ways = [rolled_out(case, start, steps) for start in case.starts]
-    names = [name for name in slopes_of(case) if name != "imagined"]
+    slopes: dict[str, Slope | None] = {**slopes_of(case)}
+    del slopes["imagined"]
+    slopes["differences"] = difference_slope(case)
+    slopes["random"] = None
     rows = []
-    for name in [*names, "differences", "random"]:
-        _proposal(case, name, 0.0)(*ways[0])  # compiles it
+    for name, slope in slopes.items():
+        _proposal(case, slope, 0.0)(*ways[0])  # compiles it
         found = {}
         for rate in RATES:
-            found[rate] = [descended(case, _proposal(case, name, rate), *way) for way in ways]
+            found[rate] = [descended(case, _proposal(case, slope, rate), *way) for way in ways]
         rows.append(_row(case, name, found))
     return rows
 
 
-def _proposal(case: Case, name: str, rate: float) -> Ascent | RandomChanges:
-    if name == "random":
+def _proposal(case: Case, slope: Slope | None, rate: float) -> Ascent | RandomChanges:
+    if slope is None:
         return RandomChanges(case, rate)
-    return Ascent(case, name, rate)
+    return Ascent(case, slope, rate)
 
 
 def _row(case: Case, name: str, found: dict[float, list[Descent]]) -> dict[str, Any]:
@@ -160,6 +163,7 @@ def _row(case: Case, name: str, found: dict[float, list[Descent]]) -> dict[str, 
         "policy": case.policy_name,
         "slope": name,
         "rate": rate,
+        "return": float(np.median([one.first for one in found[rate]])),
         "gain": float(np.median(gains[rate])),
         "gain_least": float(gains[rate].min()),
         "iterations": int(np.median([one.iterations for one in found[rate]])),

@@ -184,9 +184,10 @@ def rolled_out(
     """Return (controls, states) of the policy without noise on the physics."""
     states = [start]
     controls = []
+    calm = jnp.zeros((1, case.system.control.size))
     for _ in range(steps):
         row = jnp.asarray(states[-1][None], jnp.float32)
-        control = np.asarray(noisy_controls(case.policy, row, jnp.zeros(())), float)
+        control = np.asarray(noisy_controls(case.policy, row, calm), float)
         control = case.policy.emulator.bounds.clip(control)
         controls.append(control[0])
         states.append(simulated(case, states[-1][None], control[None])[0, 1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import slope_descents
 from walking_slopes import (
     Case,
     cosine,
@@ -62,3 +63,11 @@ def test_slopes_of_smooth_physics_agree(case: Case):
     for is_true in (True, False):
         slope = emulator_slope(case, is_true=is_true)(controls, states, weights)
         assert cosine(slope, moved) > 0.98
+
+
+def test_a_descent_gains_on_the_physics(case: Case, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(slope_descents, "SECONDS", 0.2)
+    monkeypatch.setattr(slope_descents, "RATES", (1.0,))
+    rows = {row["slope"]: row for row in slope_descents.measured(case)}
+    assert set(rows) == {"decoupled", "differences", "random"}
+    assert rows["decoupled"]["gain"] > 0
