@@ -1,7 +1,7 @@
 """Slopes of a return by MJX's own derivatives (`pip install mujoco-mjx`), for benchmarks; the package does not use it.
 
 MJX differentiates backwards through a contact solver of one iteration alone: `opt.iterations` is 1, and the line search has
-`LINE_SEARCH` steps. All else is the model's own.
+`LINE_SEARCH` steps. All else is the model's own. So these are slopes of a physics whose contacts are less exact than MuJoCo's.
 """
 
 from __future__ import annotations
