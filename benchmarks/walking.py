@@ -25,7 +25,7 @@ from neuroanimator.cli.policy import first_emulator
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
-from neuroanimator.gym.locomotion import locomotion_rules, task_of
+from neuroanimator.gym.policy_task import task_to_learn
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import resolve, trust_files
@@ -73,11 +73,10 @@ def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules
     run(folder, "new", env_id)
     toml = folder / f"{env_id}.toml"
     name, definition, _ = resolve(str(toml))
-    task = task_of(definition, toml.name)
     trust_files(toml)
     system = load_system(str(toml))
-    rules = locomotion_rules(task, system.structure, system.rest, system.parameters)
-    return system, rules, first_emulator(name, definition, task.hold, folder / "run", seed)
+    task = task_to_learn(definition, toml, system)
+    return system, task.rules, first_emulator(name, definition, task, folder / "run", seed)
 
 
 def keep(file: str, rows: Rows) -> None:

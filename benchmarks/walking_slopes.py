@@ -1,13 +1,19 @@
-"""How right slopes through contact are: an emulator's beside the physics', at states of a policy before and after it learnt.
+"""How right slopes through contact are: an emulator's beside the physics', at states of random and of trained policies.
 
-python benchmarks/walking_slopes.py                     Hopper-v5, Walker2d-v5, Ant-v5
-python benchmarks/walking_slopes.py Hopper-v5 --dry
+python benchmarks/walking_slopes.py                     Hopper-v5, Walker2d-v5, Ant-v5, human
+python benchmarks/walking_slopes.py Hopper-v5 human --keep policies --dry
 
-Each row is of one task and one horizon: the cosine between slopes of the return by all controls on the way, median and least over
-some starts. The truth is that of the physics under noise (antithetic random controls, thousands of rollouts); how well two halves
-of these agree bounds what can be seen. The emulator's slope is taken at the states of the true rollout (decoupled), or along its
-own (imagined); beside it central differences of the physics without noise. A policy learns for some updates in between, and the
-emulator with it.
+Each row is of one body, one policy and one horizon: cosines between slopes of the return by all controls on the way, median
+and least over some starts. Gymnasium's bodies are moved by a policy before it learns and after 100 updates, the emulator having
+learnt with it. The human walks and runs by the policy in examples/human, whose emulator was trained around its motion.
+
+The truth is the slope of the physics' mean return under noise: antithetic random controls, each paid by what is earned from it
+on. `halves` is the cosine of two halves of these rollouts, and `exact` what follows from it: an estimate of the cosine that the
+exact slope would have with the truth. An emulator's slope is taken at the states of the true rollout (decoupled), or along its
+own (imagined). Beside it are central differences of the physics without noise and, where `mujoco-mjx` is installed, MJX's own
+derivatives (see mjx_slope.py). Episodes end where those of the true rollout do.
+
+`--keep` names a folder where the policies are written, and taken from if they are there.
 
 Writes results/walking_slopes.csv.
 """
@@ -15,45 +21,65 @@ Writes results/walking_slopes.csv.
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import mjx_slope
 import numpy as np
+from commanded import RUNNING, WALKING, Walkers
+from following import HUMAN, RESULTS
+from jaxtyping import Array, Bool, Float
 from walking import prepared
 
+from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.learner import Learner, PolicyLearning
 from neuroanimator.gym.policy_gradient import noisy_controls
+from neuroanimator.gym.policy_task import EXPLORATION
 from neuroanimator.gym.rules import EpisodeRules
-from neuroanimator.systems.system import System
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.terminal import print_table
 
-RESULTS = Path(__file__).parent / "results"
+Rows = list[dict[str, Any]]
+
+Slope = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""(controls (T, C), states (T+1, S) of the true rollout, weights (T,)) → the slope (T, C) of the weighed sum of rewards."""
 
 ENVIRONMENTS = ("Hopper-v5", "Walker2d-v5", "Ant-v5")
 
-HORIZONS = (0.064, 0.128, 0.25, 0.5)
-"""[s]"""
+BODIES = (*ENVIRONMENTS, "human")
+
+HORIZONS = (0.064, 0.128, 0.25, 0.5, 1.0)
+"""[s], rounded to whole super steps."""
 
 STARTS = 6
 
-ROLLOUTS = 512
+ROLLOUTS = 1024
 """Pairs of rollouts, of noise and its opposite."""
 
+CHUNK = 256
+"""Pairs of rollouts that are simulated at once."""
+
+PAID = 4096
+"""Maximum number of transitions that are paid at once: rewards of a human are compiled for each number of them."""
+
 SPREAD = 0.12
-"""Standard deviation of the noise, as a share of half the controls' range."""
+"""Standard deviation of the noise of Gymnasium's bodies, whose controls go from -1 to 1."""
 
 STEP = 1e-3
-"""Change of a control for central differences, as a share of half its range."""
+"""Change of a control for central differences."""
 
-UPDATES = 100
+UPDATES = (0, 100)
+"""Updates of a policy when slopes are measured."""
 
 BANK = 64
 """Bodies among whose states starts are drawn."""
@@ -61,64 +87,81 @@ BANK = 64
 AGE = 0.8
 """Time up to which these go on [s]."""
 
+SETTLING = 100
+"""Super steps before states of a human's walk are taken."""
 
-def rows_of(env_id: str) -> list[dict[str, Any]]:
-    """Return the rows of one task."""
-    with TemporaryDirectory() as place:
-        system, rules, emulator = prepared(env_id, Path(place), 0)
-        learner = Learner(system, emulator, rules, PolicyLearning())
-        rows = measured(env_id, 0, system, rules, learner.policy)
-        for _ in range(UPDATES):
+
+class Case(NamedTuple):
+    """A body, the policy that moves it, and states on its way."""
+
+    body: str
+    policy_name: str
+    system: MujocoSystem
+    rules: EpisodeRules
+    policy: StatePolicy
+    spread: float
+    """Standard deviation of the noise on each control, in the control's unit."""
+    starts: Float[np.ndarray, "N S"]
+
+    def steps(self, horizon: float) -> int:
+        """Return the number of super steps in `horizon` [s]."""
+        return max(1, round(horizon / self.policy.dt))
+
+
+@contextmanager
+def folder_at(path: Path | None) -> Iterator[Path]:
+    """Give the folder at `path`, or a temporary one."""
+    if path is None:
+        with TemporaryDirectory() as place:
+            yield Path(place)
+        return
+    path.mkdir(parents=True, exist_ok=True)
+    yield path
+
+
+def cases_of(body: str, folder: Path, count: int) -> list[Case]:
+    """Return the policies of a body: before and after learning, or walking and running, in `count` states each."""
+    if body == "human":
+        return [human_case("walk", WALKING, count), human_case("run", RUNNING, count)]
+    files = {updates: folder / f"{body}.{updates}.policy.safetensors" for updates in UPDATES}
+    if not all(file.exists() for file in files.values()):
+        learn(body, folder, files)
+    cases = []
+    for updates, file in files.items():
+        policy, system, task = loaded_policy(file, folder / f"{body}.toml")
+        assert isinstance(system, MujocoSystem)
+        rng = np.random.default_rng(1)
+        starts = starts_of(system, task.rules, policy, rng)[:count]
+        name = f"{updates} updates"
+        cases.append(Case(body, name, system, task.rules, policy, SPREAD, starts))
+    return cases
+
+
+def learn(env_id: str, folder: Path, files: dict[int, Path]) -> None:
+    """Write policies and their emulators after so many updates each."""
+    system, rules, emulator = prepared(env_id, folder, 0)
+    learner = Learner(system, emulator, rules, PolicyLearning())
+    for updates, file in files.items():
+        while learner.numbers.update < updates:
             learner.advance()
-        return rows + measured(env_id, UPDATES, system, rules, learner.policy)
+        learner.policy.save(file)
 
 
-def measured(
-    env_id: str, updates: int, system: System, rules: EpisodeRules, policy: StatePolicy
-) -> list[dict[str, Any]]:
-    """Return a row for each horizon."""
-    rng = np.random.default_rng(1)
-    starts = starts_of(system, rules, policy, rng)
-    rows = []
-    controls = states = np.empty(0)
-    for horizon in HORIZONS:
-        steps = max(1, round(horizon / policy.dt))
-        slopes = {"decoupled": sloped(rules, policy, steps, is_true=True)}
-        slopes["imagined"] = sloped(rules, policy, steps, is_true=False)
-        cosines: dict[str, list[float]] = {name: [] for name in (*slopes, "differences", "halves")}
-        seconds = 0.0
-        for start in starts:
-            controls, states = rolled_out(system, policy, start, steps)
-            began = time.perf_counter()
-            halves = smoothed(system, rules, policy, start, controls, rng)
-            seconds += time.perf_counter() - began
-            truth = halves.mean(axis=0)
-            cosines["halves"].append(cosine(*halves))
-            cosines["differences"].append(
-                cosine(differences(system, rules, policy, start, controls), truth)
-            )
-            for name, slope in slopes.items():
-                found = slope(jnp.asarray(controls, jnp.float32), jnp.asarray(states, jnp.float32))
-                cosines[name].append(cosine(np.asarray(found, float), truth))
-        row: dict[str, Any] = {
-            "environment": env_id,
-            "updates": updates,
-            "horizon_s": horizon,
-            "steps": steps,
-        }
-        for name, found in cosines.items():
-            row[name] = float(np.median(found))
-            row[f"{name}_least"] = float(np.min(found))
-        row["seconds_physics"] = seconds / len(starts)
-        row["seconds_emulator"] = timed(slopes["decoupled"], controls, states)
-        rows.append(row)
-    return rows
+def human_case(name: str, speeds: tuple[float, float], count: int) -> Case:
+    """Return the human who goes at `speeds` [m/s]."""
+    file = HUMAN / "human.policy.safetensors"
+    policy, system, task = loaded_policy(file, HUMAN / "commanded.toml")
+    assert isinstance(system, MujocoSystem)
+    walkers = Walkers(policy, task, system, count, speeds)
+    for _ in range(SETTLING):
+        walkers.step()
+    return Case("human", name, system, task.rules, policy, EXPLORATION, walkers.states)
 
 
 def starts_of(
-    system: System, rules: EpisodeRules, policy: StatePolicy, rng: np.random.Generator
-) -> np.ndarray:
-    """Return states (N, S) that bodies are in under the policy and noise, none of them fallen."""
+    system: MujocoSystem, rules: EpisodeRules, policy: StatePolicy, rng: np.random.Generator
+) -> Float[np.ndarray, "N S"]:
+    """Return states that bodies are in under the policy and noise, in random order, none of them fallen."""
     assert rules.draw_start is not None
     states = np.stack([rules.draw_start(rng) for _ in range(BANK)])
     bank = [states]
@@ -132,127 +175,297 @@ def starts_of(
         bank.append(states)
     every = np.concatenate(bank)
     every = every[~np.asarray(rules.is_over(every))]
-    return every[rng.choice(len(every), STARTS, replace=False)]
+    return every[rng.permutation(len(every))]
 
 
 def rolled_out(
-    system: System, policy: StatePolicy, start: np.ndarray, steps: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (controls (T, C), states (T+1, S)) of the policy without noise on the physics."""
+    case: Case, start: Float[np.ndarray, " S"], steps: int
+) -> tuple[Float[np.ndarray, "T C"], Float[np.ndarray, "T+1 S"]]:
+    """Return (controls, states) of the policy without noise on the physics."""
     states = [start]
     controls = []
+    calm = jnp.zeros((1, case.system.control.size))
     for _ in range(steps):
         row = jnp.asarray(states[-1][None], jnp.float32)
-        control = np.asarray(policy.control_of(row), float)
-        runs = system.simulate(states[-1][None], control[:, None], policy.dt, scheme=system.scheme)
+        control = np.asarray(noisy_controls(case.policy, row, calm), float)
+        control = case.policy.emulator.bounds.clip(control)
         controls.append(control[0])
-        states.append(runs.states[0, 1])
+        states.append(simulated(case, states[-1][None], control[None])[0, 1])
     return np.array(controls), np.array(states)
 
 
-def sloped(
-    rules: EpisodeRules, policy: StatePolicy, steps: int, *, is_true: bool
-) -> Callable[[jax.Array, jax.Array], jax.Array]:
-    """Return what gives the emulator's slopes (T, C) of the return, at the true states or along its own."""
-    emulator = policy.emulator
-    reward: Any = rules.reward
+def simulated(
+    case: Case,
+    starts: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B T C"],
+) -> Float[np.ndarray, "B T+1 S"]:
+    """Return states on the physics, at the step the policy knows; one core computes them."""
+    return case.system.simulate(starts, controls, case.policy.dt, scheme=case.system.scheme).states
 
-    def total(controls: jax.Array, states: jax.Array) -> jax.Array:
-        def advance(carry: tuple, moment: tuple) -> tuple[tuple, None]:
-            state, earned, goes_on = carry
-            control, true = moment
-            following = emulator.step(state, control)
-            if is_true:
-                following = following + jax.lax.stop_gradient(true - following)
-            earned += goes_on * reward(state[None], control[None], following[None], policy.dt)[0]
-            is_over = rules.is_over(jax.lax.stop_gradient(following)[None])[0]
-            return (following, earned, goes_on * (1 - is_over)), None
 
-        carry = (states[0], jnp.zeros(()), jnp.ones(()))
-        (_, earned, _), _ = jax.lax.scan(advance, carry, (controls, states[1:]))
-        return earned
+def paid(
+    case: Case, states: Float[np.ndarray, "B T+1 S"], controls: Float[np.ndarray, "B T C"]
+) -> Float[np.ndarray, "B T"]:
+    """Return the rewards of each step, 0 after the one that ends the episode."""
+    shape = controls.shape[:2]
+    rewards, is_over = paid_rows(case, *_rows(states, controls))
+    return ended(rewards.reshape(shape), is_over.reshape(shape))
 
-    return jax.jit(jax.grad(total))
+
+def _rows(
+    states: Float[np.ndarray, "B T+1 S"], controls: Float[np.ndarray, "B T C"]
+) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"], Float[np.ndarray, "N S"]]:
+    """Return the transitions (states, controls, states after) of runs one after another."""
+    size = states.shape[-1]
+    before = states[:, :-1].reshape(-1, size)
+    after = states[:, 1:].reshape(-1, size)
+    return before, controls.reshape(len(before), -1), after
+
+
+def paid_rows(
+    case: Case,
+    before: Float[np.ndarray, "N S"],
+    controls: Float[np.ndarray, "N C"],
+    after: Float[np.ndarray, "N S"],
+) -> tuple[Float[np.ndarray, " N"], Bool[np.ndarray, " N"]]:
+    """Return (rewards, whether the episode is over after them) of transitions."""
+    count = len(before)
+    size = min(count, PAID)
+    rewards = np.zeros(count)
+    is_over = np.zeros(count, bool)
+    for first in range(0, count, size):
+        part = np.arange(first, min(first + size, count))
+        full = np.resize(part, size)
+        found = case.rules.reward(before[full], controls[full], after[full], case.policy.dt)
+        rewards[part] = np.asarray(found)[: len(part)]
+        is_over[part] = np.asarray(case.rules.is_over(after[full]))[: len(part)]
+    return rewards, is_over
+
+
+def ended(
+    rewards: Float[np.ndarray, "B T"], is_over: Bool[np.ndarray, "B T"]
+) -> Float[np.ndarray, "B T"]:
+    """Return the rewards, 0 after the step that ends an episode."""
+    return rewards * (np.cumsum(is_over, axis=1) - is_over == 0)
+
+
+def goes_on(case: Case, states: Float[np.ndarray, "T+1 S"]) -> Float[np.ndarray, " T"]:
+    """Return 1 for each step of an episode, the one that ends it included, and 0 beyond."""
+    is_over = np.asarray(case.rules.is_over(states[1:]))
+    return (np.cumsum(is_over) - is_over == 0).astype(float)
+
+
+def measured(case: Case, rollouts: int) -> Rows:
+    """Return a row for each horizon; the truth is of so many pairs of `rollouts`."""
+    rng = np.random.default_rng(2)
+    longest = case.steps(max(HORIZONS))
+    horizons = list(dict.fromkeys(case.steps(horizon) for horizon in HORIZONS))
+    slopes = slopes_of(case)
+    names = [*slopes, "differences", "halves", "exact"]
+    cosines: dict[str, list[list[float]]] = {name: [[] for _ in horizons] for name in names}
+    for start in case.starts:
+        controls, states = rolled_out(case, start, longest)
+        noise = rng.normal(size=(rollouts, *controls.shape))
+        truths = smoothed(case, controls, states[0], horizons, noise)
+        moved = differences(case, controls, states)
+        for index, (steps, halves) in enumerate(zip(horizons, truths, strict=True)):
+            truth = halves.mean(axis=0)
+            half = max(cosine(*halves), 0.0)
+            found = {"halves": cosine(*halves), "exact": np.sqrt(2 * half / (1 + half))}
+            found["differences"] = cosine(summed(moved, steps), truth)
+            weights = goes_on(case, states) * (np.arange(longest) < steps)
+            for name, slope in slopes.items():
+                found[name] = cosine(slope(controls, states, weights)[:steps], truth)
+            for name, value in found.items():
+                cosines[name][index].append(float(value))
+    rows: Rows = []
+    for index, steps in enumerate(horizons):
+        row: dict[str, Any] = {
+            "body": case.body,
+            "policy": case.policy_name,
+            "horizon_s": steps * case.policy.dt,
+            "steps": steps,
+            "starts": len(case.starts),
+            "rollouts": rollouts,
+        }
+        for name in names:
+            row[name] = float(np.median(cosines[name][index]))
+            row[f"{name}_least"] = float(np.min(cosines[name][index]))
+        rows.append(row)
+    return rows
+
+
+def slopes_of(case: Case) -> dict[str, Slope]:
+    """Return what gives slopes by derivatives, by name."""
+    slopes = {
+        "decoupled": emulator_slope(case, is_true=True),
+        "imagined": emulator_slope(case, is_true=False),
+    }
+    if mjx_slope.is_installed() and case.body in ENVIRONMENTS:
+        slopes["mjx"] = physics_slope(case)
+    return slopes
+
+
+def emulator_slope(case: Case, *, is_true: bool) -> Slope:
+    """Return what gives the emulator's slopes, at the true states or along its own."""
+    emulator = case.policy.emulator
+
+    def slope(controls: np.ndarray, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        if not is_true:
+            states = emulator.rollout(states[0], controls)
+        way = jnp.asarray(states, jnp.float32)
+        driven = jnp.asarray(controls, jnp.float32)
+        rewards = _reward_slopes(
+            case.rules.reward, way, driven, jnp.asarray(weights, jnp.float32), emulator.dt
+        )
+        return np.asarray(_return_slope(emulator, way, driven, rewards), float)
+
+    return slope
+
+
+class RewardSlopes(NamedTuple):
+    """Derivatives of the weighed sum of rewards, step by step."""
+
+    before: Float[Array, "T S"]
+    """By the state before the step."""
+    controls: Float[Array, "T C"]
+    after: Float[Array, "T S"]
+
+
+@eqx.filter_jit
+def _reward_slopes(
+    reward: Any,
+    states: Float[Array, "T+1 S"],
+    controls: Float[Array, "T C"],
+    weights: Float[Array, " T"],
+    dt: float,
+) -> RewardSlopes:
+    def total(before: Array, controls: Array, after: Array) -> Float[Array, ""]:
+        return (weights * reward(before, controls, after, dt)).sum()
+
+    slopes = jax.grad(total, argnums=(0, 1, 2))(states[:-1], controls, states[1:])
+    return RewardSlopes(*slopes)
+
+
+@eqx.filter_jit
+def _return_slope(
+    emulator: Emulator,
+    states: Float[Array, "T+1 S"],
+    controls: Float[Array, "T C"],
+    rewards: RewardSlopes,
+) -> Float[Array, "T C"]:
+    """Return the slope of the return by the controls: rewards' slopes, carried back by the emulator's derivatives at `states`."""
+
+    def back(later: Float[Array, " S"], moment: tuple) -> tuple[Array, Array]:
+        state, control, of_reward = moment
+        _, pull = jax.vjp(emulator.step, state, control)
+        by_state, by_control = pull(of_reward.after + later)
+        return of_reward.before + by_state, of_reward.controls + by_control
+
+    moments = (states[:-1], controls, rewards)
+    _, slopes = jax.lax.scan(back, jnp.zeros(states.shape[1]), moments, reverse=True)
+    return slopes
+
+
+def physics_slope(case: Case) -> Slope:
+    """Return what gives MJX's slopes, along its own rollouts."""
+    model = case.system.model_with(case.system.scheme)
+    substeps = case.system.scheme.steps(case.policy.dt)
+    return mjx_slope.slope_of(model, substeps, case.rules.reward, case.policy.dt)
 
 
 def smoothed(
-    system: System,
-    rules: EpisodeRules,
-    policy: StatePolicy,
-    start: np.ndarray,
-    controls: np.ndarray,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """Return two estimates (2, T, C) of the slope of the mean return under noise, each by half of the rollouts."""
-    noise = rng.normal(size=(ROLLOUTS, *controls.shape))
-    shaken = SPREAD * policy.emulator.bounds.half * noise
-    gained = gains(system, rules, policy, start, controls, shaken)[:, None, None] * noise
-    return gained.reshape(2, -1, *controls.shape).mean(axis=1)
+    case: Case,
+    controls: Float[np.ndarray, "T C"],
+    start: Float[np.ndarray, " S"],
+    horizons: list[int],
+    noise: Float[np.ndarray, "N T C"],
+) -> list[Float[np.ndarray, "2 H C"]]:
+    """Return, per horizon of H super steps, two estimates of the slope of the mean return under noise."""
+    bounds = case.policy.emulator.bounds
+    parts = []
+    for first in range(0, len(noise), CHUNK):
+        changes = case.spread * noise[first : first + CHUNK]
+        shaken = bounds.clip(np.concatenate([controls + changes, controls - changes]))
+        starts = np.repeat(start[None], len(shaken), axis=0)
+        more, less = np.split(paid(case, simulated(case, starts, shaken), shaken), 2)
+        parts.append(more - less)
+    gained = np.concatenate(parts)
+    found = []
+    for steps in horizons:
+        # A control changes nothing that was earned before it.
+        from_then_on = np.cumsum(gained[:, :steps][:, ::-1], axis=1)[:, ::-1]
+        terms = from_then_on[..., None] * noise[:, :steps]
+        found.append(terms.reshape(2, -1, *terms.shape[1:]).mean(axis=1))
+    return found
 
 
 def differences(
-    system: System,
-    rules: EpisodeRules,
-    policy: StatePolicy,
-    start: np.ndarray,
-    controls: np.ndarray,
-) -> np.ndarray:
-    """Return central differences (T, C) of the return by each control."""
-    moved = np.eye(controls.size).reshape(-1, *controls.shape) * STEP * policy.emulator.bounds.half
-    return gains(system, rules, policy, start, controls, moved).reshape(controls.shape)
-
-
-def gains(
-    system: System,
-    rules: EpisodeRules,
-    policy: StatePolicy,
-    start: np.ndarray,
-    controls: np.ndarray,
-    changes: np.ndarray,
-) -> np.ndarray:
-    """Return by how much more (N,) controls earn with each of `changes` (N, T, C) than with its opposite."""
-    bounds = policy.emulator.bounds
-    shaken = np.clip(
-        np.concatenate([controls + changes, controls - changes]), bounds.low, bounds.high
+    case: Case, controls: Float[np.ndarray, "T C"], states: Float[np.ndarray, "T+1 S"]
+) -> Float[np.ndarray, "T C T"]:
+    """Return central differences of the reward of every step by each control, each from the true state before it."""
+    steps, size = controls.shape
+    bounds = case.policy.emulator.bounds
+    transitions = []
+    for step in range(steps):
+        rest = controls[step:]
+        changes = np.zeros((size, *rest.shape))
+        changes[:, 0] = STEP * np.eye(size)
+        moved = bounds.clip(np.concatenate([rest + changes, rest - changes]))
+        starts = np.repeat(states[step : step + 1], len(moved), axis=0)
+        transitions.append(_rows(simulated(case, starts, moved), moved))
+    rewards, is_over = paid_rows(
+        case, *(np.concatenate(part) for part in zip(*transitions, strict=True))
     )
-    many = np.repeat(start[None], len(shaken), axis=0)
-    states = system.simulate_fastest(many, shaken, policy.dt, system.scheme).states
-    rewards = np.asarray(rules.reward(states[:, :-1], shaken, states[:, 1:], policy.dt))
-    is_over = np.asarray(rules.is_over(states[:, 1:]))
-    goes_on = np.cumsum(is_over, axis=1) - is_over == 0
-    more, less = np.split((rewards * goes_on).sum(axis=1), 2)
-    return more - less
+    found = np.zeros((steps, size, steps))
+    is_on = goes_on(case, states)
+    first = 0
+    for step in range(steps):
+        shape = (2 * size, steps - step)
+        part = slice(first, first + shape[0] * shape[1])
+        more, less = np.split(ended(rewards[part].reshape(shape), is_over[part].reshape(shape)), 2)
+        found[step, :, step:] = is_on[step] * (more - less) / (2 * STEP)
+        first = part.stop
+    return found
+
+
+def summed(moved: Float[np.ndarray, "T C T"], steps: int) -> Float[np.ndarray, "H C"]:
+    """Return the slope of the return over `steps` from differences of the rewards."""
+    return moved[:steps, :, :steps].sum(axis=-1)
+
+
+def difference_slope(case: Case) -> Slope:
+    """Return what gives central differences of the return on the physics, whose episodes end as they do."""
+
+    def slope(controls: np.ndarray, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return summed(differences(case, controls, states), len(controls))
+
+    return slope
 
 
 def cosine(one: np.ndarray, other: np.ndarray) -> float:
     return float((one * other).sum() / (np.linalg.norm(one) * np.linalg.norm(other) + 1e-30))
 
 
-def timed(slope: Callable[..., jax.Array], controls: np.ndarray, states: np.ndarray) -> float:
-    """Return how long a slope takes [s], the least of some."""
-    arguments = (jnp.asarray(controls, jnp.float32), jnp.asarray(states, jnp.float32))
-    found = []
-    for _ in range(20):
-        began = time.perf_counter()
-        slope(*arguments).block_until_ready()
-        found.append(time.perf_counter() - began)
-    return min(found)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("environments", nargs="*", default=list(ENVIRONMENTS))
+    parser.add_argument("bodies", nargs="*", default=list(BODIES))
+    parser.add_argument("--keep", type=Path, help="folder of the policies that are learnt")
+    parser.add_argument("--starts", type=int, default=STARTS)
+    parser.add_argument("--rollouts", type=int, default=ROLLOUTS)
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
-    rows: list[dict[str, Any]] = []
-    for env_id in arguments.environments:
-        rows += rows_of(env_id)
-        print_table(rows)
-    if not arguments.dry:
-        write_csv(RESULTS / "walking_slopes.csv", rows)
+    file = RESULTS / "walking_slopes.csv"
+    for body in arguments.bodies:
+        with folder_at(arguments.keep) as folder:
+            for case in cases_of(body, folder, arguments.starts):
+                rows = measured(case, arguments.rollouts)
+                print_table(rows)
+                if not arguments.dry:
+                    write_csv(file, [*other_rows(file, rows, "body", "policy"), *rows])
 
 
 if __name__ == "__main__":
