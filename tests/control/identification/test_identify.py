@@ -293,3 +293,23 @@ def test_plans_know_the_body_after_a_while_if_its_parameters_are_estimated(
     assert found["damping"] == pytest.approx(TRUE["damping"], abs=0.02)
     product = found["gain"] * found["gear"]
     assert product == pytest.approx(TRUE["gain"] * TRUE["gear"], abs=0.03)
+
+
+def test_a_push_between_super_steps_says_nothing_of_parameters(emulator: Emulator) -> None:
+    body = emulator.at(**TRUE).rest
+    plant = EmulatorPlant(emulator)
+    rng = np.random.default_rng(0)
+    estimator = ParameterEstimator(emulator, windows=12)
+    state = body.copy()
+    for step in range(72):
+        if step % 6 == 0:
+            state[:4] += rng.uniform(-0.3, 0.3, 4)
+        control = rng.uniform(emulator.bounds.low, emulator.bounds.high)
+        following = plant(state, control)
+        estimator.observe(state, control, following)
+        state = following.copy()
+    ranges = np.array([p.high - p.low for p in emulator.parameters])
+    off = np.abs(estimator.values - body[list(emulator.parameter_entries)]) / ranges
+    found = dict(zip([p.name for p in emulator.parameters], off, strict=True))
+    assert found["mass"] < 0.05
+    assert found["damping"] < 0.05
