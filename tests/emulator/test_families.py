@@ -130,6 +130,16 @@ def test_bodies_outside_the_family_are_refused(family: Emulator) -> None:
         family.at(self=1.0)
 
 
+def test_the_ends_of_the_ranges_as_their_files_say_them_are_in_the_family() -> None:
+    """An emulator has them in single precision."""
+    fishes = load_emulator("fishes")
+    for parameter in load_system("fishes").parameters:
+        for end in (parameter.low, parameter.high):
+            body = fishes.at(**{parameter.name: end})
+            found = dict(zip([p.name for p in fishes.parameters], body.rest[-3:], strict=True))
+            assert found[parameter.name] == pytest.approx(end, rel=1e-6)
+
+
 def test_a_body_outside_of_the_family_stays_one_and_is_not_trusted(family: Emulator) -> None:
     start = family.rest
     entry = family.parameter_entries[2]

@@ -119,13 +119,17 @@ class SuperStep(eqx.Module):
         return tuple(range(self.state.size - count, self.state.size))
 
     @property
+    def shown_parameters(self) -> tuple[int, ...]:
+        """Places of the parameters among the plain features."""
+        behind = self.encoding.layout.size - self.state.size
+        return tuple(self.features.plain.index(entry + behind) for entry in self.parameter_entries)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """What varies over the family of bodies it was trained on: names, units, the ranges of training, nominal values."""
         found = []
-        behind = self.encoding.layout.size - self.state.size
-        for entry in self.parameter_entries:
+        for entry, shown in zip(self.parameter_entries, self.shown_parameters, strict=True):
             name, unit = self.state.names[entry].split("[0] ")
-            shown = self.features.plain.index(entry + behind)
             parameter = Parameter(
                 name=name,
                 unit=unit,

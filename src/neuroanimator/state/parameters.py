@@ -16,6 +16,9 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Slice
 from neuroanimator.text import did_you_mean, listed, quoted
 
+ROUNDING = 1e-6
+"""Share of its range by which a value may lie outside: emulators have ranges in single precision."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -38,10 +41,12 @@ class Parameter:
     def at(self, value: float) -> Parameter:
         """Return the parameter that always has this `value`; ArgumentError if it lies outside the range."""
         number = float(value)
-        if not self.low <= number <= self.high:
+        margin = ROUNDING * (self.high - self.low)
+        if not self.low - margin <= number <= self.high + margin:
             raise ArgumentError(
                 f"{self.name}: wanted {self.low:g} to {self.high:g} {self.unit}, came {number:g}."
             )
+        number = min(max(number, self.low), self.high)
         return replace(self, low=number, high=number, nominal=number)
 
 

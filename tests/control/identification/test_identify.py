@@ -26,6 +26,8 @@ from neuroanimator import (
     train,
 )
 from neuroanimator.control import EmulatorPlant, ParameterEstimator, Planner, control_plant
+from neuroanimator.control.identification.measurements import Measurements
+from neuroanimator.control.identification.predictions import MeasuredStartPredictor
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.systems.loading import resolve, trust_files
@@ -296,3 +298,43 @@ def test_plans_know_the_body_after_a_while_if_its_parameters_are_estimated(
     assert found["damping"] == pytest.approx(TRUE["damping"], abs=0.02)
     product = found["gain"] * found["gear"]
     assert product == pytest.approx(TRUE["gain"] * TRUE["gear"], abs=0.03)
+
+
+def test_slopes_from_measured_starts_equal_finite_differences(emulator: Emulator) -> None:
+    rng = np.random.default_rng(1)
+    starts = np.tile(emulator.rest, (3, 1))
+    starts[:, :4] += rng.uniform(-0.5, 0.5, (3, 4))
+    controls = rng.uniform(emulator.bounds.low, emulator.bounds.high, (3, 4, 2))
+    states = np.repeat(starts[:, None], 5, axis=1)
+    predictor = MeasuredStartPredictor(
+        emulator, Measurements(states, controls, states, (), (0, 1, 2, 3), ())
+    )
+    values = emulator.at(**TRUE).rest[list(emulator.parameter_entries)]
+    found = predictor.slopes(starts, values).by_unknowns
+    for place in range(len(values)):
+        step = np.zeros(len(values))
+        step[place] = 0.01
+        later = predictor.by_emulator(starts, values + step)
+        earlier = predictor.by_emulator(starts, values - step)
+        np.testing.assert_allclose(found[..., place], (later - earlier) / 0.02, atol=5e-3)
+    assert np.abs(found[:, 1:, :4]).max() > 0.1
+
+
+def test_a_push_between_super_steps_says_nothing_of_parameters(emulator: Emulator) -> None:
+    body = emulator.at(**TRUE).rest
+    plant = EmulatorPlant(emulator)
+    rng = np.random.default_rng(0)
+    estimator = ParameterEstimator(emulator, windows=12)
+    state = body.copy()
+    for step in range(72):
+        if step % 6 == 0:
+            state[:4] += rng.uniform(-0.3, 0.3, 4)
+        control = rng.uniform(emulator.bounds.low, emulator.bounds.high)
+        following = plant(state, control)
+        estimator.observe(state, control, following)
+        state = following.copy()
+    ranges = np.array([p.high - p.low for p in emulator.parameters])
+    off = np.abs(estimator.values - body[list(emulator.parameter_entries)]) / ranges
+    found = dict(zip([p.name for p in emulator.parameters], off, strict=True))
+    assert found["mass"] < 0.05
+    assert found["damping"] < 0.05

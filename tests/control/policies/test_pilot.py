@@ -11,10 +11,20 @@ import numpy as np
 import pytest
 from shapes import unchecked
 
-from neuroanimator import NeuroAnimatorError, Pilot, Policy, load_policy, load_system, read_pose
+from neuroanimator import (
+    NeuroAnimatorError,
+    Pilot,
+    Policy,
+    load_emulator,
+    load_policy,
+    load_system,
+    read_pose,
+)
+from neuroanimator.control import EmulatorPlant, ParameterEstimator
 from neuroanimator.control.policies.closed_loop import choose_controls
 from neuroanimator.control.policies.pilot import PilotFrame
 from neuroanimator.control.policies.pilot_motions import MAX_LEAD
+from neuroanimator.control.policies.policy import fresh_policy
 from neuroanimator.control.policies.steering import SteeringTarget
 
 
@@ -167,3 +177,45 @@ def test_a_policy_is_found_by_name_or_file_and_others_are_refused_by_name(tmp_pa
             NeuroAnimatorError, match="No policy file 'whale', .* Shipped: dolphin, fish"
         ):
             load("whale")
+
+
+@pytest.fixture(scope="module")
+def family(policy: Policy) -> Policy:
+    """A policy of the family of fish that has not been trained: it swims by their gait."""
+    return fresh_policy(load_emulator("fishes"), policy.ranges, (8,))
+
+
+def test_with_an_estimator_it_finds_out_whose_muscles_it_moves(family: Policy):
+    """The emulator itself stands in for the body, so that nothing but parameters differs."""
+    emulator = family.emulator
+    nominal = emulator.rest
+    true = emulator.at(length=0.3, stiffness=0.8, density=1.2).rest
+    entries = list(emulator.parameter_entries)
+    pilot = Pilot(family, estimator=ParameterEstimator(emulator, windows=4))
+    plant = EmulatorPlant(emulator)
+    state = true
+    told = state
+    for _ in range(25):
+        told = state.copy()
+        told[entries] = nominal[entries]
+        pilot.step(speed=0.1, dt=family.dt, state=told)
+        state = plant(state, pilot.controls)
+    assert pilot.estimator is not None
+    np.testing.assert_allclose(pilot.estimator.values, true[entries], rtol=0.02)
+    informed = Pilot(family).reset(true).state
+    begun = pilot.reset(np.concatenate([true[: -len(entries)], nominal[entries]]))
+    np.testing.assert_allclose(begun.state, informed, rtol=0.02, atol=1e-6)
+
+
+def test_states_that_tell_an_estimator_nothing_are_refused(family: Policy, policy: Policy):
+    estimator = ParameterEstimator(family.emulator)
+    pilot = Pilot(family, estimator=estimator)
+    state = pilot.reset().state
+    pilot.step(speed=0.1, dt=family.dt, state=state)
+    for dt in (0.5 * family.dt, 1.5 * family.dt):
+        pilot.reset(state)
+        pilot.step(speed=0.1, dt=dt)
+        with pytest.raises(NeuroAnimatorError, match="one super step, 0.1 s, apart"):
+            pilot.step(speed=0.1, dt=family.dt, state=state)
+    with pytest.raises(NeuroAnimatorError, match="one of the policy's body, fish, came one of"):
+        Pilot(policy, estimator=estimator)

@@ -220,6 +220,26 @@ def test_a_policy_survives_its_file(policy: Policy, tmp_path: Path, starts: np.n
     )
 
 
+def test_a_policy_that_is_not_given_parameters_does_the_same_for_all_and_survives_its_file(
+    policy: Policy, tmp_path: Path
+):
+    family = load_emulator("fishes")
+    latent = np.tile(np.float32(family.encode(family.rest)), (2, 1))
+    latent[1, -len(family.parameter_entries) :] *= 1.2
+    commands = random_commands(policy, np.random.default_rng(6), 1).repeat(2, axis=0)
+    found = {}
+    for is_given in (True, False):
+        made = fresh_policy(family, policy.ranges, (8,), observes_parameters=is_given)
+        made.save(tmp_path / "a.policy.safetensors")
+        for one in (made, Policy.load(tmp_path / "a.policy.safetensors")):
+            controls = control_rows(one, latent, np.zeros(2, np.float32), np.float32(commands))
+            found.setdefault(is_given, []).append(np.asarray(controls))
+    np.testing.assert_array_equal(found[False][0][0], found[False][0][1])
+    assert (found[True][0][0] != found[True][0][1]).any()
+    for made, read in found.values():
+        np.testing.assert_array_equal(made, read)
+
+
 @pytest.mark.parametrize("name", POLICIES)
 def test_shipped_policies_load_and_are_small(name: str):
     assert Policy.load(find_policy(name)).emulator.system == name

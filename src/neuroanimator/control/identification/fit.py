@@ -21,7 +21,11 @@ from neuroanimator.control.identification.least_squares import (
     robust_weights,
 )
 from neuroanimator.control.identification.measurements import Measurements
-from neuroanimator.control.identification.predictions import Predictor, Slopes
+from neuroanimator.control.identification.predictions import (
+    MeasuredStartPredictor,
+    Predictor,
+    Slopes,
+)
 from neuroanimator.control.identification.unknowns import Unknowns
 
 MAX_ITERATIONS = 40
@@ -76,7 +80,12 @@ SlopesAt = Callable[[Fit], Slopes]
 class Fitter:
     """Fits the unknowns of measurements, by an emulator or by the physics."""
 
-    def __init__(self, measurements: Measurements, predictor: Predictor, unknowns: Unknowns):
+    def __init__(
+        self,
+        measurements: Measurements,
+        predictor: Predictor | MeasuredStartPredictor,
+        unknowns: Unknowns,
+    ):
         self.measurements = measurements
         self.predictor = predictor
         self.unknowns = unknowns

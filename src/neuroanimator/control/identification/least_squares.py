@@ -93,7 +93,7 @@ def normal_equations(
     of_starts = np.swapaxes(by_starts, 1, 2)
     starts_matrix = of_starts @ (weight * by_starts)
     diagonal = np.einsum("wvv->wv", starts_matrix)
-    diagonal += damping * diagonal + LEAST * max(float(diagonal.max()), 1.0)
+    diagonal += damping * diagonal + LEAST * float(diagonal.max(initial=1.0))
     cross = of_starts @ (weight * by_values)
     starts_right = (of_starts @ (weight * error))[..., 0]
     of_values = np.swapaxes(by_values, 1, 2)

@@ -154,6 +154,42 @@ class Predictor:
         return Slopes(shown, by_unknowns, by_starts)
 
 
+class MeasuredStartPredictor:
+    """Predictions of windows whose starts are known: states as they were measured. The emulator's alone."""
+
+    start_size = 0
+    """Number of unknowns of a start."""
+
+    def __init__(self, emulator: Emulator, measurements: Measurements):
+        self.emulator = emulator
+        self.controls = _single(emulator.encode_control(measurements.controls))
+
+    def starts_at(self, states: Float[np.ndarray, "W S"]) -> Float[np.ndarray, "W S"]:
+        """Return the starts of motions that begin at `states`: these."""
+        return states
+
+    def moved(
+        self, starts: Float[np.ndarray, "W S"], change: Float[np.ndarray, "W V"]
+    ) -> Float[np.ndarray, "W S"]:
+        """Return the starts as they are: no change of theirs is unknown."""
+        return starts
+
+    def by_emulator(
+        self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " P"]
+    ) -> Float[np.ndarray, "W F S"]:
+        """Return the emulator's motions from `starts`, with `values` of the parameters."""
+        shown = _from_measured(self.emulator, _single(starts), _single(values), self.controls)
+        return np.asarray(shown, float)
+
+    def slopes(self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " P"]) -> Slopes:
+        """Return `by_emulator` with its derivatives."""
+        arrays = _slopes_from_measured(
+            self.emulator, _single(starts), _single(values), self.controls
+        )
+        shown, by_parameters = (np.asarray(array, float) for array in arrays)
+        return Slopes(shown, by_parameters, np.zeros((*shown.shape, self.start_size)))
+
+
 def _where_finite(
     values: Float[np.ndarray, " ..."], otherwise: Float[np.ndarray, " ..."]
 ) -> Float[np.ndarray, " ..."]:
@@ -254,5 +290,49 @@ def _slopes(
         derivatives = jax.jacfwd(shown, argnums=(0, 1), has_aux=True)
         (by_values, by_start), seen = derivatives(values, jnp.zeros(start_size), start, held)
         return seen, by_values, by_start
+
+    return jax.vmap(slopes)(starts, controls)
+
+
+def _motion_from_measured(
+    emulator: Emulator,
+    start: Float[Array, " S"],
+    values: Float[Array, " P"],
+    controls: Float[Array, "T C"],
+) -> Float[Array, "F S"]:
+    """Return the emulator's motion from the state `start` with other parameters, of which shapes are seen, too."""
+    moving = start.shape[0] - values.shape[0]
+    state = jnp.concatenate([start[:moving], values])
+    following = rollout_latent(emulator, emulator.encode(state), controls, is_bounded=False)
+    return jnp.concatenate([state[None], emulator.decode(following)])
+
+
+@eqx.filter_jit
+def _from_measured(
+    emulator: Emulator,
+    starts: Float[Array, "W S"],
+    values: Float[Array, " P"],
+    controls: Float[Array, "W T C"],
+) -> Float[Array, "W F S"]:
+    def shown(start: Array, held: Array) -> Array:
+        return _motion_from_measured(emulator, start, values, held)
+
+    return jax.vmap(shown)(starts, controls)
+
+
+@eqx.filter_jit
+def _slopes_from_measured(
+    emulator: Emulator,
+    starts: Float[Array, "W S"],
+    values: Float[Array, " P"],
+    controls: Float[Array, "W T C"],
+) -> tuple[Float[Array, "W F S"], Float[Array, "W F S P"]]:
+    def slopes(start: Array, held: Array) -> tuple[Array, Array]:
+        def shown(values: Array) -> tuple[Array, Array]:
+            states = _motion_from_measured(emulator, start, values, held)
+            return states, states
+
+        by_values, states = jax.jacfwd(shown, has_aux=True)(values)
+        return states, by_values
 
     return jax.vmap(slopes)(starts, controls)

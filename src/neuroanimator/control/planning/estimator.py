@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.identification.fit import Fitter
 from neuroanimator.control.identification.measurements import SHORTEST, Measurements
-from neuroanimator.control.identification.predictions import Predictor
+from neuroanimator.control.identification.predictions import MeasuredStartPredictor
 from neuroanimator.control.identification.unknowns import unknowns_of
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -21,12 +23,19 @@ EVERY = 8
 """Default number of super steps between estimates."""
 
 
+class _Window(NamedTuple):
+    """Successive super steps."""
+
+    states: Float[np.ndarray, "F S"]
+    controls: Float[np.ndarray, "T C"]
+
+
 class ParameterEstimator:
     """Estimates parameters by Gauss-Newton steps through the emulator, over the last super steps.
 
-    As in `identify`, these are cut into short windows whose starts are unknown as well, so that noise in measured states
-    does little harm. Nothing is proved on the physics: a parameter is as good as the emulator. What the last motion does
-    not show stays at its nominal value.
+    These are cut into short windows that begin in states as they were measured; `identify` looks for starts, too, which takes
+    a hundred times as long. Nothing is proved on the physics: a parameter is as good as the emulator. What the last motion
+    does not show stays at its nominal value.
     """
 
     def __init__(self, emulator: Emulator, *, windows: int = WINDOWS, every: int = EVERY):
@@ -47,13 +56,15 @@ class ParameterEstimator:
         self.emulator = emulator
         self.windows = windows
         self.every = every
-        entries = emulator.parameter_entries
-        self.values: Float[np.ndarray, " P"] = emulator.rest[list(entries)].copy()
+        self._entries = list(emulator.parameter_entries)
+        self._moving = np.setdiff1d(np.arange(emulator.state.size), self._entries)
+        self.values: Float[np.ndarray, " P"] = emulator.rest[self._entries].copy()
         """The last estimate, in the order of `emulator.parameters`."""
-        self._entries = list(entries)
+        self._remembered: deque[_Window] = deque(maxlen=windows)
         self._states: list[Float[np.ndarray, " S"]] = []
         self._controls: list[Float[np.ndarray, " C"]] = []
         self._observed = 0
+        self._noise: Float[np.ndarray, " S"] | None = None
 
     def believed(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
         """Return `state` with the parameters as estimated."""
@@ -68,36 +79,44 @@ class ParameterEstimator:
         following: Float[np.ndarray, " S"],
     ) -> None:
         """Take in a super step from `state` to the `following` one; what they say of parameters is not looked at."""
-        if not self._states:
-            self._states.append(state)
+        if not self._states or self._is_pushed(state):
+            self._states = [state]
+            self._controls = []
         self._states.append(following)
         self._controls.append(control)
+        if len(self._controls) == SHORTEST:
+            self._remembered.append(_Window(np.stack(self._states), np.stack(self._controls)))
+            self._states = [following]
+            self._controls = []
         self._observed += 1
-        remembered = SHORTEST * self.windows
-        self._states = self._states[-remembered - 1 :]
-        self._controls = self._controls[-remembered:]
-        if self._observed % self.every == 0 and self._observed >= SHORTEST:
+        if self._observed % self.every == 0 and self._remembered:
             self._estimate()
 
+    def _is_pushed(self, state: Float[np.ndarray, " S"]) -> bool:
+        """Return whether the body is elsewhere than the last super step led to: no motion explains a push."""
+        return not np.array_equal(state[self._moving], self._states[-1][self._moving])
+
     def _estimate(self) -> None:
-        measured, controls = self._cut()
-        guess = np.where(np.isnan(measured), self.emulator.rest, measured)
-        moving = np.setdiff1d(np.arange(measured.shape[2]), self._entries)
-        windows = Measurements(measured, controls, guess, (), tuple(moving.tolist()), ())
+        windows = self._windows_of_fixed_number()
         unknowns = unknowns_of(self.emulator, windows)
-        fitter = Fitter(windows, Predictor(self.emulator, windows, unknowns), unknowns)
+        fitter = Fitter(windows, MeasuredStartPredictor(self.emulator, windows), unknowns)
         begin = np.clip(self.values, unknowns.low, unknowns.high)
         first = replace(fitter.first_guess(), values=begin)
-        self.values = fitter.fitted(first, fitter.predictor.by_emulator).values
+        if self._noise is not None:
+            first = replace(first, noise=self._noise)
+        fit = fitter.fitted(first, fitter.predictor.by_emulator)
+        self.values = fit.values
+        self._noise = fit.noise
 
-    def _cut(self) -> tuple[Float[np.ndarray, "W F S"], Float[np.ndarray, "W T C"]]:
-        """Return the windows, the last one first; NaN of those to come, so that nothing is compiled anew."""
-        measured = np.full((self.windows, SHORTEST + 1, self.emulator.state.size), np.nan)
+    def _windows_of_fixed_number(self) -> Measurements:
+        """Return the windows, and NaN in place of those to come, so that nothing is compiled anew."""
+        shape = (self.windows, SHORTEST + 1, self.emulator.state.size)
+        states = np.full(shape, self.emulator.rest)
+        measured = np.full(shape, np.nan)
         controls = np.tile(self.emulator.bounds.idle, (self.windows, SHORTEST, 1))
-        end = len(self._controls)
-        for window in range(end // SHORTEST):
-            first = end - SHORTEST * (window + 1)
-            measured[window] = self._states[first : first + SHORTEST + 1]
-            controls[window] = self._controls[first : first + SHORTEST]
+        for place, window in enumerate(self._remembered):
+            states[place] = window.states
+            measured[place, 1:] = window.states[1:]
+            controls[place] = window.controls
         measured[..., self._entries] = np.nan
-        return measured, controls
+        return Measurements(measured, controls, states, (), tuple(self._moving.tolist()), ())

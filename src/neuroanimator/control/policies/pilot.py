@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, final
+from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +23,9 @@ from neuroanimator.control.policies.state_policy import StatePolicy, load_any_po
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.systems.system import System
+
+if TYPE_CHECKING:  # identification takes long to import, and most bodies need none
+    from neuroanimator.control.planning.estimator import ParameterEstimator
 
 MAX_FRAME = 60.0
 """The longest frame [s]: a longer one is a mistake, such as milliseconds for seconds."""
@@ -53,14 +56,27 @@ class Pilot:
     in between, states are interpolated. What is asked for takes effect with the next super step.
     """
 
-    def __init__(self, policy: Policy | StatePolicy | str | Path, system: System | None = None):
+    def __init__(
+        self,
+        policy: Policy | StatePolicy | str | Path,
+        system: System | None = None,
+        *,
+        estimator: ParameterEstimator | None = None,
+    ):
         """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest.
 
         A policy that follows a motion on command moves the physics of `system`, its own body; without one its emulator, which
-        `train` makes of what the policy does. ArgumentError for a policy that takes no commands, and where physics is needless.
+        `train` makes of what the policy does. A policy of a family is told the parameters that the state holds; with an
+        `estimator` those that it finds on the way, from states handed over to `step`.
+
+        Raises ArgumentError for a policy that takes no commands, where physics is needless, and for an estimator of another
+        body's parameters.
         """
         self.policy = _loaded(policy)
         self._motion = _motion_of(self.policy, system)
+        self.estimator = estimator
+        if estimator is not None:
+            _check_estimator(estimator, self.policy, system)
         # Asking a module of equinox for its facts takes longer than a super step.
         emulator = self.policy.emulator
         self._structure = emulator.state_structure
@@ -96,7 +112,8 @@ class Pilot:
         """
         phase = _finite("phase", phase) % (2 * math.pi)
         start = np.array(self._motion.first(phase) if state is None else state, float)
-        self._begin = self._checked(start)
+        self._begin = self._believed(self._checked(start))
+        self._is_begin_measured = True
         self._end: Float[np.ndarray, " S"] | None = None
         self._motion.begin(self._begin, phase)
         self._time = 0.0
@@ -117,9 +134,11 @@ class Pilot:
 
         `speed` [m/s] is how fast to go ahead, `turn` [rad/s] how fast to turn left, `climb` [rad] how steeply to go
         up. Without `turn`, the heading is held. `state` (S,) says where the body really is now, if something else
-        moves it, such as a physics that is given `controls`; the pilot goes on from there.
+        moves it, such as a physics that is given `controls`; the pilot goes on from there. Where there is an estimator,
+        states are to be one super step, `policy.dt`, apart.
 
-        Raises ArgumentError for numbers that are not finite, and unless 0 < `dt` ≤ `MAX_FRAME`.
+        Raises ArgumentError for numbers that are not finite, unless 0 < `dt` ≤ `MAX_FRAME`, and for states that are not a
+        super step apart.
         """
         asked_speed = _finite("speed", speed)
         asked_turn = _finite("turn", turn)
@@ -171,16 +190,37 @@ class Pilot:
         """Begin the next super step where this one ends."""
         assert self._end is not None
         self._begin = self._end
+        self._is_begin_measured = False
         self._motion.finish()
         self._since_begin = 0.0
         self._end = None
 
     def _go_on_from(self, state: Float[np.ndarray, " S"]) -> None:
         """Put the body where it really is; its clock goes on."""
+        if self.estimator is not None and self._end is not None:
+            self._check_whole_step()
+            self.estimator.observe(self._begin, self._controls, state)
+        state = self._believed(state)
         self._motion.go_on_from(state, self._since_begin)
         self._begin = state
+        self._is_begin_measured = True
         self._since_begin = 0.0
         self._end = None
+
+    def _believed(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
+        """Return the state with the parameters as estimated, where they are."""
+        if self.estimator is None:
+            return state
+        return self.estimator.believed(state)
+
+    def _check_whole_step(self) -> None:
+        """Raise ArgumentError unless one super step has passed since a state was measured."""
+        passed = self._since_begin
+        if not self._is_begin_measured or abs(passed - self._super_step) > TINY:
+            raise ArgumentError(
+                f"state: an estimator learns from states one super step, {self._super_step:g} s, apart. "
+                "Hand one over at each, with dt=pilot.policy.dt."
+            )
 
     def _interpolated(self) -> Float[np.ndarray, " S"]:
         """Return the state at this moment of the super step."""
@@ -217,6 +257,20 @@ def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMoti
             raise ArgumentError("system: this policy moves its emulator. Leave it out.")
         return EmulatedMotion(policy)
     return CommandedMotion(policy, system)
+
+
+def _check_estimator(
+    estimator: ParameterEstimator, policy: Policy | StatePolicy, system: System | None
+) -> None:
+    """Raise ArgumentError unless states of the policy's body are handed over that the estimator knows."""
+    if system is not None:
+        raise ArgumentError(
+            "estimator: the pilot moves the physics of a system whose parameters are known. Leave one of the two out."
+        )
+    if estimator.emulator.state != policy.emulator.state:
+        raise ArgumentError(
+            f"estimator: wanted one of the policy's body, {policy.emulator.system}, came one of {estimator.emulator.system}."
+        )
 
 
 def _finite(label: str, value: object) -> float:

@@ -109,7 +109,9 @@ class EmulatedMotion(PilotMotion):
         phase = np.array([self._phase])
         made = make_super_step(self.policy, self._latent[None], phase, target)
         self._next_latent = made.latent[0]
-        return Leap(np.asarray(made.states[0], float), np.asarray(made.controls[0], float))
+        # Single precision may round beyond a bound.
+        controls = self.policy.emulator.bounds.clip(np.asarray(made.controls[0], float))
+        return Leap(np.asarray(made.states[0], float), controls)
 
     def finish(self) -> None:
         self._latent = self._next_latent

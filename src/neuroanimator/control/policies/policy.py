@@ -24,6 +24,7 @@ from neuroanimator.emulator.artifact import (
 from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks import MAX_LAYER, make_network
 from neuroanimator.emulator.networks.network import Network, prefixed
 from neuroanimator.emulator.tensors import (
@@ -109,6 +110,8 @@ class Policy(eqx.Module):
     ranges: Bounds = eqx.field(static=True)
     """The range of each command it was trained on, in the order of `COMMAND`."""
     rhythm: Rhythm = eqx.field(static=True)
+    observes_parameters: bool = eqx.field(static=True, default=True)
+    """Whether the network is given the parameters of a family's body; false: it is robust against them at best."""
 
     def __repr__(self) -> str:
         spec = self.emulator.spec
@@ -179,6 +182,8 @@ class Policy(eqx.Module):
         relaxed = emulator.encode_control(jnp.asarray(emulator.bounds.middle, latent.dtype))
         features = emulator.domain.clip(emulator.raw_features(latent, relaxed))
         odd, even = emulator.features.streams(latent, emulator.normaliser.forward(features))
+        if not self.observes_parameters:
+            odd, even = _without_parameters(emulator, odd, even)
         clock = jnp.stack([jnp.sin(phase), jnp.cos(phase)])
         if not emulator.encoding.is_mirrored:
             return jnp.concatenate([odd, clock, command]), even
@@ -194,18 +199,45 @@ def latent_structure(emulator: Emulator) -> Structure:
     return Structure((), (), (), segments=emulator.frame.segments)
 
 
+def _without_parameters(
+    emulator: Emulator, odd: Float[Array, " O"], even: Float[Array, " E"]
+) -> tuple[Float[Array, " _"], Float[Array, " _"]]:
+    """Return (odd, even) as `Features.streams` gives them, but for the parameters of a family's body."""
+    features = emulator.features
+    angles = features.angles.shape[0]
+    parameters = emulator.shown_parameters
+    if features.is_odd:
+        kept = [i for i, shown in enumerate(features.even) if shown not in parameters]
+        places = (*range(angles), *(angles + i for i in kept))
+        return odd, reordered(even, places)
+    first = 2 * angles
+    places = tuple(i for i in range(odd.shape[0]) if i - first not in parameters)
+    return reordered(odd, places), even
+
+
 def fresh_policy(
-    emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], seed: int = 0
+    emulator: Emulator,
+    ranges: Bounds,
+    widths: tuple[int, ...],
+    seed: int = 0,
+    *,
+    observes_parameters: bool = True,
 ) -> Policy:
     """Return an untrained policy, nearly the gait alone, with hidden layers of `widths`.
 
     Raises ArgumentError for a system that cannot point anywhere.
     """
-    return make_policy(emulator, ranges, widths, jax.random.key(seed))
+    key = jax.random.key(seed)
+    return make_policy(emulator, ranges, widths, key, observes_parameters=observes_parameters)
 
 
 def make_policy(
-    emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], key: PRNGKeyArray | None
+    emulator: Emulator,
+    ranges: Bounds,
+    widths: tuple[int, ...],
+    key: PRNGKeyArray | None,
+    *,
+    observes_parameters: bool = True,
 ) -> Policy:
     """Return `fresh_policy` by a random key; without one its weights are zeros."""
     check_steerable(emulator)
@@ -213,7 +245,9 @@ def make_policy(
     size = emulator.control.size
     others = emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
     odd, even = emulator.features.sizes(others)
+    hidden = 0 if observes_parameters else len(emulator.shown_parameters)
     if emulator.encoding.is_mirrored:
+        even -= hidden
         odd += len(range(COMMAND.size)[ODD_COMMANDS])
         even += len(range(COMMAND.size)[EVEN_COMMANDS])
         if rhythm.is_odd:
@@ -223,9 +257,9 @@ def make_policy(
         even_out = tuple(range(emulator.encoding.odd_controls, size))
         network = make_network("mirrored", odd, even, size, widths, key, even_out)
     else:
-        odd += CLOCK_SIZE + COMMAND.size
+        odd += CLOCK_SIZE + COMMAND.size - hidden
         network = make_network("linear-glu", odd, even, size, widths, key)
-    return Policy(emulator, network, ranges, rhythm)
+    return Policy(emulator, network, ranges, rhythm, observes_parameters)
 
 
 def check_steerable(emulator: Emulator) -> None:
@@ -254,7 +288,7 @@ def policy_leaves(policy: Policy) -> dict[str, Any]:
 
 def describe_policy(policy: Policy) -> dict[str, Any]:
     """Return the metadata that, with the tensors, makes up the policy."""
-    return {
+    described = {
         "kind": KIND,
         "format": FORMAT,
         "emulator": describe(policy.emulator),
@@ -263,6 +297,10 @@ def describe_policy(policy: Policy) -> dict[str, Any]:
         "ranges": [list(policy.ranges.low), list(policy.ranges.high)],
         "widths": list(policy.network.widths),
     }
+    # Older readers, who know of no such policies, refuse them: they have fewer weights.
+    if not policy.observes_parameters:
+        described["observes_parameters"] = False
+    return described
 
 
 def load_policy(name: str | Path) -> Policy:
@@ -306,7 +344,11 @@ def blank_policy(metadata: dict[str, Any]) -> Policy:
         if not low < high:
             raise ValueError("ranges: wanted low below high for every command")
     widths = listed(metadata["widths"], "widths", _checked_width)
-    return make_policy(blank(metadata["emulator"], Emulator), ranges, widths, None)
+    observes_parameters = metadata.get("observes_parameters", True)
+    if not isinstance(observes_parameters, bool):
+        raise ValueError("observes_parameters: wanted true or false")
+    emulator = blank(metadata["emulator"], Emulator)
+    return make_policy(emulator, ranges, widths, None, observes_parameters=observes_parameters)
 
 
 def _checked_width(width: Any, label: str) -> int:

@@ -97,6 +97,8 @@ class PolicyTraining:
     """Number of random states of the true physics, from which bodies start."""
     learning_rate: float = 1e-3
     weights: LossWeights = field(default_factory=LossWeights)
+    observes_parameters: bool = True
+    """Whether the policy of a family is given the parameters of the body; bodies are random ones of the family anyway."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -168,7 +170,13 @@ class _Run:
         cls, emulator: Emulator, system: System, training: PolicyTraining, folder: Path
     ) -> _Run:
         rng = np.random.default_rng([training.seed, STARTS_STREAM])
-        base = fresh_policy(emulator, command_ranges(emulator), training.widths, training.seed)
+        base = fresh_policy(
+            emulator,
+            command_ranges(emulator),
+            training.widths,
+            training.seed,
+            observes_parameters=training.observes_parameters,
+        )
         states = sample_starts(system, rng, training.starts)
         starts = np.asarray(emulator.encode(states), np.float32)
         set_aside, pool = np.split(starts, [round(VALIDATION_SHARE * len(starts))])
