@@ -14,7 +14,12 @@ from soft_bodies import hasty_emulator
 from neuroanimator import Emulator, NeuroAnimatorError, Pilot, load_system
 from neuroanimator.cli.policy_returns import commanded_motion
 from neuroanimator.cli.train import train_in_policy
-from neuroanimator.control.policies.commands import Commands
+from neuroanimator.control.policies.commands import (
+    LARGEST_CHANGE,
+    SLOW_SHARE,
+    STANDING_SHARE,
+    Commands,
+)
 from neuroanimator.control.policies.reference_motion import (
     ACCELERATION,
     ORIENTATION,
@@ -447,6 +452,23 @@ def test_commands_are_told_one_after_another(
     for text in ("3", "3,0.7,left", "-1,0.7,0"):
         with pytest.raises(NeuroAnimatorError, match="command: wanted"):
             commanded_motion(file, TOML, [text])
+
+
+def test_while_a_policy_learns_half_of_the_commands_are_slow_and_none_jumps(
+    motion: ReferenceMotion, commands: Commands
+):
+    states = np.tile(np.asarray(motion.frames, float)[0], (4000, 1))
+    own = commands.own_speed
+    for speed in (0.0, 0.3, own, own + 0.9, own + 1.1):
+        now = commands.give(states, np.full(len(states), speed), np.zeros(len(states)))
+        drawn = commands.speed(commands.draw_change(np.random.default_rng(2), now))
+        assert np.abs(drawn - speed).max() <= LARGEST_CHANGE + 1e-9
+        low, high = max(speed - LARGEST_CHANGE, 0), min(speed + LARGEST_CHANGE, 3)
+        slow_of_the_rest = np.clip((own - low) / (high - low), 0, 1)
+        can_stand = STANDING_SHARE if low == 0 else 0.0
+        slow = SLOW_SHARE + (1 - SLOW_SHARE) * slow_of_the_rest if low < own else 0.0
+        slow = can_stand + (1 - can_stand) * slow
+        assert np.mean(drawn <= own + 1e-9) == pytest.approx(slow, abs=0.03)
 
 
 def test_what_a_policy_does_is_learnt_as_the_physics_has_it(

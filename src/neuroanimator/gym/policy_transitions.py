@@ -32,6 +32,7 @@ TRAINING: dict[str, Any] = LARGE_BATCHES | {
     "network": "linear-glu",
     "widths": (128, 112),
     "updates": 30_000,
+    "calm": 0.01,
 }
 """Settings of training on them, if nothing else is said: around a motion much is nearly linear, and training begins with that."""
 

@@ -15,7 +15,7 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.training.batches import draw_batches, folded, parts_of, seen_by
 from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.loss import robust_loss, unrolled_loss
+from neuroanimator.training.loss import calm_weights, robust_loss, unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
 
 RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
@@ -124,6 +124,9 @@ def _batch_loss(
         states, controls = seen_by(problem.symmetries, view_key, states, controls)
     if structure.symmetry_order > 1:
         states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
+    if problem.config.calm > 0:
+        calm = calm_weights(emulator, states, problem.config.calm)
+        weights = calm if weights is None else weights * calm
     growth = problem.config.error_growth
     contacts = structure.shape_contacts
     if contacts is not None and contacts.anchor == FREE:

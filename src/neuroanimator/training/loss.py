@@ -34,6 +34,21 @@ def squared_error(
     return jnp.mean(squares, axis=0)
 
 
+def calm_weights(
+    emulator: Emulator, states: Float[Array, "N T I"], calm: float
+) -> Float[Array, " N"]:
+    """Return weights 1 / (`calm` + m) of windows, of mean one, where m is the mean square change in their first super step.
+
+    In units of the change's standard deviation. So errors count beside what happens: a body that balances as it walks slowly
+    changes ten times less than one that runs, and falls by errors that are ten times smaller.
+    """
+    unit = emulator.normaliser.unit
+    change = emulator.frame.difference(states[:, 1], states[:, 0])
+    moved = jnp.mean((change / jnp.where(unit > 0, unit, jnp.inf)) ** 2, axis=1)
+    weights = 1 / (calm + moved)
+    return weights / weights.mean()
+
+
 STRAY = 4.0
 """Mean square error from which on a window has strayed, in units of the change's variance."""
 
