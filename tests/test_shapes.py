@@ -11,7 +11,7 @@ from types import FunctionType, ModuleType
 import numpy as np
 import pytest
 from jaxtyping import Float, TypeCheckError
-from shapes import checked, has_axes
+from shapes import has_axes
 
 import neuroanimator.cli.train  # noqa: F401  with most of the package
 from neuroanimator import load_system
@@ -43,26 +43,6 @@ def test_a_result_of_a_wrong_shape_is_refused():
     system.rest = np.zeros((1, system.state.size))
     with pytest.raises(TypeError, match="2 dimensions, not the 1"):
         goal_state(system, Goal((), ()))
-
-
-def test_of_calls_of_one_kind_one_is_checked_and_those_of_others_are():
-    answers = [np.zeros(2), np.ones(2), np.zeros(3), np.zeros(3)]
-
-    def firsts(rows: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " N"]:
-        return answers.pop(0)
-
-    quick = checked(firsts)
-    two = np.zeros((2, 3))
-    assert not quick(two).any()
-    assert quick(two).all()
-    for _ in range(2):
-        with pytest.raises(
-            TypeError, match="dimension N is 3 which does not equal the existing value of 2"
-        ):
-            quick(two)
-    with pytest.raises(TypeError, match="size 4 does not equal 3"):
-        quick(np.zeros((2, 4)))
-    assert not answers
 
 
 def test_scopes_are_for_what_names_axes():
