@@ -151,8 +151,11 @@ class TrainingConfig(Settings):
 
     @property
     def hash(self) -> str:
-        """Sixteen hex digits that name this configuration: all but the memory, which matters to few datasets."""
-        values = self.model_dump(exclude={"memory"})
+        """Sixteen hex digits that name this configuration: all but the memory, which matters to few datasets.
+
+        Runs of before windows were weighed go on, too.
+        """
+        values = self.model_dump(exclude={"memory"} if self.calm else {"memory", "calm"})
         return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]
 
     @property
