@@ -2,6 +2,7 @@
 
 python benchmarks/table1.py                                 every row, and results/table1.csv
 python benchmarks/table1.py --quick                         n = 50, fewer runs: minutes; writes no file
+python benchmarks/table1.py --quick --substeps 25,50,100,200 --keep   all of them, ten minutes; writes results/table1.csv
 python benchmarks/table1.py --systems fish --substeps 25    these rows alone; the others in results/table1.csv stay
 python benchmarks/table1.py --quick --json                  rows as JSON
 python benchmarks/table1.py --seeds 5                       four further trainings a row: hours
@@ -108,6 +109,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--substeps", help="only these n, such as 25,50")
     parser.add_argument("--seeds", type=int, default=1, help="training seeds; all but one train")
     parser.add_argument("--plot", type=Path, help="also draw work against precision, as a PNG")
+    parser.add_argument(
+        "--keep", action="store_true", help="renew these rows of results/table1.csv"
+    )
     parser.add_argument("--json", action="store_true", help="print all columns as JSON")
     options = parser.parse_args(arguments)
     substeps = options.substeps
@@ -117,7 +121,7 @@ def main(arguments: list[str] | None = None) -> None:
     budget = QUICK if options.quick else THOROUGH
     rows = measure_rows(chosen, budget, options.seeds)
     figures = [row.figures for row in rows]
-    if not options.quick:
+    if options.keep or not options.quick:
         whole = [*other_rows(TABLE, figures, "system", "substeps"), *figures]
         whole.sort(key=lambda row: (row["system"], int(row["substeps"])))
         write_csv(TABLE, whole)
