@@ -157,8 +157,14 @@ def run(
     with phase("loading"):
         model = emulator_for(out, emulator)
     if school is not None:
-        others: dict[str, object] = {"controls": controls, "path": path, "start": start}
-        others |= {"trust": trust, "hybrid": hybrid, "interpolation": interpolation != "hermite"}
+        others = {
+            "controls": controls,
+            "path": path,
+            "start": start,
+            "trust": trust,
+            "hybrid": hybrid,
+            "interpolation": interpolation != "hermite",
+        }
         refuse_given(others, "a school swims as its policy says. Leave it out, or --school.")
         with phase("emulating"):
             clips = school_clips(model, school, seconds=seconds, seed=seed or 0, rate=rate)

@@ -123,13 +123,15 @@ def run(
         own = load_system(str(system)) if system else None
         model = emulator_for([glb] if glb else [], emulator)
         if closed_loop:
-            others: dict[str, object] = {
+            others = {
                 "objective": objective,
                 "starts": starts,
                 "data": data,
                 "log": log,
+                "report": report,
+                "threshold": threshold,
+                "minutes": minutes,
             }
-            others |= {"report": report, "threshold": threshold, "minutes": minutes}
             refuse_given(others, "does not go with --closed-loop. Leave one of them out.")
         elif horizon is not None:
             raise ArgumentError("horizon: goes with --closed-loop only. Leave it out.")

@@ -90,8 +90,13 @@ def run(
     if from_ is None:
         _improve(model, out, config, old, tolerance, controls or [], start)
         return
-    others: dict[str, object] = {"controls": controls, "start": start, "tolerance": tolerance}
-    others |= {"rounds": rounds, "samples": samples}
+    others = {
+        "controls": controls,
+        "start": start,
+        "tolerance": tolerance,
+        "rounds": rounds,
+        "samples": samples,
+    }
     refuse_given(others, "does not go with --from, which simulates nothing. Leave one of them out.")
     _learn_from(model, from_, out, config, old)
 

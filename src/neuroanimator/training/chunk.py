@@ -124,11 +124,11 @@ def _batch_loss(
         states, controls = seen_by(problem.symmetries, view_key, states, controls)
     if structure.symmetry_order > 1:
         states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
-    if problem.config.calm > 0:
-        calm = calm_weights(emulator, states, problem.config.calm)
-        weights = calm if weights is None else weights * calm
     growth = problem.config.error_growth
     contacts = structure.shape_contacts
     if contacts is not None and contacts.anchor == FREE:
         return robust_loss(emulator, states, controls, growth)
+    if problem.config.calm > 0:
+        calm = calm_weights(emulator, states, problem.config.calm)
+        weights = calm if weights is None else weights * calm
     return unrolled_loss(emulator, states, controls, weights, growth)

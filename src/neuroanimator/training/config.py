@@ -102,7 +102,8 @@ class TrainingConfig(Settings):
     """Power of the number of super steps by which squared errors are expected to grow: the loss divides them by it."""
     calm: float = Field(default=0.0, ge=0, le=1e3)
     """Mean square change in a super step, over the usual one, from which on a window counts less the more it changes, and below
-    which all count alike; 0: all count alike, so that fast motion, whose changes and errors are large, is most of the loss."""
+    which all count alike; 0: all count alike, so that fast motion, whose changes and errors are large, is most of the loss.
+    Windows of soft bodies that move freely are weighed by their errors instead."""
     validation_share: float = Field(default=0.05, gt=0, lt=0.9)
     patience: int = Field(default=80, ge=1)
     seed: int = Field(default=0, ge=0, lt=2**31)
