@@ -69,7 +69,7 @@ def _check_speed(term: CostTerm, fastest: float, start: np.ndarray, seconds: flo
 
 
 def _wanted_speed(term: CostTerm, start: np.ndarray, seconds: float) -> float:
-    """Return the speed [m/s] needed to fulfil `term` from `start` (S,) in `seconds`; 0 for terms without a distance."""
+    """Return the speed [m/s] needed to fulfil `term` from `start` (S,) in `seconds`; 0 for terms that need none."""
     if isinstance(term, NearSpeed):
         return abs(float(term.wanted[0]))
     if not isinstance(term, NearPose):

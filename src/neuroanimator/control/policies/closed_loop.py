@@ -91,7 +91,7 @@ def _target(
     latent: Float[AnyArray, "B I"],
     time: Float[AnyArray, ""],
 ) -> SteeringTarget:
-    """Return the current target of each body; the arguments are the small part of a policy that eqx.filter_jit needs."""
+    """Return the current target of each body; eqx.filter_jit flattens only the small part of a policy that this needs."""
     return behaviour(read_pose(structure, latent), time)
 
 
