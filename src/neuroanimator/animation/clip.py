@@ -20,7 +20,7 @@ USUAL_RATE = 30.0
 """Default display rate [1/s]."""
 
 MAX_RATE = 1000.0
-"""Highest display rate accepted [1/s]; no display and no engine asks for more."""
+"""Maximum display rate [1/s]; no display and no engine asks for more."""
 
 MAX_CLIPS = 1000
 """Maximum number of clips in one file."""
@@ -43,7 +43,7 @@ class Clip:
     """The system's name."""
     skeleton: Skeleton
     times: Float[np.ndarray, " F"]
-    """The time of each frame, evenly spaced from 0 on [s]."""
+    """Time of each frame, evenly spaced from 0 [s]."""
     states: Float[np.ndarray, "F S"]
     """The state in each frame, in the system's own layout."""
     definition: str = ""

@@ -27,7 +27,7 @@ FACE_ROUNDS = 8
 """Maximum number of rounds in which the corners of a face are pushed because its middle is inside."""
 
 CHUNK = 32
-"""Frames decoded at a time."""
+"""Number of frames decoded at a time."""
 
 MAX_NUMBERS = 100_000_000
 """Maximum number of coordinates pushed, in all frames together: memory."""

@@ -27,7 +27,7 @@ MAX_SECONDS = 3600.0
 """Maximum duration of a path [s]: an hour."""
 
 MAX_COORDINATE = 1e6
-"""Largest coordinate [m], angle [rad] or time [s]."""
+"""Maximum coordinate [m], angle [rad] or time [s]."""
 
 UNITS = {"s": "seconds", "m": "metres", "rad": "radians"}
 """Units of columns, where a header gives any, and their names in messages."""

@@ -42,7 +42,7 @@ FLAGS = (
     (*OPTIMISED, "-fno-trapping-math", "-march=native"),
     OPTIMISED,
 )
-"""Flags of the compiler, the first set it knows."""
+"""Sets of compiler flags; the first that the compiler knows is used."""
 
 SOURCES = ("codegen", "emulator", "state", "control", "animation", "export", "gym")
 """Folders of the package whose code determines what programs do: when it changes, programs are made anew."""

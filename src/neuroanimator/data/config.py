@@ -50,7 +50,7 @@ _identity_of = lru_cache(maxsize=4)(data_identity)
 
 
 class DatasetTable(Table):
-    """The fields of a `DatasetConfig`, each checked alone, as the file of a dataset holds them."""
+    """Fields of a `DatasetConfig` as stored in a dataset's file, each checked independently."""
 
     system: SystemName
     """Its name, such as `fish`. For a TOML file: the name of `load_system("my.toml")`, with its `definition`."""

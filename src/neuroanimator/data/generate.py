@@ -82,7 +82,7 @@ def generate(
 
 
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
-    """Return the dataset `config` describes without storing it."""
+    """Return the dataset of `config` without storing it."""
     threads = _checked_threads(threads)
     config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)

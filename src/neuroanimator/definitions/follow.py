@@ -64,7 +64,7 @@ class FollowTable(Table):
     clip: ClipName
     """File of the motion: a table of states, one per control."""
     hold: Annotated[int, Field(ge=1, le=1000)]
-    """Number of physics steps a control is held."""
+    """Number of physics steps for which a control is held."""
     laps: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of laps, each going on where the last one ended; more than 1 for a motion whose last pose is its first."""
     phase: PartName = "phase"

@@ -25,7 +25,7 @@ class TaskTable(Table):
     environment: Annotated[str, Field(max_length=100)] = ""
     """Id of the Gymnasium environment in which policies are judged; if empty, the physics by the rules below."""
     hold: Annotated[int, Field(ge=1, le=1000)]
-    """Number of physics steps a control is held."""
+    """Number of physics steps for which a control is held."""
     steps: Annotated[int, Field(ge=1, le=100_000)] = 1000
     """Maximum number of controls in an episode."""
     forward_reward: Finite = 1.0

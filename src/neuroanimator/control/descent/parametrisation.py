@@ -19,10 +19,10 @@ NEARLY_ALL = 0.999
 """Share of the bounds to which initial guesses are clipped: z is infinite at the bounds."""
 
 FASTEST = 2.0
-"""Maximum ratio of a pattern's frequency to its first."""
+"""Maximum ratio of a pattern's frequency to its initial one."""
 
 SLOWEST = 0.5
-"""Minimum ratio of a pattern's frequency to its first."""
+"""Minimum ratio of a pattern's frequency to its initial one."""
 
 CUBIC = 3
 """Degree of the splines."""

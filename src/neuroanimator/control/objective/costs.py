@@ -128,7 +128,7 @@ def reach_position(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearPose:
-    """Return the cost of not being at `position` [m] at the end, `at` [s], or always `since` [s].
+    """Return the cost of not being at `position` [m] at the end, at `at` [s], or from `since` [s] on.
 
     `axes` lists which of x, y, z it gives.
     """
@@ -168,7 +168,7 @@ def keep_velocity(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearPose:
-    """Return the cost of not moving with `velocity` (A,) [m/s] in the world `since` a time [s]."""
+    """Return the cost of not moving with `velocity` (A,) [m/s] in the world from `since` [s] on."""
     which = _axes(axes)
     wanted = _numbers("velocity", velocity, len(which))
     when = Moments.of(None, since)
@@ -178,7 +178,7 @@ def keep_velocity(
 def keep_heading(
     system: System, direction: ArrayLike, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> NearPose:
-    """Return the cost of not pointing along `direction` (3,) in the world, `within` [rad], `since` a time [s]."""
+    """Return the cost of not pointing along `direction` (3,) in the world, within `within` [rad], from `since` [s] on."""
     wanted = _unit_vector("direction", direction)
     return _near_pose(system, "forward", wanted, within, weight, Moments.of(None, since))
 
@@ -191,7 +191,7 @@ def reach_heading(
     at: float | None = None,
     weight: float = 1.0,
 ) -> NearPose:
-    """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
+    """Return the cost of not pointing along `direction` (3,), within `within` [rad], at the end or at `at` [s]."""
     wanted = _unit_vector("direction", direction)
     return _near_pose(system, "forward", wanted, within, weight, Moments.of(at))
 
@@ -199,7 +199,7 @@ def reach_heading(
 def stand_up(
     system: System, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> NearPose:
-    """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
+    """Return the cost of the body's Z not pointing up, within `within` [rad], at the end or at `at` [s]."""
     up = as_parameter([0.0, 0.0, 1.0])
     return _near_pose(system, "upward", up, within, weight, Moments.of(at))
 
@@ -238,7 +238,7 @@ class NearSpeed(NearTerm):
 def keep_speed(
     system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> NearSpeed:
-    """Return the cost of not moving forward at `speed` [m/s] `since` a time [s]."""
+    """Return the cost of not moving forward at `speed` [m/s] from `since` [s] on."""
     return NearSpeed(
         weight=as_parameter(weight),
         when=Moments.of(None, since),
@@ -273,7 +273,7 @@ def reach_point(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearPoint:
-    """Return the cost of a point of `body` not being at `position` [m] at the end, `at` [s], or always `since` [s].
+    """Return the cost of a point of `body` not being at `position` [m] at the end, at `at` [s], or from `since` [s] on.
 
     The point is at `offset` (3,) [m] in MuJoCo's frame of the body: a hand, a mouth, the tip of a tool.
     """
@@ -321,7 +321,7 @@ def reach_node(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearNode:
-    """Return the cost of a soft body's node not being at `position` [m] at the end, `at` [s], or always `since` [s].
+    """Return the cost of a soft body's node not being at `position` [m] at the end, at `at` [s], or from `since` [s] on.
 
     Nodes are numbered from 0 in the order of the mesh. Raises ArgumentError if the body is not soft, or has no such node.
     """
@@ -366,7 +366,7 @@ class ReachHeight(TimedTerm):
 def reach_height(
     system: System, height: float, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> ReachHeight:
-    """Return the cost of any part of the body being below `height` [m] at the end, or `at` [s].
+    """Return the cost of any part of the body being below `height` [m] at the end, or at `at` [s].
 
     For a deformable body the parts are its mass points, so that a leap lifts its tail out of the water, too; for a rigid
     body it is the root's position.
@@ -480,7 +480,7 @@ def travel(
     since: float | None = None,
     weight: float = 1.0,
 ) -> TravelTerm:
-    """Return the cost of not travelling `distance` [m] along `direction` (3,) by the end, or always `since` [s].
+    """Return the cost of not travelling `distance` [m] along `direction` (3,) by the end, or from `since` [s] on.
 
     A distance slightly beyond what is possible means as far as possible by the end. In closed loop use `since` 0 s, for as
     soon as possible: what is wanted by the end of every plan may be postponed at every plan.
@@ -533,7 +533,7 @@ def stay_upright(
     since: float = 0.0,
     weight: float = 1.0,
 ) -> StayUpright:
-    """Return the cost of the body's Z leaning more than `tolerance` [rad] from the vertical, `since` a time [s].
+    """Return the cost of the body's Z leaning more than `tolerance` [rad] from the vertical from `since` [s] on.
 
     An excess of `within` [rad] for a second is an error of one. A body that `may_pitch`, to dive or to
     leap, is only kept from rolling over.

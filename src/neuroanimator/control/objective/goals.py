@@ -55,7 +55,7 @@ def goal(
     since: float | None = None,
     weight: float = 1.0,
 ) -> ReachState:
-    """Return the cost of not being at the system's goal `name` at the end, `at` a time or several [s], or `since` one.
+    """Return the cost of not being at the system's goal `name` at the end, at times `at` [s], or from `since` [s] on.
 
     Raises ArgumentError with the names of the system's goals.
     """
@@ -71,7 +71,7 @@ def reach_state(
     since: float | None = None,
     weight: float = 1.0,
 ) -> ReachState:
-    """Return the cost of parts of the state not having the values `reach` at the end, `at` [s], or always `since` [s].
+    """Return the cost of parts of the state not having the values `reach` at the end, at `at` [s], or from `since` [s] on.
 
     `within` gives the tolerance of each part, in its unit; 0.1 by default.
     """
@@ -113,7 +113,7 @@ def state_goal(
 def goal_objective(
     system: System, name: str, effort_weight: float = 1.0, since: float | None = None
 ) -> Objective:
-    """Return the objective of being at the goal `name` at the end, or always `since` [s], with little effort.
+    """Return the objective of being at the goal `name` at the end, or from `since` [s] on, with little effort.
 
     J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11. Raises ArgumentError for a weight below 0.
     """

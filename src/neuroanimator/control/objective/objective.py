@@ -103,7 +103,7 @@ class Moments:
 
     @classmethod
     def of(cls, at: float | tuple[float, ...] | None = None, since: float | None = None) -> Moments:
-        """Return the moments `at` a time or several [s], or all `since` one; the end if neither is given.
+        """Return the moments at `at`, one time or several [s], or all from `since` [s] on; the end if neither is given.
 
         Raises ArgumentError for both, and for times that are negative or not finite.
         """
