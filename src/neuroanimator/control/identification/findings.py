@@ -31,7 +31,7 @@ class Findings(NamedTuple):
     confused: tuple[tuple[str, ...], ...]
     """Names of unknowns of which only a combination is known."""
     at_end: tuple[str, ...]
-    """Names of unknowns whose best value is at an end of its range other than zero, beyond which may be no value."""
+    """Names of unknowns whose best value is at an end of its range; zero does not count, as nothing may be beyond it."""
 
 
 def findings_of(

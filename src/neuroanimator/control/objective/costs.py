@@ -533,7 +533,7 @@ def stay_upright(
     since: float = 0.0,
     weight: float = 1.0,
 ) -> StayUpright:
-    """Return the cost of the body's Z leaning more than `tolerance` [rad] from the vertical from `since` [s] on.
+    """Return the cost of the body's Z leaning more than `tolerance` [rad] from the vertical, from `since` [s] on.
 
     An excess of `within` [rad] for a second is an error of one. A body that `may_pitch`, to dive or to
     leap, is only kept from rolling over.
