@@ -17,19 +17,19 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.slowness import slowness
 
 USUAL_RATE = 30.0
-"""Display rate if nothing else is said [1/s]."""
+"""Default display rate [1/s]."""
 
 MAX_RATE = 1000.0
-"""Highest display rate accepted [1/s]; no display and no engine asks for more."""
+"""Maximum display rate [1/s]; no display and no engine asks for more."""
 
 MAX_CLIPS = 1000
-"""The most clips one file may hold."""
+"""Maximum number of clips in one file."""
 
 FRAME_ROUNDING = 1e-6
-"""Share of a frame that a motion may be too short for its last frame: products of numbers round."""
+"""Share of a frame by which a motion may fall short of its last frame: floating-point rounding."""
 
 STEP_ROUNDING = 1e-6
-"""Share of a super step before its start that counts to it: quotients round."""
+"""Share of a super step by which a frame may precede it and still belong to it: floating-point rounding."""
 
 TIME_ROUNDING = 1e-9
 """Time by which the last frame may lie beyond the motion's end [s]."""
@@ -43,7 +43,7 @@ class Clip:
     """The system's name."""
     skeleton: Skeleton
     times: Float[np.ndarray, " F"]
-    """The time of each frame, evenly spaced from 0 on [s]."""
+    """Time of each frame, evenly spaced from 0 [s]."""
     states: Float[np.ndarray, "F S"]
     """The state in each frame, in the system's own layout."""
     definition: str = ""
@@ -51,9 +51,9 @@ class Clip:
     source: str = ""
     """Origin of the motion, as exports state it: 'emulator', 'physics' or 'hybrid'; empty if not known."""
     trust: Float[np.ndarray, " F"] | None = None
-    """In each frame, the score of the super step it lies in (`Emulator.trust`), where films shall show it; else None."""
+    """Score (`Emulator.trust`) of the super step that each frame lies in, if films are to show it; else None."""
     verdict: str = ""
-    """The word of `Emulator.verdict`, where films shall show the scores; empty if nothing is known."""
+    """Verdict of `Emulator.verdict`, if films are to show the scores; empty if not known."""
 
     def __repr__(self) -> str:
         return f'Clip("{self.name}", {len(self.times)} frames, {self.times[-1]:.2f} s)'
@@ -65,7 +65,7 @@ class Clip:
 
 
 def check_drawable(clip: Clip) -> None:
-    """Raise ArgumentError for a clip that has no bodies to draw, as of a step function or recordings."""
+    """Raise ArgumentError for a clip without bodies to draw, such as one of a step function or of recordings."""
     if not clip.skeleton.bones:
         raise ArgumentError(
             f"clip: {clip.name} has no bodies to draw, only numbers. Draw na.as_gauges(clip, emulator) instead."
@@ -73,7 +73,7 @@ def check_drawable(clip: Clip) -> None:
 
 
 def together(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Clip]:
-    """Return the clips that go into one file; ArgumentError if they cannot, or the `ghost` is of another body."""
+    """Return the clips that go into one file; ArgumentError if they cannot, or if the `ghost` shows another body."""
     if not isinstance(clips, Clip | Sequence):
         raise ArgumentError(
             f"clips: wanted a clip or several, came {clips!r}. na.make_clip(emulator, states) makes one."
@@ -102,10 +102,10 @@ def make_clip(
 ) -> Clip:
     """Return the clip of a trajectory `states` (T+1, S) at `rate` frames a second; `source` says what made it.
 
-    The rate is 30 if not given, and of a slow system as many in the time that stands for a second there. With `trust`
-    (T,), the scores of its super steps, films show them.
+    The default rate is 30; slow systems get 30 frames in the time that corresponds to a second for them. With `trust`
+    (T,), the scores of the super steps, films show them.
 
-    Raises ArgumentError for an interpolation or a rate there is not, and for states or scores of another shape.
+    Raises ArgumentError for an unknown interpolation, a rate out of range, and states or scores of the wrong shape.
     """
     if interpolation not in INTERPOLATIONS:
         raise ArgumentError(
@@ -133,7 +133,7 @@ def clip_of(
     interpolation: str = "hermite",
     source: str = "",
 ) -> Clip:
-    """Return what `make_clip` does of a system's facts; `orientations` are its structure's."""
+    """Return the clip that `make_clip` makes, from an emulator's spec and the `orientations` in its state."""
     trajectory = spec.state.check(states, "state")
     if rate is None:
         rate = USUAL_RATE / slowness(spec.dt)
@@ -148,7 +148,7 @@ def clip_of(
 
 
 def _frame_times(duration: float, rate: float) -> Float[np.ndarray, " F"]:
-    """Return the times of the frames of a motion of that duration [s]; its two ends if it is shorter than a frame."""
+    """Return the times of a motion's frames [s]; only its two ends if it is shorter than a frame."""
     count = max(1, int(duration * rate + FRAME_ROUNDING))
     if count == 1:
         return np.array([0.0, duration])

@@ -1,4 +1,4 @@
-"""Gauges: how a system without bodies is drawn. A pointer for each angle, a slider for each other number."""
+"""Gauges that draw a system without bodies: a pointer for each angle, a slider for every other number."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.links import Joint, Numbers
 
 MAX_GAUGES = 24
-"""Maximum number of a state's numbers shown; more would be too small to read."""
+"""Maximum number of state entries shown; more would be too small to read."""
 
 GAUGES_PER_ROW = 6
-"""Gauges stand side by side, then above each other."""
+"""Number of gauges side by side before the next row begins above."""
 
 PITCH = 1.2
-"""From the middle of a gauge to that of the next [m]."""
+"""Distance between the middles of neighbouring gauges [m]."""
 
 HEIGHT = 0.75
-"""Height of the middle of the lowest row over the ground [m]."""
+"""Height of the middle of the lowest row above the ground [m]."""
 
 REACH = 0.45
 """Length of a pointer, and half that of a slider's rail [m]."""
 
 THICKNESS = 0.02
-"""Half the thickness of what does not move [m]."""
+"""Half the thickness of fixed parts [m]."""
 
 BEFORE = 0.05
-"""Distance of what moves before what does not [m], towards a viewer who looks along y."""
+"""Distance of moving parts in front of fixed ones [m], towards a viewer who looks along y."""
 
 TICKS = 12
-"""Marks around a dial; that of the angle 0 is longer."""
+"""Number of marks around a dial; the one at angle 0 is longer."""
 
 ANGLE = "rad"
-"""The unit of what gets a pointer."""
+"""Unit of the numbers that get a pointer."""
 
 FACE: Numbers = (0.80, 0.82, 0.85, 1.0)
 MARK: Numbers = (0.35, 0.38, 0.42, 1.0)
 HAND: Numbers = (0.87, 0.42, 0.13, 1.0)
 
 UPRIGHT: Numbers = (1.0, 0.0, 0.0, 0.0)
-"""The quaternion of what is not turned."""
+"""The identity quaternion."""
 
 FACING: Numbers = (float(np.sqrt(0.5)), float(np.sqrt(0.5)), 0.0, 0.0)
-"""The quaternion that turns a cylinder's axis from z to y: towards whoever looks."""
+"""The quaternion that turns a cylinder's axis from z to y, towards the viewer."""
 
 TOWARDS_VIEWER: Numbers = (0.0, -1.0, 0.0)
 """The axis of a pointer: seen from there, a growing angle turns it anticlockwise."""
@@ -57,18 +57,18 @@ UP: Numbers = (0.0, 0.0, 1.0)
 
 
 def drawable(clip: Clip, emulator: Emulator, *, ranges_from: Clip | None = None) -> Clip:
-    """Return `clip` if it shows bodies; of a step function or recordings, the gauges that show its numbers."""
+    """Return `clip` if it shows bodies; for a step function or recordings, gauges that show its numbers."""
     if clip.skeleton.bones:
         return clip
     return as_gauges(clip, emulator, ranges_from=ranges_from)
 
 
 def as_gauges(clip: Clip, emulator: Emulator, *, ranges_from: Clip | None = None) -> Clip:
-    """Return the clip of gauges that show the motion in `clip`, which is of `emulator`'s system.
+    """Return a clip of gauges that show the motion in `clip`, which belongs to `emulator`'s system.
 
-    A pointer hangs down at the angle 0 and turns anticlockwise as the angle grows. A slider goes from the
-    lowest to the highest number in the clip, or in `ranges_from`: clips seen together need the same ranges. The
-    rates of other numbers have no gauge, for they are seen as motion.
+    A pointer hangs down at angle 0 and turns anticlockwise as the angle grows. A slider runs from the
+    lowest to the highest number in the clip, or in `ranges_from`: clips shown together need the same ranges.
+    Rates of other numbers have no gauge, since they are visible as motion.
     """
     ranges = clip.states if ranges_from is None else ranges_from.states
     shown = shown_entries(emulator)
@@ -90,14 +90,14 @@ def as_gauges(clip: Clip, emulator: Emulator, *, ranges_from: Clip | None = None
 
 
 def shown_entries(emulator: Emulator) -> list[int]:
-    """Return the state entries that have a gauge: the first `MAX_GAUGES` that are nothing else's rate."""
+    """Return the state entries that have a gauge: the first `MAX_GAUGES` that are not the rate of another."""
     rates = {rate for _, rate in emulator.rates}
     entries = [entry for entry in range(emulator.state.size) if entry not in rates]
     return entries[:MAX_GAUGES]
 
 
 def _names_and_units(emulator: Emulator) -> tuple[list[str], list[str]]:
-    """Return the name of each entry of the state, as a bone may have it, and its unit."""
+    """Return the name of each state entry, in a form that a bone may have, and its unit."""
     names: list[str] = []
     units: list[str] = []
     for part in emulator.state.slices:
@@ -110,7 +110,7 @@ def _names_and_units(emulator: Emulator) -> tuple[list[str], list[str]]:
 
 
 def _middle(place: int, count: int) -> Numbers:
-    """Return where the middle of gauge number `place` of `count` is [m]; the first stands on the upper left."""
+    """Return the middle of gauge number `place` of `count` [m]; the first is on the upper left."""
     row, column = divmod(place, GAUGES_PER_ROW)
     last_row = (count - 1) // GAUGES_PER_ROW
     return (PITCH * column, 0.0, HEIGHT + PITCH * (last_row - row))
@@ -119,7 +119,7 @@ def _middle(place: int, count: int) -> Numbers:
 def _along_rail(
     numbers: Float[np.ndarray, " F"], shown: Float[np.ndarray, " R"]
 ) -> Float[np.ndarray, " F"]:
-    """Return `numbers` as heights over a rail's middle [m]: the lowest of `shown` is its lower end, the highest its upper."""
+    """Return `numbers` as heights above a rail's middle [m]: the range of `shown` spans the rail."""
     low = shown.min()
     high = shown.max()
     if high == low:
@@ -132,7 +132,7 @@ def _pointer(name: str, middle: Numbers, entry: int) -> list[Bone]:
     dial = [Shape("cylinder", (REACH, THICKNESS), (0.0, 0.0, 0.0), FACING, FACE)]
     for tick in range(TICKS):
         dial.append(_tick(2 * np.pi * tick / TICKS, is_zero=tick == 0))
-    # From the middle down: so it hangs at the angle 0.
+    # Down from the middle, so that it hangs at angle 0.
     hand = Shape("capsule", (0.025, REACH / 2), (0.0, 0.0, -REACH / 2), UPRIGHT, HAND)
     pin = Shape("sphere", (0.05,), (0.0, 0.0, 0.0), UPRIGHT, HAND)
     turn = Joint("hinge", entry, TOWARDS_VIEWER, (0.0, 0.0, 0.0))
@@ -140,7 +140,7 @@ def _pointer(name: str, middle: Numbers, entry: int) -> list[Bone]:
 
 
 def _tick(angle: float, *, is_zero: bool) -> Shape:
-    """Return the mark of an angle [rad] on a dial."""
+    """Return the mark for an angle [rad] on a dial."""
     half_length = 0.06 if is_zero else 0.03
     radius = REACH - half_length
     position = (float(np.sin(angle)) * radius, -THICKNESS, -float(np.cos(angle)) * radius)
@@ -159,15 +159,15 @@ def _slider(name: str, middle: Numbers, entry: int) -> list[Bone]:
 
 
 def _face(name: str, middle: Numbers, shapes: list[Shape]) -> Bone:
-    """Return what does not move of a gauge.
+    """Return the fixed part of a gauge.
 
-    Cameras look at what can move, so it hangs from a joint whose number never changes.
+    Cameras look at what can move, so it is attached to a joint whose number never changes.
     """
     held = Joint("slide", 0, UP, (0.0, 0.0, 0.0))
     return Bone(name, -1, middle, UPRIGHT, (held,), tuple(shapes))
 
 
 def _mover(name: str, middle: Numbers, joint: Joint, shapes: list[Shape]) -> Bone:
-    """Return what moves of a gauge."""
+    """Return the moving part of a gauge."""
     x, y, z = middle
     return Bone(name, -1, (x, y - BEFORE, z), UPRIGHT, (joint,), tuple(shapes))

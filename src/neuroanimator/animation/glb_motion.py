@@ -1,6 +1,6 @@
-"""How a node of a GLB file moves through the world in the file's first animation.
+"""Motion of a GLB file's node through the world, in the file's first animation.
 
-glTF is Y up and writes quaternions xyzw; what comes out is Z up and wxyz, as everything inside: (x, y, z) → (x, -z, y).
+glTF is Y up and writes quaternions xyzw; the result is Z up and wxyz, as everywhere in the package: (x, y, z) → (x, -z, y).
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ MAX_DEPTH = 1000
 """Maximum number of nodes above a node."""
 
 MAX_VALUE = 1e6
-"""Largest coordinate, scale or time of a node."""
+"""Largest coordinate, scale or time accepted."""
 
 SAMPLING = 1 / 120
-"""Time between two samples [s]; there is one at every key frame, too."""
+"""Time between two samples [s]; every key frame is sampled, too."""
 
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
-"""Numbers in a value of what is animated of a node, by the format's names."""
+"""Numbers per value of each property that can be animated, by its name in the format."""
 
 PROPERTIES = list(WIDTHS)
-"""The names, among which one may look for anything a file says."""
+"""The names as a list, in which any value from a file can be looked up."""
 
 AT_REST = {
     "translation": (0.0, 0.0, 0.0),
     "rotation": (0.0, 0.0, 0.0, 1.0),
     "scale": (1.0, 1.0, 1.0),
 }
-"""What a node has if nothing is said."""
+"""Default properties of a node."""
 
 CUBIC_VALUES = 3
-"""Values at a key frame of a cubic: the tangent before it, its own, and the tangent after it."""
+"""Number of values per key frame of a cubic spline: in-tangent, value, out-tangent."""
 
 MAX_LENGTH_ERROR = 0.05
-"""A quaternion is of length 1, to within what files round."""
+"""Maximum deviation of a quaternion's length from 1: files round."""
 
 SHORT_ARC = 0.9995
-"""Cosine of half the angle between quaternions, above which a straight line is as good as the arc."""
+"""Cosine of half the angle between quaternions above which a straight line is as good as the arc."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +54,14 @@ class Track:
     """Values of one property at key frames."""
 
     times: Float[np.ndarray, " K"]
-    """Rising [s]."""
+    """Increasing times [s]."""
     values: Float[np.ndarray, "R W"]
-    """One a key frame, of cubics `CUBIC_VALUES`."""
+    """One per key frame; `CUBIC_VALUES` for cubics."""
     interpolation: str
     is_rotation: bool
 
     def at(self, times: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F W"]:
-        """Return the values at `times` [s]; before the first key frame and after the last they stay."""
+        """Return the values at `times` [s], constant before the first key frame and after the last."""
         place = np.searchsorted(self.times, times, side="right") - 1
         first = np.clip(place, 0, max(len(self.times) - 2, 0))
         second = np.minimum(first + 1, len(self.times) - 1)
@@ -94,7 +94,7 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """A node from its parent: how it lies there if nothing is animated, and what is."""
+    """A node relative to its parent: its pose at rest, and its animated properties."""
 
     at_rest: dict[str, Float[np.ndarray, " W"]]
     tracks: dict[str, Track]
@@ -111,8 +111,8 @@ def node_motion(
 ) -> tuple[Float[np.ndarray, " F"], Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
     """Return times [s], positions [m] and orientations of the node called `name` along the first animation.
 
-    An orientation is what the node has turned by, in the world, from where it lies without the animation. ValueError
-    says what is wrong with the file.
+    An orientation is the node's rotation in the world, relative to its pose without the animation. Raises ValueError
+    with what is wrong with the file.
     """
     nodes = file.objects("nodes")
     chain = _chain(nodes, _numbered(nodes, name))
@@ -147,7 +147,7 @@ def _numbered(nodes: list[dict[str, Any]], name: str) -> int:
 
 
 def _chain(nodes: list[dict[str, Any]], number: int) -> list[int]:
-    """Return the numbers of a node, of its parent, and so on."""
+    """Return the numbers of a node, its parent, and so on up."""
     parents: dict[int, int] = {}
     for parent, node in enumerate(nodes):
         for child in entries(node.get("children", []), "children", len(nodes)):
@@ -165,7 +165,7 @@ def _chain(nodes: list[dict[str, Any]], number: int) -> list[int]:
 def _tracks(
     file: Glb, animation: dict[str, Any], chain: list[int]
 ) -> tuple[dict[int, dict[str, Track]], float]:
-    """Return what moves each node of the chain, by the name of the property, and when the animation ends [s]."""
+    """Return the tracks of each node in the chain by property, and the time at which the animation ends [s]."""
     samplers = objects_in(animation, "samplers")
     end = 0.0
     inputs: dict[int, np.ndarray] = {}
@@ -237,7 +237,7 @@ def _taken_apart(matrix: Float[np.ndarray, "4 4"], what: str) -> dict[str, np.nd
 def _in_world(
     locals_up: list[Local], times: Float[np.ndarray, " F"]
 ) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
-    """Return positions and orientations wxyz, Y up still, of the first of `locals_up`, each of which is in the next."""
+    """Return positions and orientations wxyz, still Y up, of the first of `locals_up`; each is a child of the next."""
     positions = np.zeros((len(times), 3))
     orientations = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(times), 4))
     for local in locals_up:
@@ -258,7 +258,7 @@ def _along_arc(
     after: Float[np.ndarray, "F 4"],
     share: Float[np.ndarray, "F 1"],
 ) -> Float[np.ndarray, "F 4"]:
-    """Return quaternions at shares of the shorter arc from one to the next."""
+    """Return quaternions at the given shares of the shorter arc from `before` to `after`."""
     cosine = (before * after).sum(axis=1, keepdims=True)
     after = np.where(cosine < 0, -after, after)
     cosine = np.minimum(np.abs(cosine), 1)

@@ -12,7 +12,7 @@ Pairs = tuple[tuple[int, int], ...]
 """Pairs of state entries: a number and its time derivative, or where a quaternion and its angular velocity begin."""
 
 TIME_ROUNDING = 1e-9
-"""Time by which a time asked for may lie beyond the last state [s]."""
+"""Maximum time by which a requested time may lie beyond the last state [s]."""
 
 
 def interpolate_linear(
@@ -24,7 +24,7 @@ def interpolate_linear(
 ) -> Float[np.ndarray, "F S"]:
     """Return the states at `times` [s] on straight lines between `states`, which lie `dt` [s] apart, as in 1998.
 
-    `rates` and `orientations` are those of `interpolate_hermite`; quaternions are made of length one again.
+    `rates` and `orientations` are those of `interpolate_hermite`; quaternions are normalised again.
     """
     states = _with_nearest_signs(states, orientations)
     index, share = _locate(states, dt, times)
@@ -43,7 +43,7 @@ def interpolate_hermite(
     `rates` holds (i, j) where entry j is the time derivative of entry i; the positions i follow
     the cubic, the velocities j its derivative, all other entries straight lines. `orientations` holds (i, j)
     where a quaternion begins at i and its angular velocity, in the body's frame, at j: its four
-    numbers follow cubics too (q̇ = ½ q ω) and are made a unit quaternion again.
+    numbers follow cubics too (q̇ = ½ q ω) and are normalised again.
     """
     states = _with_nearest_signs(states, orientations)
     index, share = _locate(states, dt, times)
@@ -97,7 +97,7 @@ def _cubic_slope(
 
 
 def continuous(quaternions: Float[np.ndarray, "T *B 4"]) -> Float[np.ndarray, "T *B 4"]:
-    """Return the quaternions with signs flipped so that each is nearest to the one before."""
+    """Return the quaternions with signs flipped such that each is nearest to the one before."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(axis=-1, keepdims=True)
     signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
     return np.concatenate([quaternions[:1], quaternions[1:] * signs])
@@ -106,7 +106,7 @@ def continuous(quaternions: Float[np.ndarray, "T *B 4"]) -> Float[np.ndarray, "T
 def _with_nearest_signs(
     states: Float[np.ndarray, "T S"], orientations: Pairs
 ) -> Float[np.ndarray, "T S"]:
-    """Return a copy of `states` with each quaternion's sign the one nearest to the quaternion before."""
+    """Return a copy of `states`, the sign of each quaternion flipped where that brings it nearer to the one before."""
     states = np.array(states, dtype=float)
     for orientation, _ in orientations:
         entries = slice(orientation, orientation + 4)
@@ -115,7 +115,7 @@ def _with_nearest_signs(
 
 
 def _unit(states: Float[np.ndarray, "F S"], orientations: Pairs) -> Float[np.ndarray, "F S"]:
-    """Return `states`, their quaternions made of length one in place."""
+    """Return `states`, their quaternions normalised in place."""
     for orientation, _ in orientations:
         entries = slice(orientation, orientation + 4)
         states[:, entries] /= np.linalg.norm(states[:, entries], axis=1, keepdims=True)
@@ -125,7 +125,7 @@ def _unit(states: Float[np.ndarray, "F S"], orientations: Pairs) -> Float[np.nda
 def _locate(
     states: Float[np.ndarray, "T S"], dt: float, times: Float[np.ndarray, " F"]
 ) -> tuple[Int[np.ndarray, " F"], Float[np.ndarray, "F 1"]]:
-    """Return, per time, the super step before it and how far (0..1) it lies into the next.
+    """Return, for each time, the index of the super step it lies in and how far into it (0..1).
 
     Raises ArgumentError for times beyond the states, and for fewer than two states.
     """

@@ -1,4 +1,4 @@
-"""Motions by the emulator alone: under random controls, under given ones, and from a named start."""
+"""Motions of the emulator alone: under random controls, under given ones, and from a named start."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import Start, start_state
 
 MAX_SECONDS = 3600.0
-"""Longest random motion [s]: an hour; of a slow system longer."""
+"""Maximum duration of a random motion [s]: an hour; longer for a slow system."""
 
 USUAL_SECONDS = 5.0
-"""Length of a random motion if nothing else is said [s]; of a slow system longer."""
+"""Default duration of a random motion [s]; longer for a slow system."""
 
 LIVELIEST_OF = 16
-"""Number of paths of which a motion to look at takes the liveliest: along some nothing moves to speak of."""
+"""Number of random paths from which the liveliest is shown: along some, hardly anything moves."""
 
 STEP_ROUNDING = 1e-9
-"""Share of a super step that a motion may be longer than whole super steps: quotients round."""
+"""Share of a super step by which a motion may exceed whole super steps: floating-point rounding."""
 
 
 class Drive(NamedTuple):
@@ -42,10 +42,10 @@ class Drive(NamedTuple):
     start: Float[np.ndarray, " S"]
     controls: Float[np.ndarray, "T C"]
     remarks: tuple[str, ...] = ()
-    """Sentences for people on what they should know of it."""
+    """Sentences on what a user should know about it."""
 
     def motion(self, emulator: Emulator) -> Float[np.ndarray, "K S"]:
-        """Return the trajectory (K = T+1 states) that the emulator makes of it."""
+        """Return the emulator's trajectory (K = T+1 states)."""
         return np.asarray(emulator.rollout(self.start, self.controls), float)
 
     def trusted_motion(
@@ -57,22 +57,22 @@ class Drive(NamedTuple):
 
 
 def default_motion(emulator: Emulator) -> Float[np.ndarray, "K S"]:
-    """Return the trajectory (K = T+1 states) to show when nobody asks for anything: a truck parks, a dolphin leaps.
+    """Return the trajectory (K = T+1 states) that is shown by default: a truck parks, a dolphin leaps.
 
-    Of a system that ships it is `shipped_drive`, of another `random_motion` with the seed 0.
+    It follows `shipped_drive` for a system that ships, and is `random_motion` with seed 0 for any other.
     """
     return default_drive(emulator).motion(emulator)
 
 
 def default_drive(emulator: Emulator) -> Drive:
-    """Return what `default_motion` follows from."""
+    """Return the drive of `default_motion`."""
     return shipped_drive(emulator) or random_drive(emulator, None, 0)
 
 
 def shipped_drive(emulator: Emulator) -> Drive | None:
-    """Return the motion that ships of the emulator's system, at its own super step; None if none does.
+    """Return the motion that ships for the emulator's system, at the emulator's super step; None if there is none.
 
-    It was found for one super step; between two of its controls there are those in between.
+    It was found for one super step; at others its controls are interpolated.
     """
     if emulator.definition or emulator.system not in dict([*SHIPPED, *SOFT]):
         return None
@@ -97,9 +97,9 @@ def random_drive(
 ) -> Drive:
     """Return random, never idle controls, and `start` (S,).
 
-    Without a start it begins at rest; free hinges start anywhere. With the seed 0 and no start it is a motion to look
-    at: what has a gait moves by it, a swimmer well under the surface, a soft body on the ground is thrown and left alone,
-    and another goes along the liveliest of some paths within its training.
+    Without a start it begins at rest, free hinges at random angles. Seed 0 without a start gives a motion worth watching:
+    systems with a gait move by it, swimmers well below the surface; a soft body on the ground is thrown and left alone,
+    any other goes along the liveliest of several paths within its training.
 
     Raises ArgumentError for a duration out of range and for a negative seed.
     """
@@ -147,9 +147,9 @@ def _paths_about(
     steps: int,
     count: int,
 ) -> Float[np.ndarray, "B T C"] | None:
-    """Return controls that take what moves a soft body along `count` smooth paths within its reach; None of other bodies.
+    """Return controls that take a soft body's movers along `count` smooth paths within their reach; None for other bodies.
 
-    Random velocities would leave what the emulator has seen within a second.
+    Random velocities would leave the training domain within a second.
     """
     contacts = emulator.frame.shape_contacts
     if contacts is None:
@@ -170,7 +170,7 @@ def _paths_about(
 def _liveliest(
     emulator: Emulator, start: Float[np.ndarray, " S"], paths: Float[np.ndarray, "B T C"]
 ) -> Float[np.ndarray, "T C"]:
-    """Return the controls that vary most of those that stay within training; the first if none does."""
+    """Return, of the paths within the training domain, the controls that vary most; the first if none is within it."""
     if len(paths) == 1:
         return paths[0]
     liveliness = (paths / emulator.bounds.magnitude).std(axis=(1, 2))
@@ -182,9 +182,9 @@ def _liveliest(
 
 
 def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndarray, " S"]:
-    """Return rest with free hinges anywhere within a quarter turn to either side.
+    """Return the state of rest with free hinges at random angles within a quarter turn.
 
-    What nothing drives begins about a usual super step's change from rest instead: else all its motions were one.
+    An undriven system begins off rest by about a super step's usual change: all its motions would be the same otherwise.
     """
     start = emulator.rest
     if not emulator.control.size:
@@ -196,18 +196,18 @@ def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndar
 
 
 def _free_hinges(emulator: Emulator) -> Int[np.ndarray, " H"]:
-    """Return the state entries of hinges that are at 0 at rest; a body of mass points has none."""
+    """Return the state entries of hinges whose rest angle is 0; a body of mass points has none."""
     if emulator.state_structure.cloud is not None:
         return np.array([], int)
     is_angle = np.asarray(emulator.features.angles).any(axis=0)
     at_zero = np.flatnonzero(is_angle & (emulator.rest == 0))
-    # Of whole numbers even where there are none.
+    # Typed, since an empty array would be of floats.
     positions = np.array([position for position, _ in emulator.rates], int)
     return np.intersect1d(at_zero, positions)
 
 
 def named_start(emulator: Emulator, parts: Start) -> Float[np.ndarray, " S"]:
-    """Return the state of rest with the numbers of each of `parts` in their places; see `start_state`."""
+    """Return the state of rest with `parts` set to the given numbers; see `start_state`."""
     structure = emulator.state_structure
     orientations = [entry for entry, _ in structure.orientations]
     return start_state(
@@ -218,7 +218,7 @@ def named_start(emulator: Emulator, parts: Start) -> Float[np.ndarray, " S"]:
 def controlled_drive(
     emulator: Emulator, controls: ArrayLike, start: ArrayLike | None = None
 ) -> Drive:
-    """Return `start` (S,), or rest, with the `controls` (T, C).
+    """Return the drive of `controls` (T, C) from `start` (S,), or from rest.
 
     Raises ArgumentError for controls out of bounds.
     """

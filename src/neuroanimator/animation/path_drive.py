@@ -1,4 +1,4 @@
-"""Motions whose movers follow recorded paths: the path's places are the movers', its velocities the controls."""
+"""Motions whose movers follow recorded paths: the path gives their positions, its velocities are the controls."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ AXES = "xyz"
 """Axes of a position."""
 
 HEADING = "_heading"
-"""Ending of the name of a turning mover's heading in a state."""
+"""Suffix of a turning mover's heading in the state."""
 
 TURNING = "_turning"
-"""Ending of the name of its turning rate in a control."""
+"""Suffix of its turning rate in the control."""
 
 SPEEDS = (0.01, 100.0)
-"""Least and largest speed a path may be played at."""
+"""Minimum and maximum playback speed of a path."""
 
 MAX_FACTOR = 10.0
-"""A path that is this many times as fast as training jumps, or is in other units: it is refused."""
+"""Maximum speed of a path as a multiple of training's; a faster one has jumps, or other units, and is refused."""
 
 SLACK = 1.01
-"""A path that is faster than training by less is not told of: tables are rounded."""
+"""Ratio of a path's speed to training's up to which there is no remark: tables are rounded."""
 
 RUN_IN = 0.5
-"""Time in which movers take on the velocities that paths begin with [s], before what is shown."""
+"""Time before the motion shown in which movers take on their paths' initial velocities [s]."""
 
 MAX_RUN_IN = 8.0
-"""The same where a mover has far to go from where it rests to where its path begins [s]."""
+"""Maximum of that time, for a mover that rests far from where its path begins [s]."""
 
 TURNS = 0.35
-"""Angle [rad] above which it is told that a mover does not turn with its path."""
+"""Angle above which a remark says that a mover does not turn with its path [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mover:
-    """What the controls move as they say, by its velocity; a turning one by its turning rate, too."""
+    """A thing that the controls move by its velocity, and by its turning rate if it turns."""
 
     name: str
     entries: tuple[int, ...]
@@ -58,13 +58,13 @@ class Mover:
 
     @property
     def turns(self) -> bool:
-        """Whether it has a heading."""
+        """Whether the mover has a heading."""
         return len(self.entries) > len(AXES)
 
 
 @dataclass(frozen=True, eq=False)
 class Follower:
-    """A mover and the poses it is to be in, one a super step."""
+    """A mover and its poses, one per super step."""
 
     mover: Mover
     poses: Float[np.ndarray, "F D"]
@@ -82,13 +82,13 @@ def path_drive(
     speed: float = 1.0,
     seconds: float | None = None,
 ) -> Drive:
-    """Return the motion in which movers, by name, follow `paths`, played at `speed`; other movers stay.
+    """Return the motion in which movers, by name, follow `paths` played at `speed`; other movers stay.
 
-    It lasts while all paths do, and at most `seconds`. The body, at rest, is carried to where the path of the mover that
-    holds it begins, and from there movers take on their paths' first places and velocities, before the motion begins.
-    A path is followed even where it is faster than training was; the drive's `remarks` say so.
+    It ends with the shortest path, or after `seconds`. Before it begins, the body, at rest, is carried to where the path of
+    the mover that holds it begins, and the movers take on the initial positions and velocities of their paths.
+    A path is followed even where it is faster than in training; the drive's `remarks` say so.
 
-    Raises ArgumentError for movers there are not, BadFileError for paths that cannot be followed.
+    Raises ArgumentError for unknown movers, BadFileError for paths that cannot be followed.
     """
     if not paths:
         raise ArgumentError("path: wanted a mover and its path, came none.")
@@ -116,7 +116,7 @@ def path_drive(
 
 
 def movers_of(emulator: Emulator) -> dict[str, Mover]:
-    """Return the movers of a soft body by name; none of other systems."""
+    """Return the movers of a soft body by name; other systems have none."""
     if not any(isinstance(segment, Driven) for segment in emulator.frame.segments):
         return {}
     movers = {}
@@ -152,7 +152,7 @@ def _check_mover(emulator: Emulator, movers: Mapping[str, Mover], name: str) -> 
 def _times(
     paths: Mapping[str, RecordedPath], dt: float, speed: float, seconds: float | None
 ) -> Float[np.ndarray, " F"]:
-    """Return the paths' times at the ends of super steps [s], while all paths last."""
+    """Return the times on the paths at the ends of super steps [s], as long as all paths last."""
     begin = max(float(path.times[0]) for path in paths.values())
     end = min(float(path.times[-1]) for path in paths.values())
     steps = int((end - begin) / (speed * dt) + STEP_ROUNDING)
@@ -171,7 +171,7 @@ def _times(
 def _follower(
     emulator: Emulator, mover: Mover, path: RecordedPath, times: Float[np.ndarray, " F"]
 ) -> tuple[Follower, list[str]]:
-    """Return the follower of a path, and what is to be told of its headings."""
+    """Return the follower of a path, and remarks on its headings."""
     positions, headings = path.at(times)
     if mover.turns:
         if headings is None:
@@ -190,7 +190,7 @@ def _follower(
 def _remarks_on_speed(
     emulator: Emulator, follower: Follower, path: RecordedPath, speed: float
 ) -> list[str]:
-    """Return what is to be told of a path that is faster than training; BadFileError if it cannot be followed."""
+    """Return remarks on a path that is faster than training; BadFileError if it cannot be followed."""
     mover = follower.mover
     rates = follower.rates(emulator.dt)
     low = np.array(emulator.bounds.low)[list(mover.controls)]
@@ -220,7 +220,7 @@ def _remarks_on_speed(
 
 
 def _start(emulator: Emulator, followers: list[Follower]) -> Float[np.ndarray, " S"]:
-    """Return the state in which all `followers` are in their first poses, with their first velocities."""
+    """Return the state in which all `followers` have their initial poses and velocities."""
     steps = max(round(RUN_IN / emulator.dt), 1)
     while True:
         start, controls = _run_in(emulator, followers, steps)
@@ -237,9 +237,9 @@ def _start(emulator: Emulator, followers: list[Follower]) -> Float[np.ndarray, "
 def _run_in(
     emulator: Emulator, followers: list[Follower], steps: int
 ) -> tuple[Float[np.ndarray, " S"], Float[np.ndarray, "T C"]]:
-    """Return a state of rest, and controls that bring `followers` to where their paths begin.
+    """Return a state of rest, and controls that bring `followers` to the beginnings of their paths.
 
-    A mover that holds the body begins where constant acceleration brings it there; the others where they rest beside it.
+    A mover that holds the body starts where constant acceleration takes it there; the others start at their rest poses beside it.
     """
     duration = steps * emulator.dt
     start = emulator.rest
@@ -265,7 +265,7 @@ def _carry(
     anchor: Mover,
     pose: Float[np.ndarray, " D"],
 ) -> None:
-    """Bring the mover that holds the body to a pose in `state`, and all others along as if they were one piece."""
+    """Move the mover that holds the body to a pose in `state`, and everything else with it as one rigid piece."""
     before = state[list(anchor.entries)]
     turned = float((pose - before)[len(AXES) :].sum())
     for mover in movers.values():

@@ -1,7 +1,7 @@
-"""Clips of soft bodies whose surface keeps out of colliders, for drawing.
+"""Clips of soft bodies whose surface stays out of colliders, for drawing.
 
-What a push moves is no sum of the body's shapes. The clip gets shapes of its own for that, so that whatever draws a
-surface by its shapes draws this one, too: what the shapes can say goes into their amplitudes, the rest into new ones.
+A push is no sum of the body's shapes, so the clip gets additional shapes: anything that draws a surface by its shapes
+draws this one, too. The part of a push that the body's shapes span goes into their amplitudes, the rest into new shapes.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.shape_contacts import ShapeContacts
 
 TOLERANCE = 5e-4
-"""Distance by which a node may be from where it was pushed to [m]; half of the depth that is promised."""
+"""Maximum distance of a node from where it was pushed to [m]: half the depth that is promised."""
 
 FIRST_COUNT = 8
-"""New shapes tried at first; twice as many as long as they are not enough."""
+"""Number of new shapes tried first, doubled until they suffice."""
 
 FACE_ROUNDS = 8
-"""Times that corners are pushed where the middle of a face is inside."""
+"""Maximum number of rounds in which the corners of a face are pushed because its middle is inside."""
 
 CHUNK = 32
-"""Frames decoded at a time."""
+"""Number of frames decoded at a time."""
 
 MAX_NUMBERS = 100_000_000
-"""Maximum number of coordinates of all frames that are pushed at once: memory."""
+"""Maximum number of coordinates pushed, in all frames together: memory."""
 
 
 def push_out(clip: Clip, emulator: Emulator) -> Clip:
-    """Return `clip` with all nodes of its surface outside of what strikes them, to 1 mm; itself if they are.
+    """Return `clip` with all surface nodes outside of colliders, to 1 mm; `clip` itself if they already are.
 
-    Its states have more numbers than the emulator's: it is for drawing. Raises ArgumentError for a clip that is too long.
+    Its states are longer than the emulator's: it is for drawing only. Raises ArgumentError for a clip that is too long.
     """
     contacts = emulator.frame.shape_contacts
     if contacts is None:
@@ -45,7 +45,7 @@ def push_out(clip: Clip, emulator: Emulator) -> Clip:
 
 
 def keep_out(clip: Clip, contacts: ShapeContacts) -> Clip:
-    """Return what `push_out` does of a clip of a body with these `contacts`."""
+    """Return the clip of `push_out`, for a body with the given `contacts`."""
     shapes = clip.skeleton.shapes
     if shapes is None:
         return clip
@@ -71,9 +71,9 @@ def keep_out(clip: Clip, contacts: ShapeContacts) -> Clip:
 def _pushes(
     states: Float[np.ndarray, "F S"], shapes: Shapes, contacts: ShapeContacts
 ) -> tuple[np.ndarray, Float[np.ndarray, "P N 3"]]:
-    """Return the frames in which nodes are inside of colliders, and what brings all nodes out in each [m].
+    """Return the frames in which nodes are inside of colliders, and the displacements that bring them out [m].
 
-    In the body's own frame.
+    Displacements are in the body's own frame.
     """
     frames: list[int] = []
     pushes: list[np.ndarray] = []
@@ -99,9 +99,9 @@ def _with_faces(
     faces: Int[np.ndarray, "F 3"],
     contacts: ShapeContacts,
 ) -> Float[np.ndarray, "P N 3"]:
-    """Return nodes outside of colliders, and so far that the middles of faces between them are, too.
+    """Return nodes outside of colliders, far enough that the middles of faces between them are outside, too.
 
-    After the first round only faces are looked at of which a corner has moved.
+    After the first round only faces with a moved corner are checked.
     """
     points = contacts.pushed_out(points, states)
     doubtful = faces
@@ -127,7 +127,7 @@ def _with_faces(
 def _shapes_of(
     pushes: Float[np.ndarray, "P N 3"],
 ) -> tuple[Float[np.ndarray, "R X"], Float[np.ndarray, "P R"]]:
-    """Return shapes of root mean square 1 a node, and their amplitudes in each row, that tell `pushes` to `TOLERANCE`."""
+    """Return shapes of root mean square 1 per node, and their amplitudes in each row, equal to `pushes` to `TOLERANCE`."""
     count = pushes.shape[1]
     rows = pushes.reshape(len(pushes), -1)
     squares, left = np.linalg.eigh(rows @ rows.T)

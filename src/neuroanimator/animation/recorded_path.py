@@ -1,4 +1,4 @@
-"""Paths recorded elsewhere, such as a character's clip: a CSV table of places, or a node of a GLB file."""
+"""Paths recorded elsewhere, such as a character's clip: a CSV table of positions, or a node of a GLB file."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ from neuroanimator.systems.recorded.columns import without_brackets
 from neuroanimator.text import did_you_mean, listed, quoted
 
 MAX_TABLE = 64 * 2**20
-"""Largest table read [bytes]."""
+"""Maximum size of a table [bytes]."""
 
 MAX_SECONDS = 3600.0
-"""Longest path [s]: an hour."""
+"""Maximum duration of a path [s]: an hour."""
 
 MAX_COORDINATE = 1e6
-"""Largest coordinate [m], angle [rad] or time [s]."""
+"""Maximum coordinate [m], angle [rad] or time [s]."""
 
 UNITS = {"s": "seconds", "m": "metres", "rad": "radians"}
-"""The units of columns, if a header says any, and their names for people."""
+"""Units of columns, where a header gives any, and their names in messages."""
 
 MAX_GAP = 10.0
-"""Time between two rows of a table, over the usual time, above which some are missing."""
+"""Ratio of the time between two rows to the usual time above which rows are missing."""
 
 SHORTEST = 1e-6
-"""Length of a quaternion below which it turns nowhere."""
+"""Length below which a quaternion gives no rotation."""
 
 SOURCE = re.compile(r"(?P<file>.*?\.(?P<kind>csv|glb))(?::(?P<part>.+))?", re.IGNORECASE)
-"""A file, and after a colon what of it: FILE.csv, FILE.csv:PART or FILE.glb:NODE."""
+"""Pattern of a file, with a part of it after a colon: FILE.csv, FILE.csv:PART or FILE.glb:NODE."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedPath:
-    """Where something was, and which way it faced."""
+    """Positions of something over time, and its heading."""
 
     name: str
-    """Its origin, for people."""
+    """Its origin, as messages state it."""
     times: Float[np.ndarray, " T"]
-    """Rising [s]."""
+    """Increasing times [s]."""
     positions: Float[np.ndarray, "T 3"]
-    """[m], Z up."""
+    """Positions [m], Z up."""
     headings: Float[np.ndarray, " T"] | None = None
-    """Angle it has turned by about Z, without jumps [rad]; None where that is not known."""
+    """Angle turned about Z, without jumps [rad]; None if not known."""
 
     def __post_init__(self) -> None:
         columns = [self.times, *self.positions.T]
@@ -89,12 +89,12 @@ class RecordedPath:
 
 
 class _Columns(NamedTuple):
-    """Numbers of a table's columns."""
+    """Indices of a table's columns."""
 
     time: int
     position: tuple[int, ...]
     orientation: tuple[int, ...]
-    """One of a heading, four of a quaternion wxyz, none if neither is there."""
+    """One for a heading, four for a quaternion wxyz, none if the table has neither."""
 
     @property
     def all(self) -> tuple[int, ...]:
@@ -104,12 +104,12 @@ class _Columns(NamedTuple):
 def read_path(source: str | Path) -> RecordedPath:
     """Return the path in a file: `walk.csv`, `walk.csv:torso` or `walk.glb:Spine2`.
 
-    A CSV table has columns `time` [s], `x`, `y`, `z` [m], and if it likes `heading` [rad] or a quaternion `qw`, `qx`,
-    `qy`, `qz`. After a colon comes another name of a position: the columns `torso[0]`, `torso[1]`, `torso[2]`, as
-    `animate --out x.csv` writes them, with `torso_heading`, or of `root.position` with `root.orientation`. Of a GLB
-    file it is the name of a node, whose place in the world is taken along the first animation.
+    A CSV table has columns `time` [s], `x`, `y`, `z` [m], and optionally `heading` [rad] or a quaternion `qw`, `qx`,
+    `qy`, `qz`. A name after a colon picks another position: the columns `torso[0]`, `torso[1]`, `torso[2]`, as
+    `animate --out x.csv` writes them, with `torso_heading`, or those of `root.position` with `root.orientation`. For a
+    GLB file it is the name of a node, whose position in the world is taken along the first animation.
 
-    Raises ArgumentError for what names no such file, BadFileError for what is wrong with it.
+    Raises ArgumentError if `source` names no such file, BadFileError if the file is faulty.
     """
     text = str(source)
     found = SOURCE.fullmatch(text)
@@ -133,7 +133,7 @@ def read_path(source: str | Path) -> RecordedPath:
 
 
 def _headings(orientations: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, " T"]:
-    """Return what quaternions wxyz turn by about Z [rad], whichever way they lean, without jumps."""
+    """Return the angles by which quaternions wxyz turn about Z [rad], whatever their tilt, without jumps."""
     return np.unwrap(2 * np.arctan2(orientations[:, 3], orientations[:, 0]))
 
 
@@ -172,7 +172,7 @@ def _refuse_gaps(times: Float[np.ndarray, " T"], path: Path) -> None:
 
 
 def _columns(header: list[str], part: str | None, where: str) -> _Columns:
-    """Return which columns hold what; BadFileError if some are missing, or in another unit."""
+    """Return the indices of the columns; BadFileError if some are missing, or in another unit."""
     units: dict[str, str] = {}
     names = []
     for cell in header:
@@ -211,7 +211,7 @@ def _columns(header: list[str], part: str | None, where: str) -> _Columns:
 
 
 def _names_of(part: str | None) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Return the names of the columns of a position, and of an orientation, of which the first choice is taken."""
+    """Return the column names of a position, and the alternatives for an orientation, the preferred one first."""
     if part is None:
         return ("x", "y", "z"), (("heading",), ("qw", "qx", "qy", "qz"))
     position = tuple(f"{part}[{axis}]" for axis in range(3))

@@ -10,37 +10,37 @@ from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import multiply, rotate
 
 FIRST_BEND = 0.02
-"""Share of the controls' range by which a swimmer bends its back to keep its depth, tried at first."""
+"""Bend of a swimmer's back to keep its depth, first guess, as a share of the controls' range."""
 
 MAX_BEND = 0.15
-"""Share of the controls' range by which a swimmer bends its back at most."""
+"""Maximum bend of a swimmer's back, as a share of the controls' range."""
 
 SECANTS = 4
-"""Number of tries at that bend: they leave a few centimetres after five seconds."""
+"""Number of secant steps for that bend: an error of a few centimetres after five seconds is left."""
 
 SAME_RISE = 1e-6
-"""Difference between two tries' rises below which there is no slope to go by [m]."""
+"""Difference between the rises of two guesses below which their slope is unknown [m]."""
 
 DIVE = 0.6
-"""Depth under the water's surface at which a swimmer begins, over its length: there its tail stays wet."""
+"""Initial depth of a swimmer below the surface, over its length: its tail stays in the water."""
 
 TOSS = 2.0
-"""Height a soft body is thrown to, over its size: high enough to bounce, and low enough to be seen whole."""
+"""Height to which a soft body is thrown, over its size: enough to bounce, and low enough to be seen whole."""
 
 TOSS_ORIENTATION = (0.1, 0.6)
 """Rotation at the throw, about its X and Y axes [rad]: it lands on a corner."""
 
 TOSS_VELOCITY = np.array([0.6, 0.15, 1.0])
-"""Its velocity when thrown, over its velocity upward."""
+"""Its velocity when thrown, over its upward velocity."""
 
 TOSS_ANGULAR_VELOCITY = np.array([0.3, 6.0, 0.2])
 """Angular velocity in flight [rad/s]: it rolls on."""
 
 WELL_WITHIN = 0.8
-"""Share of the speed and angular speed seen in training that a throw has at most."""
+"""Maximum speed and angular speed of a throw, as a share of the largest in training."""
 
 GRAVITY = 9.81
-"""The acceleration of a fall [m/s²]."""
+"""Gravitational acceleration [m/s²]."""
 
 UNDER_GROUND = 0.05
 """Maximum depth below the ground of a body that stands on it, over its height."""
@@ -53,7 +53,7 @@ def swims_under_a_surface(emulator: Emulator) -> bool:
 
 
 def dive(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
-    """Return `start` of a swimmer, moved down under the water's surface in place."""
+    """Return `start` of a swimmer, moved below the surface of the water in place."""
     positions, _ = _points(emulator, start)
     length = float(np.ptp(positions, axis=0).max())
     positions[:, 2] += _surface_height(emulator) - DIVE * length - positions[:, 2].mean()
@@ -63,9 +63,9 @@ def dive(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray
 def level_swim(
     emulator: Emulator, start: Float[np.ndarray, " S"], controls: Float[np.ndarray, "T C"]
 ) -> Float[np.ndarray, "T C"]:
-    """Return `controls` of a gait with the back bent a little, such that the swim ends as deep as it begins.
+    """Return `controls` of a gait with the back bent a little, such that the swim ends at the depth where it begins.
 
-    The bend is what is added to the muscles in the sense of the gait, found by secants.
+    The bend is added to the muscles in the direction of the gait, and found by the secant method.
     """
     assert emulator.gait is not None
     bounds = emulator.bounds
@@ -100,7 +100,7 @@ def is_soft_on_ground(emulator: Emulator) -> bool:
 
 
 def throw(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
-    """Return what `throw_body` does, as fast as the emulator was trained for."""
+    """Return the start of `throw_body`, at speeds that the emulator was trained for."""
     cloud = emulator.state_structure.cloud
     assert cloud is not None
     return throw_body(
@@ -114,7 +114,7 @@ def throw_body(
     max_speed: float = np.inf,
     max_angular_speed: float = np.inf,
 ) -> Float[np.ndarray, " S"]:
-    """Return `start` of a soft body, in place turned, above the ground, and flying: up, forward and spinning.
+    """Return `start` of a soft body, changed in place: rotated, above the ground, and flying up, forward and spinning.
 
     It stays well within `max_speed` [m/s] and `max_angular_speed` [rad/s].
     """
@@ -124,7 +124,7 @@ def throw_body(
     about_x, about_y = TOSS_ORIENTATION
     orientation = multiply(_rotation_about(0, about_x), _rotation_about(1, about_y))
     offsets = rotate(np.broadcast_to(orientation, (len(positions), 4)), positions - centre)
-    # It begins half as high as it is thrown, and climbs the other half: v² = 2 g (TOSS / 2) size.
+    # It begins at half the height of the throw and climbs the other half: v² = 2 g (TOSS / 2) size.
     velocity = TOSS_VELOCITY * np.sqrt(GRAVITY * TOSS * size)
     velocity *= _share_within(velocity, max_speed)
     spin = TOSS_ANGULAR_VELOCITY * _share_within(TOSS_ANGULAR_VELOCITY, max_angular_speed)
@@ -134,12 +134,12 @@ def throw_body(
 
 
 def _share_within(vector: Float[np.ndarray, " 3"], limit: float) -> float:
-    """Return the share of `vector`, at most all of it, that is well within `limit`."""
+    """Return the share of `vector`, at most 1, that is well within `limit`."""
     return min(1.0, WELL_WITHIN * limit / float(np.linalg.norm(vector)))
 
 
 def _surface_height(emulator: Emulator) -> float:
-    """Return the height of ground or water [m]: what the frame's probes are held against."""
+    """Return the height of the ground or the water [m], from which the frame's probes are measured."""
     return emulator.frame.probes[0][3] if emulator.frame.probes else 0.0
 
 

@@ -36,48 +36,52 @@ if TYPE_CHECKING:
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
 SIZE = "{}x{}".format(*DEFAULT_SIZE)
-"""A film has this size [pixels], written as on the command line, if nothing else is said."""
+"""Default size of a film [pixels], as on the command line."""
 
 SIZE_HELP = "Width x height of a film [pixels]."
 """The help of `--size`, here and in `export`."""
 
-CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
+CAMERA_HELP = "For films: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
 """The help of `--camera`, here and in `export`."""
 
-TRUST_HELP = "Show in films how far to believe the emulator: a curve, and a glow where it leaves its training."
+TRUST_HELP = (
+    "Show in films how far to trust the emulator: a curve, and a glow where it leaves its training."
+)
 """The help of `--trust`."""
 
-HYBRID_HELP = "Let the physics take over where the emulator is not trusted; prints its share of the time, and the error."
+HYBRID_HELP = "Let the physics take over where the emulator is not trusted; prints the share of time it takes, and the error."
 """The help of `--hybrid`."""
 
-THRESHOLD_HELP = "With --hybrid: the score from which on the physics takes over; 0: all is physics. 1 if not given."
+THRESHOLD_HELP = (
+    "With --hybrid: score from which the physics takes over (default 1); 0 for physics alone."
+)
 """The help of `--threshold`."""
 
 SYSTEM_HELP = (
-    "With --hybrid, or of a policy: your TOML file, whose model or step function is then used."
+    "With --hybrid, or for a policy: your TOML file, whose model or step function is then used."
 )
 """The help of `--system`."""
 
 PATH_HELP = (
-    "Of a soft body: a mover and the path it follows, MOVER=FILE.csv (columns time, x, y, z), MOVER=FILE.csv:PART or "
+    "For soft bodies: a mover and the path it follows, MOVER=FILE.csv (columns time, x, y, z), MOVER=FILE.csv:PART or "
     "MOVER=FILE.glb:NODE; may be given several times."
 )
 """The help of `--path`."""
 
 PUSH_OUT_HELP = (
-    "Draw a soft body's surface outside of what strikes it, or where the emulator has it."
+    "Draw a soft body's surface outside of colliders, or exactly as the emulator has it."
 )
 """The help of `--push-out`."""
 
-PATH_SPEED_HELP = "With --path: how fast it is played; 0.5 is half as fast."
+PATH_SPEED_HELP = "With --path: its playback speed; 0.5 is half as fast."
 """The help of `--path-speed`."""
 
-INSIDE_HELP = "Of a policy's file: let its emulator move the body, not the physics; 'train' makes one that knows how."
+INSIDE_HELP = "For a policy's file: let its emulator move the body, not the physics; 'train' makes one that can."
 """The help of `--inside`."""
 
 COMMAND_HELP = (
-    "Of a policy that walks on command: SECONDS,SPEED,TURN [s, m/s, rad/s to the left], such as 3,0.7,0.4; may be given several "
-    "times, one after another."
+    "For a policy that walks on command: SECONDS,SPEED,TURN [s, m/s, rad/s to the left], such as 3,0.7,0.4; may be given several "
+    "times, in order."
 )
 """The help of `--command`."""
 
@@ -90,7 +94,7 @@ def run(
     emulator: Annotated[
         str,
         typer.Argument(
-            help="Emulator file, or name of a shipped one; or a policy's file that 'policy' made, which moves the physics."
+            help="Emulator file, or name of a shipped one; or a policy's file made by 'policy', which moves the physics."
         ),
     ],
     out: Annotated[
@@ -105,7 +109,7 @@ def run(
     ] = None,
     controls: Annotated[
         Path | None,
-        typer.Option(help="CSV of controls, as 'control' writes; from rest, or --start."),
+        typer.Option(help="CSV of controls, as 'control' writes; from rest, or from --start."),
     ] = None,
     path: Annotated[list[str] | None, typer.Option(help=PATH_HELP)] = None,
     path_speed: Annotated[float | None, typer.Option(help=PATH_SPEED_HELP)] = None,
@@ -116,12 +120,12 @@ def run(
     school: Annotated[
         int | None,
         typer.Option(
-            help="Number of bodies that swim together, by the policy that ships of dolphin or fish."
+            help="Number of bodies that swim together, by the shipped policy of dolphin or fish."
         ),
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="Frames a second, such as 60; 30 if not given, fewer of a slow system."),
+        typer.Option(help="Frames a second, such as 60; default 30, fewer for slow systems."),
     ] = None,
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
@@ -132,7 +136,7 @@ def run(
     threshold: Annotated[float | None, typer.Option(help=THRESHOLD_HELP)] = None,
     system: Annotated[Path | None, typer.Option(help=SYSTEM_HELP)] = None,
 ) -> None:
-    """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
+    """Animate a system's showcase motion, one found by 'control', or a random one, without running the physics."""
     film = read_film(size, camera)
     if emulator.endswith(POLICY_ENDING) and school is None:
         refuse_given(
@@ -219,7 +223,7 @@ def _rows(
     trust: TrustSummary | None = None,
     gain: HybridGain | None = None,
 ) -> list[tuple[str, object]]:
-    """Return what the verb prints."""
+    """Return the rows that the verb prints."""
     rows: list[tuple[str, object]] = [
         ("frames", len(clip.times)),
         ("seconds", f"{clip.times[-1]:.2f}"),
@@ -240,7 +244,7 @@ def _moved_by_policy(
     *,
     is_inside: bool,
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
-    """Return (the policy's emulator, states of a motion): on command, or in an episode as it was learnt in."""
+    """Return (the policy's emulator, states of a motion): on command, or of an episode as in learning."""
     from neuroanimator.cli.policy_returns import commanded_motion, policy_motion  # with MuJoCo
 
     if not command:
@@ -255,7 +259,7 @@ def _moved_by_policy(
 def _check_path(
     path: list[str] | None, path_speed: float | None, others: dict[str, object]
 ) -> None:
-    """Refuse the `others` beside a path, and the speed of none."""
+    """Refuse the `others` beside a path, and a speed without a path."""
     if path:
         refuse_given(others, "a motion along a path begins and moves as the path does.")
     elif path_speed is not None:

@@ -1,4 +1,4 @@
-"""`control --closed-loop`: go for a goal, planned again at every super step."""
+"""`control --closed-loop`: pursue a goal, planning again at every super step."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def run_closed_loop(
     out: Path,
     glb: Path | None,
 ) -> None:
-    """Go for `goal` from `start` (S,), write the controls and the motion, and print what was achieved."""
+    """Pursue `goal` from `start` (S,), write the controls and the motion, and print the result."""
     with progress_bar("planning", pursuit_steps(emulator, system, goal, seconds)) as bar:
         pursuit = pursue_goal(
             emulator,

@@ -43,12 +43,12 @@ START_HELP = (
     "The goal's own start if not given."
 )
 CLOSED_LOOP_HELP = (
-    "Plan again at every super step, from where the physics really is, and so hold the goal. "
-    "Where plans alone miss it, the way there is searched for first."
+    "Plan again at every super step, from the actual state of the physics, and so hold the goal. "
+    "If plans alone miss it, a motion to it is searched for first."
 )
 THRESHOLD_HELP = "Keep the motion to a goal where the emulator's score is at most this: 1 is the edge of training. Takes longer."
 MINUTES_HELP = (
-    "Longest time for learning the physics around a motion, which is done where emulator and physics disagree; "
+    "Maximum time for learning the physics around a motion, which is done where emulator and physics disagree; "
     "half a minute if not given, 0 for none."
 )
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
@@ -81,7 +81,7 @@ def run(
     starts: Annotated[
         int | None,
         typer.Option(
-            help="First guesses descended from, side by side; 1, or the file's, if not given."
+            help="Number of initial guesses to descend from, side by side; 1, or the file's, if not given."
         ),
     ] = None,
     effort_weight: Annotated[
@@ -115,7 +115,9 @@ def run(
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option(help="HTML file: a film, J over the iterations, the controls over time."),
+        typer.Option(
+            help="HTML file with a film, J over the iterations, and the controls over time."
+        ),
     ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
@@ -186,21 +188,21 @@ def _say_gap(minutes: float, gap: float) -> None:
 
 
 class _Search(NamedTuple):
-    """What finds the controller."""
+    """How to find the controller."""
 
     find: Callable[..., Synthesis]
     start: str
     """Where the motion starts, in words."""
     starts: int = 1
-    """First guesses to descend from, if nothing else is said."""
+    """Default number of initial guesses to descend from."""
     nothing_to_find: str = ""
-    """What to say where the start fulfils the goal already; empty where it does not."""
+    """Message if the start already fulfils the goal; empty if it does not."""
     closed_loop: Callable[..., None] | None = None
-    """What goes for it in closed loop; of goals only."""
+    """Function that pursues the goal in closed loop; for goals only."""
 
 
 def _search_objective(emulator: Emulator, own: System | None, path: Path) -> _Search:
-    """Return what finds the controller for an objective file; `own` is the emulator's system, if it was given."""
+    """Return the search for an objective file; `own` is the emulator's system, if it was given."""
     system = _checked_system(emulator, own)
     file = read_objective(path, system)
     find = partial(synthesise_file, emulator, file)
@@ -216,7 +218,7 @@ def _search_goal(
     threshold: float | None,
     starts: list[str],
 ) -> _Search:
-    """Return what finds the controller for a goal; the goals of `own` may have been written after training."""
+    """Return the search for a goal; the goals of `own` may have been written after training."""
     system = _checked_system(emulator, own)
     name = name or usual_goal(system)
     goal = find_goal(system, name)
@@ -254,9 +256,9 @@ def _search_goal(
 
 
 def _checked_system(emulator: Emulator, own: System | None) -> System:
-    """Return `own`, or the system the emulator names; ArgumentError where it has another state or control.
+    """Return `own`, or the system that the emulator names; ArgumentError if it has another state or control.
 
-    Where its model is not at hand, or is not the one the emulator was trained on, that is said, and nothing is simulated.
+    If its model is missing, or is not the one the emulator was trained on, an error says so, and nothing is simulated.
     """
     physics = replayable_system(emulator)
     system = own or physics

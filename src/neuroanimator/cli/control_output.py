@@ -8,10 +8,10 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase_seconds, seconds_in_all
 
 MAX_PARTS_TOLD = 6
-"""Maximum number of parts of a start told by name: more are a swimmer's mass points."""
+"""Maximum number of parts of a start that are listed by name: more would be a swimmer's mass points."""
 
 MIN_PHASE_TOLD = 0.1
-"""Least duration of a phase that is told [s]."""
+"""Minimum duration of a phase that is listed [s]."""
 
 
 def start_in_words(system: System, start: np.ndarray) -> str:
@@ -28,7 +28,7 @@ def start_in_words(system: System, start: np.ndarray) -> str:
 
 
 def time_rows() -> list[tuple[str, object]]:
-    """Return how long everything took, and the longest of its phases."""
+    """Return the total time and the longest phases."""
     phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
     told = ", ".join(
         f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= MIN_PHASE_TOLD

@@ -1,4 +1,4 @@
-"""The verb `doctor`: say what this machine has and what is missing."""
+"""The verb `doctor`: report what this machine has and what is missing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuroanimator.terminal import print_rows
 EXAMPLE = "neuroanimator doctor"
 
 NEEDED_DISK = 1.0
-"""A dataset of the usual size needs up to this much disk [GB]."""
+"""Maximum disk space of a dataset of the usual size [GB]."""
 
 EXTRAS = {
     "compiler": "emulators in C where there is no gcc or clang",
@@ -28,10 +28,10 @@ EXTRAS = {
     "usd": "export to .usdc and .usdz",
     "wasm": "export to .wasm; your own emulators in the studio",
 }
-"""What the extras of the package are for, by name."""
+"""Purpose of each extra of the package, by name."""
 
 PACKAGES = ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
-"""The versions of these packages are told."""
+"""Packages whose versions are printed."""
 
 
 def run() -> None:

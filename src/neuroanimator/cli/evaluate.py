@@ -32,7 +32,7 @@ EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report 
 
 
 class Files(NamedTuple):
-    """Files to write, beside what is printed."""
+    """Files to write, besides the printed output."""
 
     report: Path | None
     worst: Path | None
@@ -40,7 +40,7 @@ class Files(NamedTuple):
 
 
 class SweepBudget(NamedTuple):
-    """What a sweep asks for, and what each n gets."""
+    """Settings of a sweep, and the budget for each n."""
 
     tolerance: float
     seconds: float
@@ -54,7 +54,7 @@ def run(
     ],
     data: Annotated[
         str | None,
-        typer.Option(help="Dataset folder or URL, to compare with cheap predictors too."),
+        typer.Option(help="Dataset folder or URL, to compare with cheap predictors, too."),
     ] = None,
     system: Annotated[
         Path | None,
@@ -74,24 +74,26 @@ def run(
     ] = False,
     substeps: Annotated[str, typer.Option(help="Sweep: the n to try.")] = "25,50,100",
     tolerance: Annotated[
-        float, typer.Option(help="Sweep: largest error wanted, of how far a run gets.")
+        float, typer.Option(help="Sweep: maximum error, as a share of how far a run gets.")
     ] = 0.1,
     seconds: Annotated[
-        float, typer.Option(help="Sweep: after how long the error counts [s].")
+        float, typer.Option(help="Sweep: time after which the error is measured [s].")
     ] = 1.0,
-    count: Annotated[int, typer.Option(help="Sweep: transitions each n is trained on.")] = 50_000,
-    updates: Annotated[int, typer.Option(help="Sweep: weight updates of each n.")] = 20_000,
+    count: Annotated[int, typer.Option(help="Sweep: number of transitions for each n.")] = 50_000,
+    updates: Annotated[
+        int, typer.Option(help="Sweep: number of weight updates for each n.")
+    ] = 20_000,
     out: Annotated[Path, typer.Option(help="Sweep: folder for data and emulators.")] = Path(
         "out/sweep"
     ),
-    episodes: Annotated[int, typer.Option(help="Of a file that 'policy' made: episodes.")] = 100,
-    seed: Annotated[int, typer.Option(help="Of such a file: seed of the starts.")] = 0,
+    episodes: Annotated[int, typer.Option(help="For a policy: number of episodes.")] = 100,
+    seed: Annotated[int, typer.Option(help="For a policy: seed of the starts.")] = 0,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
-    """Measure emulators on unseen runs against fine physics, and their speed against it; or choose n by --sweep.
+    """Measure the accuracy of emulators on unseen runs of fine physics, and their speed; or choose n by --sweep.
 
-    Of a policy that 'policy' made: what it earns.
+    For a policy made by 'policy', measure its returns.
     """
     if any(name.endswith(".policy.safetensors") for name in emulators):
         if len(emulators) > 1:
@@ -123,7 +125,7 @@ def _evaluate(
             raise ArgumentError(f"evaluate --card: wanted one emulator, came {len(loaded)}.")
         transitions = open_to_measure(data) if data else None
         if transitions is not None:
-            # Files from before there were scores are given one by the data.
+            # Older files lack a score; it is fitted to the data.
             loaded = [
                 fit_trust(emulator, transitions) if emulator.meter is None else emulator
                 for emulator in loaded
@@ -145,7 +147,7 @@ def _evaluate(
 def _write(
     emulators: list[Emulator], paths: list[Path], evaluations: list[Evaluation], files: Files
 ) -> None:
-    """Write the files that are asked for; in the report lie films, too, of each system's motion and of the worst cases."""
+    """Write the requested files; the report includes films of each system's motion and of the worst cases."""
     extra: list[tuple[str, str]] = []
     if files.worst:
         inspections = [found.inspection for found in evaluations if found.inspection]
@@ -166,7 +168,7 @@ def _write(
 
 
 def _print(evaluations: list[Evaluation]) -> None:
-    """Print a row for each emulator, then what is to be said of each."""
+    """Print a row for each emulator, then remarks on each."""
     print_table([dict(evaluation.row()) for evaluation in evaluations])
     for evaluation in evaluations:
         print_line(f"{evaluation.title}: {evaluation.verdict}. {evaluation.note}")
@@ -175,7 +177,7 @@ def _print(evaluations: list[Evaluation]) -> None:
 
 
 def _everything(evaluation: Evaluation) -> dict[str, Any]:
-    """Return an evaluation's row, and all that was found by inspection."""
+    """Return an evaluation's row, and all findings of its inspection."""
     found: dict[str, Any] = dict(evaluation.row())
     if evaluation.inspection:
         found["inspection"] = evaluation.inspection.to_json()

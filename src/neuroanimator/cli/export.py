@@ -23,21 +23,21 @@ def run(
     source: Annotated[
         str,
         typer.Argument(
-            help="Emulator or policy, by file or name of a shipped one; or a CSV clip written by 'animate'."
+            help="Emulator or policy, a file or the name of a shipped one; or a CSV clip written by 'animate'."
         ),
     ],
     out: Annotated[
         list[Path],
         typer.Option(
             help="File ending in .h, .wasm or .onnx (the latter two need the extras wasm and onnx); "
-            "of a clip in .glb, .usda, .usdz, .mp4 or .csv. May be repeated."
+            "for a clip in .glb, .usda, .usdz, .mp4 or .csv. May be repeated."
         ),
     ],
     policy: Annotated[
-        bool, typer.Option("--policy", help="Of a name that is both: the policy, not the emulator.")
+        bool, typer.Option("--policy", help="Where a name is both: the policy, not the emulator.")
     ] = False,
     emulator: Annotated[
-        str | None, typer.Option(help="Of a clip: emulator file or name it belongs to.")
+        str | None, typer.Option(help="For a clip: file or name of the emulator it belongs to.")
     ] = None,
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",

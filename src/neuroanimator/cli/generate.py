@@ -31,15 +31,17 @@ def run(
     ],
     out: Annotated[str, typer.Option(help="Folder for the shards, or a URL: s3://bucket/folder.")],
     substeps: Annotated[
-        int | None, typer.Option(help="Physics steps n in a super step; the system's own, or 50.")
+        int | None,
+        typer.Option(help="Physics steps n in a super step; default: the system's own, or 50."),
     ] = None,
     count: Annotated[
-        int | None, typer.Option(help="Transitions to make: 300,000, or 12,288 of a soft body.")
+        int | None,
+        typer.Option(help="Number of transitions; default 300,000, or 12,288 for a soft body."),
     ] = None,
     samples_per_run: Annotated[
         int | None,
         typer.Option(
-            help="How many of each simulated run: 12, 18, 24, or 36, as usual; 12 of a soft body."
+            help="Transitions per simulated run: 12, 18, 24 or 36; default 36, or 12 for a soft body."
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
@@ -52,7 +54,7 @@ def run(
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
-    """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
+    """Simulate random motions and store transitions. Killed and started again, it goes on where it stopped."""
     with phase("loading"):
         if system.endswith(".toml"):
             trust_files(system)
@@ -87,7 +89,7 @@ def generate_with_bar(
     out: Place,
     executor: Executor | None = None,
 ) -> int:
-    """Fill `out` with the dataset under a progress bar; return how many runs diverged and were dropped."""
+    """Fill `out` with the dataset under a progress bar; return the number of runs that diverged, which are left out."""
     done = 0
     with progress_bar("shards", config.shards) as bar:
 
@@ -100,7 +102,7 @@ def generate_with_bar(
 
 
 def ensure_data(reference: str, emulator: Path, executor: Executor | None = None) -> Place:
-    """Return the dataset folder or URL `reference` is, or one made beside `emulator` for the system or TOML file it names."""
+    """Return the dataset folder or URL `reference`, or one made beside `emulator` for the system or TOML file it names."""
     if is_url(reference):
         return place_of(reference)
     if Path(reference).is_dir():

@@ -30,10 +30,10 @@ def run(
         typer.Option("--from", help="Recording, CSV or NPZ; may be given several times."),
     ],
     delay: Annotated[
-        bool, typer.Option("--delay", help="Find by how much what was measured is late, too.")
+        bool, typer.Option("--delay", help="Find the delay of the measurements, too.")
     ] = False,
     offsets: Annotated[
-        bool, typer.Option("--offsets", help="Find by how much each sensor is off, too.")
+        bool, typer.Option("--offsets", help="Find the offset of each sensor, too.")
     ] = False,
     window: Annotated[
         float | None, typer.Option(help="Length of windows [s]; 16 super steps if not given.")
@@ -54,10 +54,10 @@ def run(
     report: Annotated[Path | None, typer.Option(help="HTML file with curves.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Find the parameters of a body, and how sure they are, from recordings of its motion.
+    """Find the parameters of a body, with their uncertainty, from recordings of its motion.
 
-    By Gauss-Newton steps through the emulator over windows, whose starts are found as well; then corrected and proved
-    on the physics. A recording need not hold the whole state.
+    Gauss-Newton steps through the emulator fit windows of the recordings, along with their starts; the result is corrected
+    and proved on the physics. A recording need not hold the whole state.
     """
     with phase("loading"):
         if system:

@@ -35,7 +35,7 @@ def run(
     controls: Annotated[
         list[Path] | None,
         typer.Option(
-            help="CSV of controls, as 'control' writes: look along it, too; may be given several times."
+            help="CSV of controls, as 'control' writes: search along its motion, too; may be given several times."
         ),
     ] = None,
     start: Annotated[
@@ -44,13 +44,13 @@ def run(
     from_: Annotated[
         Path | None,
         typer.Option(
-            "--from", help="Learn from this recording of the real thing itself, CSV or NPZ."
+            "--from", help="Learn from this recording of the real system instead, CSV or NPZ."
         ),
     ] = None,
     data: Annotated[
         str | None,
         typer.Option(
-            help="Folder or URL of the dataset it was trained on; if not given, some is simulated anew."
+            help="Folder or URL of the dataset it was trained on; if not given, part of it is simulated anew."
         ),
     ] = None,
     system: Annotated[
@@ -60,22 +60,24 @@ def run(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            help="Error wanted on every distribution of motions: 95th percentile of one-step errors, in standard deviations "
-            "of the usual change. Seven tenths of the largest there is, if not given."
+            help="Maximum error on every distribution of motions: 95th percentile of one-step errors, in standard deviations "
+            "of the usual change. Default: seven tenths of the largest at the start."
         ),
     ] = None,
-    rounds: Annotated[int | None, typer.Option(help="Rounds, at most (default 6).")] = None,
+    rounds: Annotated[
+        int | None, typer.Option(help="Maximum number of rounds (default 6).")
+    ] = None,
     samples: Annotated[
-        int | None, typer.Option(help="Super steps simulated in a round (default 6000).")
+        int | None, typer.Option(help="Super steps simulated per round (default 6000).")
     ] = None,
     updates: Annotated[
-        int | None, typer.Option(help="Weight updates of a round (default 6000).")
+        int | None, typer.Option(help="Weight updates per round (default 6000).")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of what is drawn.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Random seed.")] = None,
 ) -> None:
-    """Find where an emulator errs or is not to be trusted, simulate there, and train on; or learn from a recording.
+    """Find where an emulator errs or is not to be trusted, simulate there, and train it further; or learn from a recording.
 
-    What it knew is kept: errors on usual motions are printed before and after. Killed and started again it goes on
+    It keeps what it knew: errors on usual motions are printed before and after. Killed and started again, it goes on
     and ends with the same bytes.
     """
     with phase("loading"):
@@ -160,7 +162,7 @@ def _learn_from(
 
 
 def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path) -> None:
-    """Print the errors before and after, what they took, and the new file."""
+    """Print the errors before and after, the cost, and the new file."""
     rows: list[dict[str, object]] = []
     for error in errors:
         name = error.distribution

@@ -1,4 +1,4 @@
-"""Motions that an emulator and its physics make in turns, for `animate --hybrid`."""
+"""Motions that an emulator and its physics simulate in turns, for `animate --hybrid`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuroanimator.systems.loading import trust_files
 def motion_in_turns(
     model: Emulator, drive: Drive, threshold: float | None, system: Path | None
 ) -> tuple[HybridMotion, HybridGain]:
-    """Return the motion that emulator and physics make in turns, and what that was worth."""
+    """Return the motion that emulator and physics simulate in turns, and the gain from the physics."""
     if system:
         trust_files(system)
     physics = system_of(model)

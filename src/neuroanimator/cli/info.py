@@ -1,4 +1,4 @@
-"""The verb `info`: show what a file says about itself."""
+"""The verb `info`: show what is in a file."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from neuroanimator.terminal import phase, print_rows
 EXAMPLE = "neuroanimator info pendulum-50"
 
 MAX_PARTS = 6
-"""This many parts of a state or control are named; of the others only the number is told."""
+"""Maximum number of parts of a state or control listed by name; the rest are counted."""
 
 Rows = list[tuple[str, object]]
-"""Each row that is printed is a label and a value."""
+"""Rows to print: a label and a value each."""
 
 
 def run(
@@ -43,10 +43,12 @@ def run(
     json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
     errors: Annotated[
         bool,
-        typer.Option("--errors", help="Of an emulator: measure where it is weak, in some seconds."),
+        typer.Option(
+            "--errors", help="For an emulator: measure where it is weak, in some seconds."
+        ),
     ] = False,
     data: Annotated[
-        str | None, typer.Option(help="With --errors, of recordings: the dataset folder or URL.")
+        str | None, typer.Option(help="With --errors, for recordings: the dataset folder or URL.")
     ] = None,
     system: Annotated[
         Path | None,
@@ -55,7 +57,7 @@ def run(
         ),
     ] = None,
 ) -> None:
-    """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
+    """Check an emulator, a policy or a dataset and show what it is; --json prints everything, with every column."""
     if errors:
         _show_errors(file, data, system, json=json)
         return
@@ -91,7 +93,7 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
 
 
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
-    """Return (all that an emulator says, the rows to show)."""
+    """Return (all metadata of an emulator, the rows to show)."""
     path = find_emulator(file)
     emulator = Emulator.load(path)
     tensors, metadata = read_tensors(path, "emulator")
@@ -124,13 +126,13 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
 
 
 def _moving(emulator: Emulator) -> Layout:
-    """Return the parts of the state that are no parameters."""
+    """Return the parts of the state that are not parameters."""
     names = {parameter.name for parameter in emulator.parameters}
     return Layout(tuple(part for part in emulator.state.slices if part.name not in names))
 
 
 def _parameter_rows(emulator: Emulator) -> Rows:
-    """Return a row for each parameter of a family: its range, and its value if none is given."""
+    """Return a row for each parameter of a family: its range and its default value."""
     return [
         (
             f"parameter {parameter.name}",
@@ -141,7 +143,7 @@ def _parameter_rows(emulator: Emulator) -> Rows:
 
 
 def _policy(file: str) -> tuple[dict[str, Any], Rows]:
-    """Return (all that a policy says, the rows to show)."""
+    """Return (all metadata of a policy, the rows to show)."""
     path = find_policy(file)
     policy, metadata = read_policy(path)
     if isinstance(policy, StatePolicy):
@@ -161,7 +163,7 @@ def _policy(file: str) -> tuple[dict[str, Any], Rows]:
 
 
 def _state_policy_rows(path: Path, policy: StatePolicy, metadata: dict[str, Any]) -> Rows:
-    """Return the rows to show of a policy of `neuroanimator policy`."""
+    """Return the rows to show for a policy of `neuroanimator policy`."""
     emulator = policy.emulator
     return [
         ("file", path.name),
@@ -175,11 +177,11 @@ def _state_policy_rows(path: Path, policy: StatePolicy, metadata: dict[str, Any]
 
 
 NOTHING_DRIVES_IT = "none: nothing drives it"
-"""What is said of a control of no numbers."""
+"""Text for an empty control."""
 
 
 def summary_of(layout: Layout) -> str:
-    """Return the size of a layout and its parts with their units: the first few by name, the others by number."""
+    """Return the size of a layout and its parts with their units: the first few by name, the rest as a count."""
     if not layout.size:
         return NOTHING_DRIVES_IT
     parts = []
@@ -196,7 +198,7 @@ def summary_of(layout: Layout) -> str:
 
 
 def bounds_of(low: list[float], high: list[float]) -> str:
-    """Return the bounds of each number, those that are all alike once."""
+    """Return the bounds of each number, or only one pair if all are equal."""
     pairs = [f"{least:g} to {largest:g}" for least, largest in zip(low, high, strict=True)]
     are_alike = len(set(pairs)) == 1
     if len(pairs) > 1 and are_alike:

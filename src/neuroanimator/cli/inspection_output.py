@@ -1,4 +1,4 @@
-"""Output of `info` and `evaluate`: the coverage of a dataset, and where an emulator is weak."""
+"""Output of `info` and `evaluate`: the coverage of a dataset, and the weak spots of an emulator."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from neuroanimator.text import print_line, short_number
 
 
 def show_dataset(folder: Place, *, json: bool) -> None:
-    """Print what the dataset in `folder` is and what it covers: as tables, or all of it as JSON."""
+    """Print what the dataset in `folder` is and what it covers, as tables or as JSON."""
     config = read_config(folder)
     present = sum(config.shard_path(folder, shard).is_file() for shard in range(config.shards))
     found = None
@@ -57,7 +57,7 @@ def show_dataset(folder: Place, *, json: bool) -> None:
 
 
 def print_weak_spots(found: Inspection) -> None:
-    """Print how the one-step errors are spread, and a line for each condition under which they are large."""
+    """Print the distribution of one-step errors, and a line for each condition under which they are large."""
     errors = found.errors
     print_line(f"{found.system}: {errors}.")
     print_line(
@@ -71,7 +71,7 @@ def print_weak_spots(found: Inspection) -> None:
 
 
 def print_components(found: Inspection) -> None:
-    """Print the one-step error of each number of the state, the worst first."""
+    """Print the one-step error of each state entry, the worst first."""
     _print(component_table(found))
     print_line(COMPONENTS_CAPTION)
 

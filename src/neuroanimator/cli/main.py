@@ -1,4 +1,4 @@
-"""The command line: `neuroanimator VERB`. Light to import, so that Ctrl-C is heard from the first moment."""
+"""The command line: `neuroanimator VERB`. Light to import, so that Ctrl-C works from the first moment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def main() -> None:
-    """Run the command line; end with the exit code the error asks for and never with a traceback."""
+    """Run the command line; end with the exit code of the error and never with a traceback."""
     STOP.listen()
     try:
         _run()
@@ -51,7 +51,7 @@ def _run() -> None:
 
 
 def say_what_mujoco_warned_of() -> None:
-    """Print one line on stderr if MuJoCo warned of anything; import nothing that was not needed so far."""
+    """Print one line on stderr if MuJoCo warned of anything; import nothing that has not been imported."""
     warnings_module = sys.modules.get("neuroanimator.systems.rigid.warnings")
     if warnings_module is None:
         return

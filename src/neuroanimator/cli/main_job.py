@@ -32,7 +32,7 @@ from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train
 
 SYSTEM = "pendulum"
-"""The system that is learnt: three links and three motors."""
+"""The system to learn: three links and three motors."""
 
 SUBSTEPS = 50
 """Number of physics steps the emulator leaps at a time."""
@@ -50,11 +50,11 @@ CORRECTIONS = 2
 """Maximum number of corrections that follow, of two sweeps each: at most twenty iterations in all."""
 
 HOLD_SECONDS = 0.5
-"""Time the film stays on the last state, so that one sees it stand [s]."""
+"""Time for which the film holds the last state, to show the pendulum standing [s]."""
 
 
 def run_demo(out: Path) -> dict[str, Any]:
-    """Do the main job in `out` and print what was measured; return the summary also written there."""
+    """Do the main job in `out` and print the measurements; return the summary, which is also written there."""
     began = time.monotonic()
     data, seconds_data = _timed("1/5 simulate", lambda: _generate(out / "data"))
     emulator, seconds_training = _timed(
@@ -122,7 +122,7 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
 def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path]:
     emulator = synthesis.emulator
     states = synthesis.outcome.physics_states
-    at_rest = states[-1:] * [1, 1, 1, 0, 0, 0]  # the angles stay, their rates end
+    at_rest = states[-1:] * [1, 1, 1, 0, 0, 0]  # the angles stay, their rates vanish
     hold = np.repeat(at_rest, round(HOLD_SECONDS / emulator.dt), axis=0)
     clip = make_clip(emulator, np.concatenate([states, hold]))
     scene = out / "swing-up.glb"

@@ -27,31 +27,33 @@ def run(
         Path | None, typer.Option(help="TOML file to write; beside the model if not given.")
     ] = None,
     name: Annotated[
-        str, typer.Option(help="What to call the system; after its file if not given.")
+        str, typer.Option(help="Name of the system; after its file if not given.")
     ] = "",
     keyframe: Annotated[
         str,
-        typer.Option(help="Keyframe of the model that is its state of rest; 'home' or the first."),
+        typer.Option(
+            help="Keyframe of the model that is its state of rest; default 'home' or the first."
+        ),
     ] = "",
     base: Annotated[
-        str, typer.Option(help="Of a URDF: 'fixed' to the world, or 'free' to move over a floor.")
+        str, typer.Option(help="For a URDF: 'fixed' to the world, or 'free' to move over a floor.")
     ] = "fixed",
     passive: Annotated[
         list[str] | None,
         typer.Option(
             metavar="JOINT",
-            help="Joint of a URDF that no motor drives, though it has an effort; may be repeated.",
+            help="Joint of a URDF without a motor, though it has an effort; may be repeated.",
         ),
     ] = None,
     tree: Annotated[
         Path | None,
         typer.Option(
-            help="Folder in which the model's includes and meshes may lie; its own if not given."
+            help="Folder that may hold the model's includes and meshes; the model's own if not given."
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
-    """Check a model and write how an emulator should see it: a TOML file to read, edit and generate from."""
+    """Check a model and write its definition for emulators: a TOML file to read, edit and generate from."""
     with phase("checking the model"):
         path, proposal = write_definition(
             model,

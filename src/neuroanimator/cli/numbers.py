@@ -5,7 +5,7 @@ from __future__ import annotations
 from neuroanimator.errors import ArgumentError
 
 MAX_SHOWN = 40
-"""Maximum number of characters of a wrong text that an error shows."""
+"""Maximum number of characters of a wrong text shown in an error."""
 
 
 def whole_numbers(name: str, text: str) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""The verb `policy`: learn to walk, run or hop by the task that a TOML file names."""
+"""The verb `policy`: learn to walk, run or hop, as the task in a TOML file says."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ MAX_UPDATES = 1_000_000
 PERCENT = 100
 
 TINY = 1e-6
-"""Share by which super steps may differ and still be the same."""
+"""Relative difference up to which two super steps count as equal."""
 
 
 def run(
@@ -55,35 +55,33 @@ def run(
     out: Annotated[Path, typer.Option(help="File for the policy.")],
     emulator: Annotated[
         Path | None,
-        typer.Option(
-            help="Emulator of one step of the task to begin with; if not given, one is made."
-        ),
+        typer.Option(help="Initial emulator of one step of the task; if not given, one is made."),
     ] = None,
     start: Annotated[
         Path | None,
-        typer.Option(
-            help="Policy to begin with, such as one that follows the motion which is now to be commanded."
-        ),
+        typer.Option(help="Initial policy, such as one that follows the motion to be commanded."),
     ] = None,
     updates: Annotated[
-        int, typer.Option(help="Updates of the policy, each of 32 steps of every body.")
+        int, typer.Option(help="Number of policy updates, each from 32 steps of every body.")
     ] = PolicyLearning.updates,
     bodies: Annotated[
         int,
         typer.Option(
-            help="Bodies that learn side by side, a multiple of 16. More cores move more of them in the same time."
+            help="Number of bodies that learn in parallel, a multiple of 16. More cores simulate more in the same time."
         ),
     ] = PolicyLearning.bodies,
     minutes: Annotated[
         float | None,
-        typer.Option(help="Learn for so long instead; how far that goes depends on the machine."),
+        typer.Option(
+            help="Minutes to learn, instead of --updates; the result depends on the machine."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of weights, starts and noise.")] = 0,
 ) -> None:
-    """Learn a policy on the true physics, with the help of slopes from an emulator; needs the extra [gym].
+    """Learn a policy on the true physics, with the help of gradients from an emulator; needs the extra [gym].
 
-    The rules are those of [task] or [follow]. The best policy on the way, by whole episodes, is kept. A run that was stopped goes
-    on where it was, and one that is over goes on for more --updates or --minutes.
+    The rules are those of [task] or [follow]. The policy with the best returns of whole episodes is kept. A stopped run goes
+    on where it was, and a finished one goes on for more --updates or --minutes.
     """
     if minutes is not None and not 0 < minutes <= MAX_MINUTES:
         raise ArgumentError(
@@ -107,7 +105,7 @@ def run(
     learning = replace(task.learning, updates=updates, bodies=bodies, seed=seed)
     limit = None
     if minutes is not None:
-        # One update at least, where making the emulator took all the time.
+        # At least one update, even if making the emulator took all the time.
         limit = max(SECONDS_A_MINUTE * minutes - (time.monotonic() - began), LEAST_SECONDS)
     folder = run_folder(out)
     with progress_bar("learning", PERCENT) as bar:
@@ -142,7 +140,7 @@ def run(
 
 
 def first_emulator(name: str, definition: str, task: PolicyTask, out: Path, seed: int) -> Emulator:
-    """Return an emulator of one step of the task, as random controls have it; it lies in the run's folder of the policy `out`."""
+    """Return an emulator of one step of the task, trained on random controls; its file is in the run folder of policy `out`."""
     path = run_folder(out) / f"{name}.emulator.safetensors"
     if path.exists():
         kept = load_emulator(path)
@@ -171,7 +169,7 @@ def first_emulator(name: str, definition: str, task: PolicyTask, out: Path, seed
 
 
 def _check_emulator(emulator: Emulator, system: System, hold: int) -> None:
-    """Refuse an emulator of another system, or that leaps anything but one step of the task."""
+    """Refuse an emulator of another system, or whose super step is not one step of the task."""
     wanted = hold * system.physics_dt
     if emulator.state != system.state or abs(emulator.dt - wanted) > TINY * wanted:
         raise ArgumentError(

@@ -1,4 +1,4 @@
-"""What a policy that `policy` learnt does: its returns on the true environment and inside its emulator, and a motion."""
+"""Returns of a policy learnt by `policy`, on the true environment and inside its emulator, and its motions."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from neuroanimator.training.train import METRICS, read_reports, run_folder
 MAX_EPISODES = 100_000
 
 TRUE_RETURN = 0.9
-"""Least share of the return on the physics that a policy earns inside an emulator that stands in for it."""
+"""Minimum return inside an emulator that can stand in for the physics, as a share of the return on the physics."""
 
 MAX_SECONDS = 3600.0
-"""Longest time of a command [s]."""
+"""Maximum duration of a command [s]."""
 
 COMMANDS_NEED_NO_PHYSICS = (
     "Inside its emulator the policy walks on command without it, such as --command 3,0.7,0.4."
 )
-"""Advice where an episode inside an emulator lacks the physics that says where it begins."""
+"""Advice where the physics that gives the start of an episode inside an emulator is missing."""
 
 
 def loaded_policy(path: Path, toml: Path | None) -> tuple[StatePolicy, System, PolicyTask]:
-    """Return (the policy, its physics, what it is to do)."""
+    """Return (the policy, its physics, its task)."""
     with phase("loading"):
         policy = load_state_policy(path)
         if toml:
@@ -55,7 +55,7 @@ def policy_motion(
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it).
 
-    Those of one in the emulator where `is_inside`.
+    With `is_inside` the episode is in the emulator.
     """
     try:
         policy, system, task = loaded_policy(path, toml)
@@ -81,9 +81,9 @@ def policy_motion(
 def commanded_motion(
     path: Path, toml: Path | None, commands: list[str], *, is_inside: bool = False
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
-    """Return (the policy's emulator, the states of a body told `commands`, SECONDS,SPEED,TURN each, on the true physics).
+    """Return (the policy's emulator, the states of a body given `commands`, SECONDS,SPEED,TURN each, on the true physics).
 
-    Those in the emulator where `is_inside`.
+    With `is_inside` the body moves in the emulator.
     """
     system = None
     if is_inside:
@@ -124,7 +124,7 @@ def evaluate_policy(
     as_json: bool,
     report: Path | None = None,
 ) -> None:
-    """Print the returns of `episodes` episodes without noise, and write them with the curve of learning to the page `report`."""
+    """Print the returns of `episodes` episodes without noise, and write them with the learning curve to the page `report`."""
     if not 1 <= episodes <= MAX_EPISODES:
         raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
     policy, system, task = loaded_policy(path, toml)
@@ -153,11 +153,11 @@ class _Returns(NamedTuple):
     """Returns of episodes without noise."""
 
     outside: Float[np.ndarray, " E"]
-    """Of the environment, or of the physics where there is none."""
+    """Returns in the environment, or on the physics if there is none."""
     inside: Float[np.ndarray, " E"]
-    """Inside the policy's emulator."""
+    """Returns inside the policy's emulator."""
     of_family: Float[np.ndarray, " E"] | None
-    """Of random bodies on the physics, where the environment's body is one of a family."""
+    """Returns of random bodies on the physics, if the environment's body is one of a family."""
 
 
 def _returns(
@@ -219,7 +219,7 @@ def _evaluate_following(
     *,
     as_json: bool,
 ) -> None:
-    """Print how many of `episodes` starts at random phases are still on the motion at its end, and what they earn."""
+    """Print how many of `episodes` starts at random phases are still on the motion at its end, and their returns."""
     with phase(f"{episodes} episodes on the physics"):
         stepper = physics_stepper(system, system.scheme, policy.dt)
         found = episodes_of(policy, stepper, task.rules, episodes, seed)

@@ -1,9 +1,9 @@
-"""Ctrl-C, SIGTERM and SIGHUP: one line says so, and the process ends at once, wherever it is.
+"""Ctrl-C, SIGTERM and SIGHUP end the process at once, wherever it is, with one line that says so.
 
-No exception is raised for it. One would have to come through libraries that swallow it (JAX's callback at garbage
-collection does), make another one of it (modules that are being imported do) or crash; and one long compiled call
-does not look for it. Nothing is lost by ending without unwinding: every file is whole or absent, what is unfinished
-is removed here, and so are the processes started from here.
+They raise no exception. It would have to pass through libraries that swallow it (JAX's callback at garbage
+collection does), turn it into another one (modules during import do) or crash; and a long compiled call does not
+check for it. Nothing is lost by ending without unwinding: every file is whole or absent, unfinished files are
+removed here, and child processes are ended.
 
 Only light modules are imported, so that the first moments of the imports can be stopped too.
 """
@@ -21,47 +21,47 @@ from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""These signals end the process: Ctrl-C, what `kill` sends, and what a terminal sends that is closed."""
+"""Signals that end the process: from Ctrl-C, from `kill`, and from a terminal that is closed."""
 
 STDERR = 2
 """The file descriptor of stderr."""
 
 SHOW_CURSOR = "\r\n\x1b[?25h"
-"""A terminal has shown '^C', and the bar has hidden the cursor: this begins a line and shows it again."""
+"""Begins a line after the terminal's '^C', and shows the cursor, which the progress bar has hidden."""
 
 PATIENCE = 0.5
-"""After this long [s] the process is ended from beside a compiled call that does not come back."""
+"""Time after which another thread ends the process, if a compiled call does not return [s]."""
 
 RESUMABLE = frozenset({"demo", "generate", "improve", "train"})
-"""These verbs keep what they have done and go on from there when started again."""
+"""Verbs that keep what they have done and go on from there when started again."""
 
 
 class Stop:
-    """Hears the signals; one for the process."""
+    """The signal handler; one per process."""
 
     def __init__(self) -> None:
         self._ending = threading.Lock()
         self._is_done = False
 
     def listen(self) -> None:
-        """Take over the signals, but for those that whoever started this process wants ignored."""
+        """Take over the signals, except those that the parent process set to be ignored."""
         if threading.current_thread() is not threading.main_thread():
             return
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
         threading.Thread(target=self._guard, args=(reader,), name="stop", daemon=True).start()
-        # Written to by the system itself, even while the main thread is deep in a compiled call.
+        # The system itself writes to it, even while the main thread is in a compiled call.
         signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
         for number in SIGNALS:
             if signal.getsignal(number) != signal.SIG_IGN:
                 signal.signal(number, self._on_signal)
 
     def ignore(self) -> None:
-        """Hear no signals any more: the work is done, and what is left is to leave."""
+        """Ignore the signals from now on: the work is done, and the process is about to exit."""
         self._is_done = True
 
     def end(self, number: int) -> NoReturn:
-        """End the process, and all it started, with one line and the exit code of the signal `number`."""
+        """End the process and its children, with one line and the exit code of the signal `number`."""
         if not self._ending.acquire(blocking=False):
             time.sleep(60)  # the other thread ends the process meanwhile
         for tidy in (_end_children, _remove_leftovers, _show_what_was_printed, _say_so):
@@ -82,9 +82,9 @@ class Stop:
 
 
 def _end_children() -> None:
-    """Kill what this process started, and what that started: a compiler, what draws a film, a cluster on this machine.
+    """Kill all descendants of this process, such as a compiler, a film's renderer, or a cluster on this machine.
 
-    Where there is no /proc a terminal does.
+    Without /proc this is left to the terminal.
     """
     own = os.getpid()
     for child in _descendants(own):
@@ -97,7 +97,7 @@ def _end_children() -> None:
 
 
 def _descendants(process: int) -> list[int]:
-    """Return the children of a process and theirs, those first that could start others."""
+    """Return the descendants of a process, parents before children, since they could start others."""
     found = []
     for children in Path(f"/proc/{process}/task").glob("*/children"):
         with contextlib.suppress(OSError):  # gone meanwhile
@@ -108,7 +108,7 @@ def _descendants(process: int) -> list[int]:
 
 
 def _remove_leftovers() -> None:
-    # Not imported for its own sake: if nobody has, there is nothing to remove.
+    # Not imported here: if nothing else has imported it, there is nothing to remove.
     module = sys.modules.get("neuroanimator.files.unfinished")
     remove = getattr(module, "remove_leftovers", None)
     if remove is not None:
@@ -131,4 +131,4 @@ def _say_so() -> None:
 
 
 STOP = Stop()
-"""The process has this one listener."""
+"""The only signal handler of the process."""

@@ -15,7 +15,7 @@ from neuroanimator.terminal import phase
 EXAMPLE = "neuroanimator studio"
 
 GROUP = "neuroanimator"
-"""Group of the entry points by which other packages add to this one."""
+"""Group of entry points by which other packages extend this one."""
 
 ENTRY_POINT = "studio"
 """Name of the entry point that serves the page."""
@@ -24,11 +24,14 @@ ENTRY_POINT = "studio"
 def run(
     emulators: Annotated[
         list[str] | None,
-        typer.Argument(help="Emulator files, or names of shipped ones, to be shown too."),
+        typer.Argument(help="Emulator files, or names of shipped ones, to show, too."),
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any that is free.")] = 0,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; other machines reach any but this one's own.")
+        str,
+        typer.Option(
+            help="Address to listen on; with the default, only this machine can reach it."
+        ),
     ] = "127.0.0.1",
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
     export: Annotated[
@@ -43,7 +46,7 @@ def run(
 
 
 def installed_studio() -> Callable[..., None]:
-    """Return what runs the studio; ResourceError where its package is not installed."""
+    """Return the function that runs the studio; ResourceError if its package is not installed."""
     found = list(entry_points(group=GROUP, name=ENTRY_POINT))
     if not found:
         raise ResourceError(

@@ -30,12 +30,12 @@ from neuroanimator.training.train import METRICS, Report, run_folder, train
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
 EPISODES = 100
-"""Number of episodes by which a policy is judged inside an emulator that learnt what it does."""
+"""Number of episodes that judge a policy inside an emulator trained on its motions."""
 
 PERCENT = 100
 
 SHOWN_DIGITS = 12
-"""Number of digits of a sha256 printed; the table's file has all."""
+"""Number of digits of a sha256 that are printed; the table's file has all."""
 
 
 def run(
@@ -55,12 +55,12 @@ def run(
         str | None, typer.Option(help="gated (default), classic (1998), hierarchy, glu.")
     ] = None,
     widths: Annotated[
-        str | None, typer.Option(help="Units in each layer: 96,64; of a hierarchy 64,0,24.")
+        str | None, typer.Option(help="Units in each layer: 96,64; for a hierarchy 64,0,24.")
     ] = None,
     optimizer: Annotated[
         str | None, typer.Option(help="muon (default), adam, or momentum as in 1998.")
     ] = None,
-    learning_rate: Annotated[float | None, typer.Option(help="Highest learning rate.")] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="Maximum learning rate.")] = None,
     updates: Annotated[
         int | None,
         typer.Option(
@@ -69,32 +69,32 @@ def run(
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
     unroll: Annotated[
-        int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")
+        int | None, typer.Option(help="Super steps that the last updates unroll, 1 to 4.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of weights, split and batches.")] = None,
     memory: Annotated[
         str | None,
-        typer.Option(help="What data may take (default 8GB); what needs more is read from disk."),
+        typer.Option(help="Maximum memory for data (default 8GB); larger data is read from disk."),
     ] = None,
     error_bounds: Annotated[
         bool,
         typer.Option(
             "--error-bounds",
-            help="Measure how far rollouts go astray, too, on new runs of the physics; takes about a minute.",
+            help="Also measure how far rollouts go astray, on new runs of the physics; takes about a minute.",
         ),
     ] = False,
     system: Annotated[
         Path | None,
-        typer.Option(help="Of a policy's file: your TOML file, whose model is then used."),
+        typer.Option(help="For a policy's file: your TOML file, whose model is then used."),
     ] = None,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
-    """Train an emulator; of a system or a TOML file the data is generated first. Or a fleet of them, see docs/scale.md.
+    """Train an emulator; for a system or a TOML file the data is generated first. Or train a fleet, see docs/scale.md.
 
-    Of a policy's file the policy's own emulator is trained, on what the policy does on the physics; needs the extra [gym].
+    For a policy's file, train the policy's own emulator, on the policy's motions on the physics; needs the extra [gym].
 
-    Killed and started again it goes on and ends with the same bytes.
+    Killed and started again, it goes on and ends with the same bytes.
     """
     settings = _settings(
         config,
@@ -122,7 +122,9 @@ def run(
         return
     if system is not None:
         raise ArgumentError("system: it is of policies' files. Leave it out.")
-    memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
+    memory_limit = TrainingConfig(
+        **settings
+    ).memory  # wrong settings are refused before data is made
     with chosen_executor(executor, workers) as spread:
         place = ensure_data(data, out, spread)
     transitions = open_transitions(place, memory_limit)
@@ -142,9 +144,9 @@ def train_in_policy(
     count: int | None = None,
     toml: Path | None = None,
 ) -> None:
-    """Train the emulator of the policy in the file at `path` on what it does, and write the policy with it to `out`.
+    """Train the emulator of the policy in the file `path` on the policy's motions, and write the policy with it to `out`.
 
-    What the policy earns in it is printed beside what it earns on the physics: an error of one step does not tell who falls.
+    The policy's return in it is printed beside that on the physics: one-step errors do not tell whether a body falls.
     """
     from neuroanimator.cli.policy_returns import evaluate_policy, loaded_policy  # needs [gym]
     from neuroanimator.gym.policy_transitions import COUNT, TRAINING, policy_transitions
@@ -173,7 +175,7 @@ def train_in_policy(
 
 
 def _settings(config: Path | None, widths: str | None, **options: object) -> dict[str, Any]:
-    """Return the settings of the file, and instead of these the options that were given."""
+    """Return the settings of the file, overridden by the options that were given."""
     settings: dict[str, Any] = {}
     if config:
         settings = read_toml(config)
@@ -186,7 +188,7 @@ def _settings(config: Path | None, widths: str | None, **options: object) -> dic
 def _train_with_bar(
     data: Dataset, config: TrainingConfig, out: Path
 ) -> tuple[Emulator, Report | None]:
-    """Return the emulator and the last report; none of a training that was done already."""
+    """Return the emulator and the last report; None for a training that was already done."""
     last: Report | None = None
     note = ""
     with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
@@ -206,7 +208,7 @@ def _train_with_bar(
 
 
 def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str, object]]:
-    """Return what is printed of a training."""
+    """Return the rows to print about a training."""
     rows: list[tuple[str, object]] = [
         ("emulator", out),
         ("metrics", run_folder(out) / METRICS),
@@ -225,7 +227,7 @@ def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str,
 
 
 def _bound_errors(emulator: Emulator, data: Dataset, out: Path) -> str:
-    """Measure how far rollouts go astray, put it into the file `out`, and return it in words."""
+    """Measure how far rollouts go astray, add it to the file `out`, and return it in words."""
     with phase("measuring how far rollouts go astray"):
         bounded = fit_error_bounds(emulator, data)
     save(bounded, out, read_metadata(out)["provenance"])

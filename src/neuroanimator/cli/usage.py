@@ -1,4 +1,4 @@
-"""Errors of a wrong command line, in one line each."""
+"""Errors of a wrong command line, one line each."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from neuroanimator.errors import ArgumentError
 UsageError: type[Exception] = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "UsageError"
 )
-"""What typer raises for a wrong command line; it gives it no public name of its own."""
+"""Exception that typer raises for a wrong command line; typer gives it no public name."""
 
 
 @contextmanager
 def usage_in_one_line() -> Iterator[None]:
-    """Make an ArgumentError of what is wrong with the command line, saying where help is."""
+    """Turn an error of the command line into an ArgumentError that says where to find help."""
     try:
         yield
     except UsageError as error:
@@ -34,7 +34,7 @@ def usage_in_one_line() -> Iterator[None]:
 
 
 def refuse_given(options: Mapping[str, object], reason: str) -> None:
-    """Refuse the first of `options` that is given: neither None, nor off, nor empty. The error says its name and `reason`."""
+    """Refuse the first of `options` that is given, i.e. not None, off or empty; the error states its name and `reason`."""
     for name, value in options.items():
         if value is not None and value is not False and value != []:
             raise ArgumentError(f"{name}: {reason}")

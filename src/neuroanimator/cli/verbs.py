@@ -36,7 +36,7 @@ VERBS = {
     "studio": "Serve the page that shows every system.",
     "info": "Check a file or a dataset and show what it is.",
 }
-"""Line of each verb in `--help`, in this order; the verb is the `run` of the module of its name."""
+"""Line of each verb in `--help`, in this order; a verb is the `run` of the module of its name."""
 
 SETTINGS: Any = {
     "add_completion": False,
@@ -47,7 +47,7 @@ SETTINGS: Any = {
 
 
 class Commands(Mapping[str, Any]):
-    """The verbs' commands by name, each made of its module when it is first looked up."""
+    """The verbs' commands by name, each made from its module when it is first looked up."""
 
     def __getitem__(self, verb: str) -> Any:
         if verb not in VERBS:
@@ -69,7 +69,7 @@ class Commands(Mapping[str, Any]):
 def module_of(verb: str) -> ModuleType:
     """Return the module of a verb.
 
-    What is imported stays, so the garbage collector looks at none of it: that took a quarter of a command's start.
+    Modules stay imported, so the garbage collector need not scan them: that took a quarter of a command's start.
     """
     gc.disable()
     try:
@@ -80,7 +80,7 @@ def module_of(verb: str) -> ModuleType:
 
 
 class Verbs(TyperGroup):
-    """The verbs; a wrong command line becomes one line instead of four, like every other mistake."""
+    """The verbs; a wrong command line is reported in one line instead of four, like every other mistake."""
 
     def __init__(self, **options: Any):
         super().__init__(**options)
@@ -92,7 +92,7 @@ class Verbs(TyperGroup):
             formatter.write_dl(list(VERBS.items()))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Return what is left of `args` after our own options."""
+        """Return the rest of `args` after our own options."""
         with usage_in_one_line():
             return super().parse_args(ctx, args)
 
@@ -113,7 +113,7 @@ app = typer.Typer(
 
 
 def print_version(is_wanted: bool) -> bool:
-    """Print the installed version and end, if that is wanted; return False otherwise, the option's value."""
+    """Print the installed version and exit, if wanted; otherwise return False, the option's value."""
     if not is_wanted:
         return False
     print(f"neuroanimator {version_of('neuroanimator')}")
@@ -125,7 +125,7 @@ def options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=print_version, is_eager=True, help="Print the version and end."
+            "--version", callback=print_version, is_eager=True, help="Print the version and exit."
         ),
     ] = False,
 ) -> None:

@@ -13,10 +13,10 @@ from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.text import quoted
 
 LOCAL = "local"
-"""The name of processes of this machine."""
+"""Name of processes on this machine."""
 
 RAY = "ray"
-"""The name of a Ray cluster that is started on this machine."""
+"""Name of a Ray cluster started on this machine."""
 
 Where = Annotated[
     str,
@@ -28,17 +28,17 @@ Where = Annotated[
 
 Workers = Annotated[
     int | None,
-    typer.Option(help="Processes that work at a time; the results do not depend on it."),
+    typer.Option(help="Number of parallel processes; the results do not depend on it."),
 ]
 """The option `--workers`."""
 
 
 def chosen_executor(where: str, workers: int | None, threads: int | None = None) -> Executor:
-    """Return the executor these options choose.
+    """Return the executor that these options choose.
 
-    `local` is this process, or so many `workers`; `ray` a Ray cluster of this machine, and an address the cluster that is
-    there, both with one thread for each worker unless `threads` says more. `threads`: none, or 0, for as many as make all
-    cores busy.
+    `local` is this process, or a number of `workers` processes; `ray` is a Ray cluster on this machine, and an address an
+    existing cluster, both with one thread per worker unless `threads` says more. `threads` None or 0 means as many as keep
+    all cores busy.
     """
     if threads is not None and threads < 0:
         raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; came {threads}.")

@@ -1,6 +1,6 @@
 """The backend of emulators called with NumPy arrays: generated C, or JAX.
 
-Both do the same to the rounding of float32. JAX is the definition; inside `jax.jit`, `grad` and `vmap` it is always used.
+Both agree to the rounding of float32. JAX is the definition; inside `jax.jit`, `grad` and `vmap` it is always used.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.text import printable, quoted
 
 BACKENDS = ("auto", "c", "jax")
-"""`auto` is C where there is a compiler and JAX elsewhere; `c` fails where there is no C."""
+"""Names of backends: `auto` is C if there is a compiler and JAX otherwise; `c` fails without a compiler."""
 
 SWITCH = "NEUROANIMATOR_BACKEND"
-"""The environment variable that says which."""
+"""Environment variable that selects the backend."""
 
 _chosen: list[str] = []
-"""Name last given to `set_backend`."""
+"""Name last given to `set_backend`, if any."""
 
 
 def set_backend(name: str) -> None:
@@ -28,7 +28,7 @@ def set_backend(name: str) -> None:
 
 
 def backend() -> str:
-    """Return the backend in use, one of `BACKENDS`. Raises ArgumentError where the environment asks for another."""
+    """Return the backend in use, one of `BACKENDS`. Raises ArgumentError if the environment names another."""
     if _chosen:
         return _chosen[0]
     asked = os.environ.get(SWITCH, "").strip().lower() or "auto"
@@ -37,7 +37,7 @@ def backend() -> str:
 
 
 def backend_in_words() -> str:
-    """Return what runs emulators here, for people: the backend, and the compiler if it is C."""
+    """Return what runs emulators here, in words: the backend, and the compiler if it is C."""
     asked = backend()
     compiler = find_compiler()
     if asked == "jax":

@@ -1,4 +1,4 @@
-"""A C program becomes a shared library: in a folder that goes afterwards, by a compiler that may fail or hang."""
+"""Compile a C program to a shared library, in a temporary folder, with a compiler that may fail or hang."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from neuroanimator.codegen.zig import zig_cc, zig_folders
 from neuroanimator.files.unfinished import temporary_folder
 
 PATIENCE = 120
-"""Time a compiler may take [s]: the largest program takes ten on one slow core."""
+"""Maximum time of a compilation [s]: the largest program takes ten on one slow core."""
 
 VERSION_PATIENCE = 10
-"""Time a compiler may take to say which one it is [s]."""
+"""Maximum time for a compiler to print its version [s]."""
 
 
 class CompilerError(Exception):
-    """The compiler refuses the program with every set of flags."""
+    """The compiler rejects the program with every set of flags."""
 
 
 class NoCompilerError(CompilerError):
-    """The compiler is no program, or does not end: not to be tried again."""
+    """The compiler is not a program, or does not end: not to be tried again."""
 
 
 def build_library(
     text: str, command: list[str], flag_sets: tuple[tuple[str, ...], ...], folder: Path
 ) -> bytes:
-    """Return the shared library of the C program `text`, made in `folder` with the first flags the compiler knows."""
+    """Return the shared library of the C program `text`, built in `folder` with the first flags that the compiler knows."""
     with temporary_folder(folder) as work_folder:
         source = work_folder / "program.c"
         unlinked = work_folder / "program.o"
         library = work_folder / "program.so"
         source.write_text(text, encoding="utf-8")
-        # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
+        # Linked separately, without -ffast-math: with it the library would flush denormals in the whole process.
         link = [*command, "-shared", str(unlinked), "-o", str(library), _libraries(command)]
         caches = zig_folders(work_folder, work_folder)
         for flags in flag_sets:
@@ -53,16 +53,16 @@ def build_library(
 
 
 def _libraries(command: list[str]) -> str:
-    """Return what to link a library with.
+    """Return the linker's option for libraries.
 
-    Zig would first build a C library of its own, for half a minute; that of the process will do.
+    Zig would first build its own C library, for half a minute; the process's is enough.
     """
     return "-nostdlib" if command == zig_cc() else "-lm"
 
 
 @cache
 def compiler_version(*command: str) -> str:
-    """Return what `command --version` says; NoCompilerError if it is no program or does not end."""
+    """Return the output of `command --version`; NoCompilerError if it is not a program or does not end."""
     with _started([*command, "--version"], stdout=subprocess.PIPE) as process:
         said, _ = process.communicate(timeout=VERSION_PATIENCE)
     return said.decode(errors="replace")
@@ -74,11 +74,11 @@ def succeeds(
     patience: float = PATIENCE,
     variables: dict[str, str] | None = None,
 ) -> bool:
-    """Return whether `command` ends well in `work_folder`, with these environment variables besides.
+    """Return whether `command` succeeds in `work_folder`, with additional environment `variables`.
 
     Raises NoCompilerError if it cannot be started, or does not end within `patience` [s].
     """
-    # What a compiler leaves behind when it is killed lies in the folder that goes.
+    # What a killed compiler leaves behind is in the temporary folder.
     surroundings = os.environ | {"TMPDIR": str(work_folder), "LC_ALL": "C"} | (variables or {})
     with _started(command, stdout=subprocess.DEVNULL, cwd=work_folder, env=surroundings) as process:
         return process.wait(patience) == 0
@@ -86,7 +86,7 @@ def succeeds(
 
 @contextmanager
 def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """Run `command` while the block waits for it; if the block fails it is killed, with all it started."""
+    """Run `command` while the block waits for it; if the block fails, kill it with all its children."""
     nothing = subprocess.DEVNULL
     try:
         process = subprocess.Popen[bytes](

@@ -1,4 +1,4 @@
-"""A formula in JAX as an inline function of C, for loops that apply it to one element after another."""
+"""A formula in JAX as an inline C function, for loops over elements."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from neuroanimator.codegen.program import Operation
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
 
 EXACT = ("neg", "square", "add", "sub", "mul", "div", "max", "min", "clamp", "gt", "select_n")
-"""Operations whose C is the same in float32 and float64."""
+"""Operations with the same C in float32 and float64."""
 
 
 def c_formula(name: str, function: Callable[..., Any], *shapes: tuple[int, ...]) -> str:
-    """Return C text of `function`, whose arguments and result are of one element: numbers (1,) or vectors (1, 3).
+    """Return C text of `function`, whose arguments and result are single elements: numbers (1,) or vectors (1, 3).
 
-    The program around it defines `INLINE`, the type `real`, and `AXIS`, from one component of a vector to the next.
-    A number is passed by value and returned. A vector is a pointer to its first component, also as the result,
-    which comes last.
+    The surrounding program defines `INLINE`, the type `real`, and `AXIS`, the distance between components of a vector.
+    Numbers are passed and returned by value. Vectors are pointers to their first component; a vector result is the
+    last argument.
 
-    Raises UnsupportedError for operations there is no C for.
+    Raises UnsupportedError for operations without C.
     """
     with jax.enable_x64(True):
         inputs = [Input(shape, dtype=np.float64) for shape in shapes]
@@ -52,7 +52,7 @@ def c_formula(name: str, function: Callable[..., Any], *shapes: tuple[int, ...])
 
 
 def _statements(operation: Operation, terms: dict[int, str]) -> Iterator[str]:
-    """Yield what computes each entry of `operation`, of the `terms` of its inputs by their addresses; its own are added."""
+    """Yield statements for each entry of `operation`; `terms` maps addresses to C, and is extended by the results."""
     formula = _formula(operation)
     targets = operation.output.ravel().tolist()
     for target, *sources in zip(targets, *operation.entries(), strict=True):

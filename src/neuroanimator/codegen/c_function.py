@@ -1,4 +1,4 @@
-"""Any JAX function of float32 arrays as functions of C, and its derivative with a tape between forward and backward."""
+"""Any JAX function of float32 arrays as C functions, and its derivative, with a tape between forward and backward."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ from neuroanimator.codegen.program import (
 from neuroanimator.codegen.trace import Input, trace
 
 MAX_STACK = 2**22
-"""Maximum number of bytes of a function's arrays on the stack, half of what threads have; larger ones are the thread's."""
+"""Maximum size of a function's arrays on the stack [bytes], half a thread's; larger ones are thread-local variables."""
 
 
 def prelude() -> str:
-    """Return what every file of such functions begins with: types and elementary functions."""
+    """Return the text that begins every file of such functions: types and elementary functions."""
     return (resources.files("neuroanimator.codegen") / "prelude.c").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
 class CFunction:
-    """C text of a function, and what its callers need to know."""
+    """C text of a function, and the sizes its callers need."""
 
     text: str
     tape: int = 0
-    """Floats that the forward part leaves for the backward part."""
+    """Number of floats on the tape from the forward part to the backward part."""
     wide_tape: int = 0
-    """Registers of lanes that it leaves."""
+    """Number of registers of lanes on its wide tape."""
 
 
 class LatePart(NamedTuple):
-    """A function that goes on from the tape; late inputs and outputs belong to such parts in their order."""
+    """A function that continues from the tape; late inputs and outputs are assigned to such parts in order."""
 
     name: str
-    """What is added to the name of the whole function."""
+    """Suffix added to the name of the whole function."""
     inputs: int
-    """How many late inputs are its own."""
+    """Number of its late inputs."""
     outputs: int
 
 
@@ -67,14 +67,14 @@ def c_function(
     """Return C text of `static void name(const float *k, const float *x0, ..., float *y0, ...)`.
 
     `function` (module, x0, ...) returns an array or a tuple of arrays; `k` are the `constants`, to which those of the
-    function are added. Arrays are in C's order; what is wide has its sixteen lanes last, and outputs are wide if an
-    input is. With late inputs there are several functions: `name_forward(k, early inputs, t, tv, early outputs)`, and
-    for each part of `late` a `name_part(k, t, tv, its inputs, its outputs)` that goes on from the tape `t`, and `tv` of
-    lanes; the first `values` outputs, of which there may be none, are the early ones. Without `late` there is one such
-    part, `backward`. Nothing is read that an earlier call left, so threads may share them. What `is_public` can be called from
-    outside the library.
+    function are added. Arrays are in C order; wide ones have their sixteen lanes last, and outputs are wide if any input
+    is. With late inputs there are several functions: `name_forward(k, early inputs, t, tv, early outputs)`, and for each
+    part of `late` a `name_part(k, t, tv, its inputs, its outputs)` that continues from the tape `t`, and the tape of
+    lanes `tv`; the first `values` outputs, possibly none, are the early ones. Without `late` there is one such part,
+    `backward`. The functions keep no state between calls, so threads may share them. If `is_public`, they can be called
+    from outside the library.
 
-    Raises UnsupportedError for what there is no C for, such as loops.
+    Raises UnsupportedError for operations without C, such as loops.
     """
     program = trace(function, module, *inputs, constants=constants)
     linkage = "" if is_public else "static "
@@ -106,11 +106,11 @@ def c_function(
 
 @dataclass(frozen=True)
 class _Part:
-    """One of the functions a program becomes: all of it, what comes before the late inputs, or what comes after some."""
+    """One of the functions of a program: the whole, the part before the late inputs, or the part after some of them."""
 
     program: Program
     inputs: Sequence[Input]
-    """Those of the whole program."""
+    """Inputs of the whole program."""
     own_inputs: Sequence[int]
     outputs: range
     is_late: bool
@@ -124,19 +124,19 @@ class _Part:
             [self.program.outputs[number].ravel() for number in self.outputs],
             self._spaces(),
         )
-        body = list(fused(self._body(part)))  # it may take more room
+        body = list(fused(self._body(part)))  # it may allocate more room
         names = [*("k", "t", "tv")[: 1 + len(tapes)], *self._empty()]
         unused = "".join(f"(void){name}; " for name in names)
         head = f"{declared}({', '.join(self._parameters(tapes))}) {{"
         return [head, *self._arrays(part.sizes), unused, *body, "}"]
 
     def _spaces(self) -> list[int]:
-        """Return the spaces of what it works on."""
+        """Return the spaces it works in."""
         lateness = LATE if self.is_late else EARLY
         return [lateness, lateness | WIDE]
 
     def _empty(self) -> list[str]:
-        """Return the parameters that have no numbers, such as the control of what nothing drives."""
+        """Return the empty parameters, such as the control of an undriven system."""
         inputs = self.program.inputs
         outputs = self.program.outputs
         names = [f"x{number}" for number in self.own_inputs if not inputs[number].size]
@@ -162,14 +162,14 @@ class _Part:
         return declared
 
     def _operations(self) -> list[Operation]:
-        """Return what this part computes: the early part all that is early, a late one what its own outputs depend on."""
+        """Return this part's operations: all early ones, or the late ones on which its own outputs depend."""
         operations = self.program.operations
         if self.is_late:
             operations = self.program.needed_by([self.program.outputs[n] for n in self.outputs])
         return [operation for operation in operations if operation.is_late == self.is_late]
 
     def _body(self, part: Program) -> Iterator[str]:
-        """Yield what loads the inputs, computes, and stores the outputs."""
+        """Yield statements that load the inputs, compute, and store the outputs."""
         writer = Writer(part)
         for number, addresses in zip(self.own_inputs, part.inputs, strict=True):
             yield from writer.loaded(f"x{number}", addresses)

@@ -1,6 +1,6 @@
-"""Functions (numbers, x) → y in C in every form a descent asks for: forward, backward, along tangents, in sixteen lanes.
+"""Functions (numbers, x) → y in C in every form a descent needs: forward, backward, along tangents, in sixteen lanes.
 
-`map.c` has the same for the C that calls them.
+`map.c` is the counterpart for C code that calls them.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from neuroanimator.codegen.trace import Input, constant_array
 from neuroanimator.files.atomic import digest
 
 TOLERANCE = 1e-3
-"""Tolerance of numbers, over the largest of their array: both sum float32 in orders of their own."""
+"""Tolerance of numbers, relative to the largest of their array: C and JAX sum float32 in different orders."""
 
 
 Lanes = Float[np.ndarray, "_ 16"]
 
 
 class MapDefinition(NamedTuple):
-    """What a map is in JAX."""
+    """A map in JAX."""
 
     function: Callable[..., Array]
     """(module, numbers (P,), x (X,)) → y (Y,)"""
@@ -48,27 +48,27 @@ class MapDefinition(NamedTuple):
         return partial(self.function, self.module, jax.device_put(numbers))
 
     def outputs(self, numbers: int) -> int:
-        """Return the length of y, for so many numbers."""
+        """Return the length of y, given the count of `numbers`."""
         arrays = [jax.ShapeDtypeStruct((size,), np.float32) for size in (numbers, self.inputs)]
         (size,) = jax.eval_shape(self.function, self.module, *arrays).shape
         return size
 
 
 def facts_of(module: Any) -> list[str]:
-    """Return what a module, whose arrays are constants of a program, is made of: its structure and its numbers."""
+    """Return the facts that identify a module whose arrays are constants of a program: its structure and its numbers."""
     numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(jax.tree.leaves(module))}
     return [str(jax.tree.structure(module)), digest(numbers)]
 
 
 def facts_computed(definition: MapDefinition, numbers: int) -> list[str]:
-    """Return what a map of so many numbers and its derivatives compute, traced: their operations and constant arrays.
+    """Return the traced operations and constant arrays of a map of `numbers` numbers and its derivatives.
 
-    For functions whose code is not the package's: their names say nothing of what they compute.
+    For functions from outside the package, whose names say nothing about what they compute.
     """
     function, module, inputs = definition
 
     def with_derivatives(numbers: Array, x: Array, of_y: Array) -> Any:
-        # Traced with rules of its own for derivatives, which the operations of y alone would not show.
+        # Traced too: custom derivative rules do not show in the operations of y.
         y, pull = jax.vjp(partial(function, module, numbers), x)
         return y, *pull(of_y)
 
@@ -97,15 +97,15 @@ def _arrays_of(traced: Any) -> Iterator[np.ndarray]:
 
 
 def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constants) -> CFunction:
-    """Return C text of a map of so many numbers.
+    """Return C text of a map with `numbers` numbers.
 
-    - `name_forward(k, numbers, x, t, tv, y)` leaves the tape `t` to the next two,
-    - `name_backward(k, t, tv, cotangents of y, cotangents of x)` has sixteen lanes, all else being the same,
-    - `name_push(k, t, tv, tangents of x, tangents of y)` too,
+    - `name_forward(k, numbers, x, t, tv, y)` writes the tape `t` for the next three,
+    - `name_backward(k, t, tv, cotangents of y, cotangents of x)` has sixteen lanes of cotangents,
+    - `name_push(k, t, tv, tangents of x, tangents of y)` has sixteen lanes of tangents,
     - `name_slope(k, t, tv, one cotangent of y, one of x)` has no lanes,
     - `name_lanes(k, numbers, x, y)` has sixteen x and y.
 
-    Raises UnsupportedError for what there is no C for.
+    Raises UnsupportedError for operations without C.
     """
     function, module, inputs = definition
     outputs = definition.outputs(numbers)
@@ -113,7 +113,7 @@ def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constan
     def in_every_way(
         module: Any, numbers: Array, x: Array, of_y: Array, tangent: Array, one_of_y: Array
     ) -> Any:
-        # Not by jvp and vjp, each of which would compute y again.
+        # Not with jvp and vjp, each of which would compute y again.
         y, push = jax.linearize(partial(function, module, numbers), x)
         pull = jax.linear_transpose(push, x)
         return y, *pull(of_y), push(tangent), *pull(one_of_y)
@@ -135,7 +135,7 @@ def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constan
 
 
 def program_of_maps(definitions: dict[str, MapDefinition], numbers: int) -> CProgram:
-    """Return the program of maps by their names, all of the same `numbers`; its sizes are what a `CMap` needs to know."""
+    """Return the program of maps by name, all with the same count of `numbers`; its sizes are those a `CMap` needs."""
     constants = Constants()
     texts = [prelude()]
     sizes = {}
@@ -149,7 +149,7 @@ def program_of_maps(definitions: dict[str, MapDefinition], numbers: int) -> CPro
 
 
 def callers(*files: tuple[str, str]) -> str:
-    """Return the text of C that calls maps: the prelude, `map.c` and `files`, each a package and a name in it."""
+    """Return the text of a C program that calls maps: the prelude, `map.c` and `files`, each a package and a name in it."""
     pieces = [prelude()]
     for package, name in [("neuroanimator.codegen", "map.c"), *files]:
         pieces.append((resources.files(package) / name).read_text(encoding="utf-8"))
@@ -157,7 +157,7 @@ def callers(*files: tuple[str, str]) -> str:
 
 
 FORMS = ("forward", "backward", "push", "slope", "lanes")
-"""What a map does, in the order of `na_map`."""
+"""Forms of a map, in the order of `na_map`."""
 
 
 class MapStruct(ctypes.Structure):
@@ -197,7 +197,7 @@ class CMap:
 
     @property
     def tape(self) -> int:
-        """Floats that `forward` leaves for the derivatives."""
+        """Number of floats on the tape that `forward` writes for the derivatives."""
         return self.program.sizes[f"{self.name} tape"]
 
     def forward(
@@ -210,7 +210,7 @@ class CMap:
         return y, tape
 
     def backward(self, tape: Float[np.ndarray, " T"], of_y: Lanes) -> Lanes:
-        """Return what sixteen cotangents of y say of x."""
+        """Return the cotangents of x for sixteen cotangents of y."""
         of_x = lanes(self.inputs)
         self._call("backward", tape, NOTHING, of_y, of_x)
         return of_x
@@ -218,25 +218,25 @@ class CMap:
     def slope(
         self, tape: Float[np.ndarray, " T"], of_y: Float[np.ndarray, " Y"]
     ) -> Float[np.ndarray, " X"]:
-        """Return what one cotangent of y says of x."""
+        """Return the cotangent of x for one cotangent of y."""
         of_x = np.empty(self.inputs, np.float32)
         self._call("slope", tape, NOTHING, of_y, of_x)
         return of_x
 
     def push(self, tape: Float[np.ndarray, " T"], tangents: Lanes) -> Lanes:
-        """Return how y changes with sixteen tangents of x."""
+        """Return the tangents of y for sixteen tangents of x."""
         result = lanes(self.outputs)
         self._call("push", tape, NOTHING, tangents, result)
         return result
 
     def lanes(self, xs: Lanes) -> Lanes:
-        """Return y of sixteen x."""
+        """Return y for sixteen x."""
         ys = lanes(self.outputs)
         self._call("lanes", self.numbers, xs, ys)
         return ys
 
     def of_rows(self, xs: Float[np.ndarray, "N X"]) -> Float[np.ndarray, "N Y"]:
-        """Return y of each x."""
+        """Return y for each x."""
         ys = np.empty((len(xs), self.outputs), np.float32)
         for first in range(0, len(xs), WIDTH):
             some = xs[first : first + WIDTH]
@@ -246,7 +246,7 @@ class CMap:
         return ys
 
     def struct(self) -> MapStruct:
-        """Return what C calls it by; it points into this map, which must live as long."""
+        """Return the struct for C; it points into this map, which must outlive it."""
         functions = [self._address(form) for form in FORMS]
         return MapStruct(
             self.program.constants.ctypes.data,
@@ -258,9 +258,9 @@ class CMap:
         )
 
     def check(self, reference: MapReference) -> None:
-        """Raise WrongProgramError unless y at the points of `reference`, and what its cotangents say of x, are JAX's.
+        """Raise WrongProgramError unless y and the cotangents of x at the points of `reference` are JAX's.
 
-        Tangents are held against the cotangents, of which they are the transpose, and lanes against the values.
+        Tangents are checked against the cotangents, as push is the transpose of backward, and lanes against the values.
         """
         tangents = random_lanes(np.random.default_rng(0), self.inputs)
         of_y = reference.of_y
@@ -297,7 +297,7 @@ class CMap:
 
 @dataclass(frozen=True, eq=False)
 class MapReference:
-    """What a map does at some points, as JAX computes it."""
+    """Values and cotangents of a map at some points, as JAX computes them."""
 
     points: Float[np.ndarray, "N X"]
     of_y: Lanes
@@ -305,13 +305,13 @@ class MapReference:
     values: Float[np.ndarray, "N Y"]
     """y at each point."""
     pulled: Float[np.ndarray, "N X 16"]
-    """What the cotangents say of x at each point."""
+    """Cotangents of x at each point."""
 
 
 def map_references(
     functions: Sequence[Callable[[Array], Array]], points: Sequence[Float[np.ndarray, "N _"]]
 ) -> list[MapReference]:
-    """Return what maps must do that are `functions` of x, each at its `points`: one program of JAX computes all."""
+    """Return the references of maps that are `functions` of x, each at its `points`; one JAX program computes all."""
     rng = np.random.default_rng(0)
     cotangents = []
     for function, some in zip(functions, points, strict=True):
@@ -332,7 +332,7 @@ def map_references(
 def _values_and_pulled(
     function: Callable[[Array], Array], points: Float[Array, "N X"], of_y: Float[Array, "Y 16"]
 ) -> tuple[Float[Array, "N Y"], Float[Array, "N X 16"]]:
-    # Each point sixteen times over, so that JAX transforms the function once: the forward part is cheap, tracing is not.
+    # Each point is repeated sixteen times, so that JAX transforms the function once: forward is cheap, tracing is not.
     count, size = points.shape
     values, pull = jax.vjp(jax.vmap(function), jnp.repeat(points, WIDTH, axis=0))
     (pulled,) = pull(jnp.tile(of_y.T, (count, 1)))
@@ -340,12 +340,12 @@ def _values_and_pulled(
 
 
 def _products(left: Lanes, right: Lanes) -> Float[np.ndarray, "16 16"]:
-    """Return the scalar product of each lane of one with each of the other."""
+    """Return the scalar product of each lane of `left` with each lane of `right`."""
     return left.T.astype(float) @ right
 
 
 def aligned_room(count: int) -> Float[np.ndarray, " N"]:
-    """Return `count` zeros that begin where the widest register may."""
+    """Return `count` zeros, aligned for the widest register."""
     return aligned(np.zeros(count, np.float32))
 
 
@@ -362,11 +362,11 @@ def random_lanes(rng: np.random.Generator, count: int) -> Lanes:
 
 
 NOTHING = aligned_room(WIDTH)
-"""Stands for a tape of lanes where there is none."""
+"""Stand-in for an absent tape of lanes."""
 
 
 class WorkspacePool:
-    """Memory that generated C works in, kept from call to call: each call has one workspace to itself, on any thread."""
+    """Working memory of generated C, kept between calls: each call has a workspace of its own, on any thread."""
 
     def __init__(self, size: int):
         self._size = size

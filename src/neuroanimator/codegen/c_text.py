@@ -1,4 +1,4 @@
-"""C text for the operations of a program: loops over runs of neighbouring addresses, which compilers vectorise."""
+"""C text for the operations of a program: loops over runs of consecutive addresses, which compilers vectorise."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ ELEMENTWISE = {
     "select_n": "{0} != 0.0f ? {2} : {1}",
     "clamp": "{1} < {0} ? {0} > {2} ? {2} : {0} : {1} > {2} ? {2} : {1}",
 }  # fmt: skip
-"""C for the operations that compute entry by entry, of their inputs {0}, {1} and {2}."""
+"""C for elementwise operations, in terms of their inputs {0}, {1} and {2}."""
 
 ROUNDED = {"AWAY_FROM_ZERO": "roundf({0})", "TO_NEAREST_EVEN": "rintf({0})"}
-"""C for the operation `round`, by where halves go."""
+"""C for the operation `round`, by its rule for halves."""
 
 MOST_SELECTED = 3
-"""Most inputs of `select_n` there is C for: a truth value, and what is chosen from."""
+"""Maximum number of inputs of `select_n` with C: a truth value and two cases."""
 
 REDUCTIONS = {
     "reduce_sum": ("0.0f", "{s} + {0}"),
@@ -56,69 +56,69 @@ REDUCTIONS = {
     "reduce_and": ("1.0f", "(float)({s} != 0.0f && {0} != 0.0f)"),
     "reduce_or": ("0.0f", "(float)({s} != 0.0f || {0} != 0.0f)"),
 }
-"""For each operation that reduces axes, where it begins, and C for what is so far, {s}, and the next entry, {0}."""
+"""For each operation that reduces axes, its initial value, and C to combine the result so far, {s}, and an entry, {0}."""
 
 DOT = ("0.0f", "{s} + {0} * {1}")
-"""The same for the product of two vectors."""
+"""The same for the dot product of two vectors."""
 
 ACCUMULATORS = 6
-"""Sums of sixteen a product of vector and matrix keeps at a time: with AVX2 they take twelve of sixteen registers."""
+"""Number of sixteen-wide sums in a vector-matrix product: with AVX2 they take twelve of sixteen registers."""
 
 MAX_PANEL = ACCUMULATORS * WIDTH
 """Maximum number of columns of a panel."""
 
 MIN_ROWS_PER_PART = 4
-"""Rows of a matrix below which a product is not divided into parts that are summed side by side."""
+"""Minimum number of matrix rows in each of the parts of a product that are summed in parallel."""
 
 WORTH_A_LOOP = 3
-"""Minimum number of equal stretches, one behind the other, that are written as a loop."""
+"""Minimum number of consecutive equal runs that are written as a loop."""
 
 MANY_LOOPS = 16
-"""Minimum number of loops of one operation among which sequences that repeat themselves are looked for."""
+"""Minimum number of loops in an operation for a search for repeating sequences."""
 
 MAX_GROUP = 16
 """Maximum number of loops in such a sequence."""
 
 DIGITS = 9
-"""Digits that tell every float32 from the next; C++ before 2017 reads no hexadecimal ones."""
+"""Number of decimal digits that distinguish all float32; C++ before 2017 reads no hexadecimal ones."""
 
 APART = 9
-"""Any step that is no step to a neighbour."""
+"""Stands for any step other than 0 or 1."""
 
 
 class Loop(NamedTuple):
-    """Statements alike: `repeats` times `length` of them."""
+    """`repeats` runs of `length` equal statements."""
 
     first: tuple[int, ...]
     """Address of each column at the first statement."""
     strides: tuple[int, ...]
-    """How far each column is on at every repetition."""
+    """Step of each column from run to run."""
     steps: tuple[int, ...]
-    """How far each column is on within a repetition: 0 or 1."""
+    """Step of each column within a run: 0 or 1."""
     repeats: int
     length: int
     outer: tuple[int, ...] = ()
-    """How far each column is on at every repetition of the group of statements it belongs to; empty for one alone."""
+    """Step of each column at every repetition of the loop's group; empty for a loop outside of groups."""
 
 
 class Group(NamedTuple):
-    """Several loops, one behind the other, `repeats` times."""
+    """A sequence of loops, repeated `repeats` times."""
 
     loops: list[Loop]
     repeats: int
 
 
 class Panel(NamedTuple):
-    """Some columns of a matrix of weights, side by side in memory, row after row; rows are padded to whole registers."""
+    """Some columns of a weight matrix, contiguous in memory, in row order; rows are padded to whole registers."""
 
     base: int
-    """Where it begins among the constants."""
+    """Offset among the constants."""
     rows: int
     first: int
     """Number of its first column in the matrix."""
     columns: int
     stride: int
-    """Floats from one row to the next."""
+    """Number of floats from one row to the next."""
 
 
 @dataclass
@@ -128,14 +128,14 @@ class Writer:
     program: Program
 
     def write(self, operation: Operation) -> Iterator[str]:
-        """Yield the lines of C that do `operation`; UnsupportedError if there is no C for it."""
+        """Yield the lines of C for `operation`; UnsupportedError if there is none."""
         if operation.name == "div" and are_weights(self.program, operation.inputs[1]):
             numerator, divisor = operation.inputs
             constants = self.program.constants
             inverse = constants.add(1 / constants.values(divisor))
             yield from self._each("{0} * {1}", replace(operation, inputs=(numerator, inverse)))
         elif operation.name in ("max", "min"):
-            # What is computed comes last: where it is not a number, it stays so.
+            # The computed operand comes last, so that NaN stays NaN.
             ordered = sorted(operation.inputs, key=lambda addresses: bool((addresses >= 0).any()))
             yield from self._each(
                 ELEMENTWISE[operation.name], replace(operation, inputs=tuple(ordered))
@@ -158,11 +158,11 @@ class Writer:
             raise UnsupportedError(operation.name)
 
     def copied(self, source: Addresses, target: Addresses) -> Iterator[str]:
-        """Yield what copies `source` (N,) to `target` (N,)."""
+        """Yield statements that copy `source` (N,) to `target` (N,)."""
         return self._elementwise("{0}", [source], target)
 
     def stored(self, source: Addresses, name: str, *, is_wide: bool) -> Iterator[str]:
-        """Yield what copies `source` (N,) to the array `name`, which has lanes if it `is_wide`."""
+        """Yield statements that copy `source` (N,) to the array `name`, which has lanes if it `is_wide`."""
         target = np.arange(len(source)) + OUTSIDE * SPACE
         for loop in self._loops([source, target]):
             text = self._term(loop, 0)
@@ -173,7 +173,7 @@ class Writer:
                 yield self._looped(loop, f"{name}[{index}] = {text};", is_wide=False)
 
     def loaded(self, name: str, target: Addresses) -> Iterator[str]:
-        """Yield what copies the array `name`, which has lanes if `target` has, to `target` (N,)."""
+        """Yield statements that copy the array `name`, which has lanes if `target` has, to `target` (N,)."""
         if not len(target):
             return
         space = int(target[0]) // SPACE
@@ -187,7 +187,7 @@ class Writer:
     def _elementwise(
         self, formula: str, inputs: Sequence[Addresses], output: Addresses
     ) -> Iterator[str]:
-        """Yield loops over the stretches in which all inputs (N,) are neighbours, or one and the same."""
+        """Yield loops over the runs in which the addresses of each input (N,) are consecutive, or the same."""
         is_wide = is_any_wide(output)
         for group in self._groups(list(self._loops([*inputs, output]))):
             statements = []
@@ -201,7 +201,7 @@ class Writer:
                 yield f"for (int g = 0; g < {group.repeats}; g++) {{ {' '.join(statements)} }}"
 
     def _groups(self, loops: list[Loop]) -> Iterator[Group]:
-        """Yield `loops` in their order, sequences that repeat themselves as one group."""
+        """Yield `loops` in order, repeating sequences as one group."""
         number = 0
         while number < len(loops):
             period = 1
@@ -224,7 +224,7 @@ class Writer:
             number += period * repeats
 
     def _repeats(self, loops: list[Loop], first: int, period: int) -> int:
-        """Return how often the `period` loops from `first` on come, one group behind the other, equally far apart."""
+        """Return how many times the `period` loops from `first` on repeat, with equal steps."""
         steps = []
         for number in range(first, len(loops) - period):
             step = self._apart(loops[number], loops[number + period])
@@ -236,7 +236,7 @@ class Writer:
         return (len(loops) - first) // period
 
     def _apart(self, loop: Loop, other: Loop) -> tuple[int, ...] | None:
-        """Return how far each column of another loop is on; None unless it is like the first one."""
+        """Return the step of each column from `loop` to `other`; None unless the loops are alike."""
         if loop[1:] != other[1:]:
             return None
         literals = self.program.constants.literals
@@ -251,7 +251,7 @@ class Writer:
         return tuple(steps)
 
     def _looped(self, loop: Loop, statement: str, *, is_wide: bool) -> str:
-        """Return `statement` within the loops it takes."""
+        """Return `statement` within the loops it needs."""
         loops = ""
         if loop.repeats > 1:
             loops += f"for (int j = 0; j < {loop.repeats}; j++) "
@@ -262,7 +262,7 @@ class Writer:
         return loops + statement
 
     def _loops(self, columns: Sequence[Addresses]) -> Iterator[Loop]:
-        """Yield the statements over `columns` (N,), those that are alike as one."""
+        """Yield the statements over `columns` (N,), merged into loops where they are alike."""
         if not len(columns[0]):
             return
         for column in columns:
@@ -302,7 +302,7 @@ class Writer:
         repeats: int,
         strides: np.ndarray,
     ) -> bool:
-        """Return whether the run after `repeats` ones from `number` on is like them, `strides` further on."""
+        """Return whether the run after the `repeats` runs from `number` on continues them, `strides` further."""
         if number + repeats >= len(runs):
             return False
         first, last = runs[number]
@@ -331,7 +331,7 @@ class Writer:
         return tuple(abs(int(column[first + 1]) - int(column[first])) for column in columns)
 
     def _runs(self, columns: Sequence[Addresses]) -> Iterator[tuple[int, int]]:
-        """Yield (first, last) of the longest stretches in which every column goes on in one way."""
+        """Yield (first, last) of the longest runs in which the step of every column is constant."""
         steps = np.array([self._steps(column) for column in columns]).reshape(len(columns), -1)
         count = len(columns[0])
         is_apart = (steps == APART).any(axis=0)
@@ -346,14 +346,14 @@ class Writer:
             first = last
 
     def _steps(self, column: Addresses) -> np.ndarray:
-        """Return whether each address but the first is its neighbour's (1), the same (0), or `APART`."""
+        """Return the step to each address from the one before: 1, 0, or `APART` for any other."""
         step = np.diff(np.where(column < 0, -column, column))
         is_same_space = column[1:] // SPACE == column[:-1] // SPACE
         is_near = (step == 0) | (step == 1)
         return np.where(is_same_space & is_near, step, APART)
 
     def _term(self, loop: Loop, column: int) -> str:
-        """Return how C names an entry of a column in the loop."""
+        """Return the C expression of a column's entry in the loop."""
         address = loop.first[column]
         literal = self.program.constants.literals.get(address)
         if literal is not None and not loop.steps[column]:
@@ -373,7 +373,7 @@ class Writer:
     def _accumulated(
         self, rule: tuple[str, str], inputs: Sequence[Addresses], output: Addresses
     ) -> Iterator[str]:
-        """Yield for each of `output` (N,) what gathers the entries of its rows, one of each of `inputs` (N, R)."""
+        """Yield statements that reduce rows, one of each of `inputs` (N, R), to the entries of `output` (N,)."""
         count = inputs[0].shape[1]
         if count <= 2 * FEW and rule[1].startswith("{s} +"):
             product = " * ".join("{%d}" for _ in inputs)
@@ -396,7 +396,7 @@ class Writer:
     def _gathered_row(
         self, rule: tuple[str, str], row: Sequence[Addresses], target: int
     ) -> Iterator[str]:
-        """Yield what gathers the entries of one row, one of each of the vectors `row` (R,), in the entry `target`."""
+        """Yield statements that reduce one row, the vectors `row` (R,), to the entry `target`."""
         neutral, formula = rule
         where = Loop((target,), (0,), (0,), 1, 1)
         place = self._term(where, 0)
@@ -414,7 +414,7 @@ class Writer:
             yield f"{place} = s; }}"
 
     def _eigen(self, operation: Operation) -> Iterator[str]:
-        """Yield what finds eigenvectors and eigenvalues of a matrix, lane by lane."""
+        """Yield statements that compute eigenvectors and eigenvalues of a matrix, lane by lane."""
         matrix = operation.inputs[0]
         size = len(matrix)
         outputs = operation.output.ravel()
@@ -431,7 +431,7 @@ class Writer:
         yield f"{each_lane}{{ {' '.join(statements)} }}"
 
     def _products(self, operation: Operation) -> Iterator[str]:
-        """Yield products of (M, K) and (K, N), one for each entry of a batch."""
+        """Yield products of (M, K) and (K, N), one per entry of a batch."""
         left, right, outputs = operation.matrices()
         rest: list[tuple[Addresses, Addresses, Addresses]] = []
         for left_matrix, right_matrix, output in zip(left, right, outputs, strict=True):
@@ -451,7 +451,7 @@ class Writer:
     def _small_products(
         self, products: list[tuple[Addresses, Addresses, Addresses]]
     ) -> Iterator[str]:
-        """Yield products of (M, K) and (K, N) entry by entry, those of a whole batch together."""
+        """Yield products of (M, K) and (K, N) entry by entry, a whole batch at once."""
         rows = []
         columns = []
         targets = []
@@ -464,7 +464,7 @@ class Writer:
         yield from self._accumulated(DOT, inputs, np.concatenate(targets))
 
     def _weighted(self, row: Addresses, weights: np.ndarray, sums: Addresses) -> Iterator[str]:
-        """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in their order."""
+        """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in order."""
         vector = row
         if not _is_a_run(row):
             vector = self.program.room_for_result(row.shape, (row, sums))
@@ -477,14 +477,14 @@ class Writer:
         for panel in panels:
             yield from self._summed(int(vector[0]), panel, int(total[0]) + panel.first)
         for last in tail:
-            # The last few columns are summed one by one: most of a register would be empty.
+            # The last few columns are summed one by one: they would leave most of a register empty.
             column = self._laid_out(weights[:, last])
             yield from self._dot(vector, column, int(total[last]))
         if total is not sums:
             yield from self.copied(total, sums)
 
     def _panels(self, weights: np.ndarray) -> tuple[list[Panel], range]:
-        """Return the panels of weights (K, N), and the last columns, in none if they are too few for a register."""
+        """Return the panels of weights (K, N), and the last columns left out, if too few for a register."""
         columns = weights.shape[1]
         rest = columns % WIDTH
         whole = columns - (rest if rest <= FEW else 0)
@@ -510,7 +510,7 @@ class Writer:
         return addresses
 
     def _dot(self, vector: Addresses, column: Addresses, target: int) -> Iterator[str]:
-        """Yield the product of a vector (K,) and constants (K,), summed sixteen side by side."""
+        """Yield the dot product of a vector (K,) and constants (K,), in sixteen parallel sums."""
         count = len(vector)
         x = _name(int(vector[0]))
         c = f"k[{-int(column[0]) - 1}"
@@ -524,10 +524,10 @@ class Writer:
         yield f"{_name(target)}] = sum; }}"
 
     def _summed(self, vector: int, panel: Panel, total: int) -> Iterator[str]:
-        """Yield a pass over a panel, whose sums fit in registers; in parts side by side if there is room."""
+        """Yield a pass over a panel, whose sums fit in registers; in parallel parts if there is room."""
         count = panel.rows
         stride = panel.stride
-        wide = stride // WIDTH  # registers a row fills
+        wide = stride // WIDTH  # registers per row
         parts = max(1, min(ACCUMULATORS // wide, count // MIN_ROWS_PER_PART))
         long = -(-count // parts)  # rows of a part; the last one may have fewer
         parts = -(-count // long)
@@ -553,7 +553,7 @@ class Writer:
         yield "}"
 
     def _aligned(self, sums: Addresses) -> Addresses:
-        """Return `sums`, or other room for them: whole passes are written, for which only what is aligned has room."""
+        """Return `sums`, or other room for them: passes write whole registers, which need aligned room."""
         if _is_a_run(sums) and sums[0] % WIDTH == 0:
             return sums
         return self.program.room_for_result(sums.shape, (sums,))
@@ -561,7 +561,7 @@ class Writer:
     def _weighted_lanes(
         self, vector: Addresses, weights: np.ndarray, sums: Addresses
     ) -> Iterator[str]:
-        """Yield the product for all lanes: a weight is read once for sixteen of them, where one motion reads it, too."""
+        """Yield the product for all lanes: each weight is read once for all sixteen, as often as for one motion."""
         total = self._aligned(sums)
         panels, tail = self._panels(weights)
         if tail:
@@ -576,7 +576,7 @@ class Writer:
 
 
 def are_weights(program: Program, addresses: Addresses) -> bool:
-    """Return whether all of `addresses` are constants, and none of them is in the text."""
+    """Return whether all of `addresses` are constants, and none of them is a literal in the text."""
     literals = program.constants.literals
     if not (addresses < 0).all():
         return False
@@ -584,9 +584,9 @@ def are_weights(program: Program, addresses: Addresses) -> bool:
 
 
 def with_gathered_rows(program: Program, operations: Iterable[Operation]) -> Iterator[Operation]:
-    """Yield `operations`, before products with weights what puts rows side by side whose entries come from all over.
+    """Yield `operations`, with copies before products with weights that make scattered rows contiguous.
 
-    Rows that several products read are gathered once.
+    Rows that several products read are copied once.
     """
     gathered: dict[bytes, Addresses] = {}
     for operation in operations:
@@ -612,17 +612,17 @@ def with_gathered_rows(program: Program, operations: Iterable[Operation]) -> Ite
 
 
 EACH_LANE = "NA_EACH_LANE "
-"""How a statement begins that is carried out for every lane."""
+"""Prefix of a statement that is executed for every lane."""
 
 STATEMENTS_PER_LOOP = 24
-"""Number of statements in a loop over the lanes: between them numbers stay in registers, and compilers see fewer loops."""
+"""Maximum number of statements in a loop over lanes: numbers stay in registers between them, and there are fewer loops."""
 
 OUTSIDE = len(SPACES)
-"""Number of the space of what is no space: an argument of the function."""
+"""Number for an argument of the function, which is in no space."""
 
 
 def fused(lines: Iterable[str]) -> Iterator[str]:
-    """Yield `lines`, neighbouring statements for every lane in one loop: lanes know nothing of each other."""
+    """Yield `lines`, with consecutive statements over lanes fused into one loop: lanes are independent."""
     together: list[str] = []
     for line in lines:
         is_alike = line.startswith(EACH_LANE)
@@ -648,22 +648,22 @@ def is_any_wide(addresses: Addresses) -> bool:
 
 
 def _is_a_run(addresses: Addresses) -> bool:
-    """Return whether `addresses` (N,) are neighbours in one space."""
+    """Return whether `addresses` (N,) are consecutive in one space."""
     return bool(addresses[0] >= 0 and (np.diff(addresses) == 1).all())
 
 
 def _ahead(address: int | np.integer) -> int:
-    """Return an address that counts upwards: those of constants count downwards."""
+    """Return an address counted upwards: addresses of constants count downwards."""
     return -int(address) if address < 0 else int(address)
 
 
 def _name(address: int) -> str:
-    """Return how C names an entry without lanes, but for the closing bracket."""
+    """Return the C expression of an entry without lanes, up to the closing bracket."""
     return f"{SPACES[address // SPACE]}[{address % SPACE}"
 
 
 def _register(address: int) -> str:
-    """Return how C points to an entry with lanes."""
+    """Return the C pointer to an entry with lanes."""
     return f"(na_wide *)({SPACES[address // SPACE]} + LANES * {address % SPACE})"
 
 
@@ -682,7 +682,7 @@ def _index(loop: Loop, column: int) -> str:
 
 
 def c_number(number: float) -> str:
-    """Return a number as C reads it to the last bit."""
+    """Return a number in C, exact to the last bit."""
     if math.isinf(number):
         return "INFINITY" if number > 0 else "-INFINITY"
     if math.isnan(number):

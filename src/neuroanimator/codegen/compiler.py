@@ -1,8 +1,8 @@
-"""The machine's own C compiler, where there is one, and what it has compiled.
+"""The machine's own C compiler, if there is one, and the libraries it has compiled.
 
-A compiled program is code that runs. So it lies where nobody else can write, is written whole, and is loaded only
-if it is what was written: its sha256 is part of its name. Where any of this fails there is no library, and callers
-go on without C.
+A compiled program is executable code, so it is stored where nobody else can write, is written whole, and is loaded only
+if its content is unchanged: its sha256 is part of its name. If any of this fails there is no library, and callers go on
+without C.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from neuroanimator.files.unfinished import replace_whole
 from neuroanimator.terminal import warn_once
 
 COMPILERS = ("cc", "gcc", "clang")
-"""Commands that are looked for, in this order."""
+"""Commands to look for, in this order."""
 
 HOW_TO_GET_ONE = "install gcc or clang, or: pip install 'neuroanimator[compiler]'"
 """Advice for machines without a C compiler."""
@@ -41,22 +41,22 @@ FLAGS = (
 """Sets of flags; the first that the compiler knows is used."""
 
 _given_up: set[str] = set()
-"""Compilers that this process does not try again: one that hangs would hang for every program."""
+"""Compilers that this process does not try again: one that hangs would do so for every program."""
 
 PURPOSE = "compiled"
-"""Name of the private folder the libraries lie in."""
+"""Name of the libraries' private folder."""
 
 KEY_DIGITS = 24
-"""Digits of the sha256 that a program and its compiler are known by: twins do not happen."""
+"""Number of sha256 digits that identify a program and its compiler: collisions do not happen."""
 
 
 FlagSets = tuple[tuple[str, ...], ...]
 
 
 def compiled_library(text: str, flag_sets: FlagSets = FLAGS) -> ctypes.CDLL | None:
-    """Return the library of the C program `text`, by the first of `flag_sets` that the compiler knows.
+    """Return the library of the C program `text`, compiled with the first of `flag_sets` that the compiler knows.
 
-    None without a compiler, or if it fails, which is said once.
+    None without a compiler, or if it fails, which is reported once.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -65,7 +65,7 @@ def compiled_library(text: str, flag_sets: FlagSets = FLAGS) -> ctypes.CDLL | No
 
 
 def compiler_facts() -> str | None:
-    """Return all that compiled code depends on besides its text: compiler, version and processor; None without one."""
+    """Return what compiled code depends on besides its text: compiler, version and processor; None without a compiler."""
     compiler = find_compiler()
     if compiler is None or compiler in _given_up:
         return None
@@ -78,9 +78,9 @@ def compiler_facts() -> str | None:
 
 
 def find_compiler() -> str | None:
-    """Return the command of a C compiler, None where there is none (or one without the flags above: Windows).
+    """Return the command of a C compiler; None if there is none, or one without the flags above (Windows).
 
-    `$CC` is used if it is set, arguments and all; next the machine's own, and then the one of the extra `[compiler]`.
+    `$CC` is used if set, with its arguments; next the machine's own, and then the one of the extra `[compiler]`.
     """
     if os.name != "posix":
         return None
@@ -89,7 +89,7 @@ def find_compiler() -> str | None:
         return _machines_own() or _zig()
     try:
         program = shutil.which(shlex.split(asked)[0])
-    except ValueError:  # a quotation mark without its partner
+    except ValueError:  # an unmatched quotation mark
         program = None
     if program is None:
         warn_once(f"CC={asked}: no such program, so nothing is compiled. JAX is used instead of C.")
@@ -109,7 +109,7 @@ def _zig() -> str | None:
 
 @cache
 def _compiled(text: str, compiler: str, flag_sets: FlagSets) -> ctypes.CDLL | None:
-    """Return the library of the program `text`; made once for a processor and a compiler, None if that fails."""
+    """Return the library of the program `text`, made once per processor and compiler; None if that fails."""
     command = shlex.split(compiler)
     if compiler in _given_up:
         return None
@@ -123,7 +123,7 @@ def _compiled(text: str, compiler: str, flag_sets: FlagSets) -> ctypes.CDLL | No
 
 
 def _give_up(compiler: str, error: CompilerError | OSError) -> None:
-    """Say once why nothing could be compiled; what is no compiler is not tried again."""
+    """Report once why nothing could be compiled; a command that is no compiler is not tried again."""
     if isinstance(error, NoCompilerError):
         _given_up.add(compiler)
     reason = getattr(error, "strerror", None) or error
@@ -131,7 +131,7 @@ def _give_up(compiler: str, error: CompilerError | OSError) -> None:
 
 
 def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str) -> ctypes.CDLL:
-    """Return the library `key`; OSError if none can be loaded from any folder, CompilerError if none can be made."""
+    """Return the library `key`; OSError if it can be loaded from no folder, CompilerError if it cannot be made."""
     fault: CompilerError | OSError = OSError(0, "there is no folder that nobody else can write to")
     for folder in private_folders(PURPOSE):
         if not _can_be_run_from(folder):
@@ -142,7 +142,7 @@ def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str)
             return found or ctypes.CDLL(str(_make(text, command, flag_sets, folder, key)))
         except NoCompilerError:
             raise
-        except (CompilerError, OSError) as error:  # no room in this folder, perhaps
+        except (CompilerError, OSError) as error:  # this folder may be full
             fault = error
     raise fault
 
@@ -152,7 +152,7 @@ def _can_be_run_from(folder: Path) -> bool:
 
 
 def _found(folder: Path, key: str) -> ctypes.CDLL | None:
-    """Return the library `key` from `folder`; one that is damaged, or cannot be loaded, is removed."""
+    """Return the library `key` from `folder`; a library that is damaged, or cannot be loaded, is removed."""
     for path in folder.glob(f"{key}-*.so"):
         try:
             if path == _path(folder, key, path.read_bytes()):
@@ -164,7 +164,7 @@ def _found(folder: Path, key: str) -> ctypes.CDLL | None:
 
 
 def _make(text: str, command: list[str], flag_sets: FlagSets, folder: Path, key: str) -> Path:
-    """Compile `text` to a library in `folder` and return its path: whole on the disk, and named for what is in it."""
+    """Compile `text` to a library in `folder` and return its path: written whole, and named by its content."""
     content = build_library(text, command, flag_sets, folder)
     path = _path(folder, key, content)
     replace_whole(path, content)
@@ -176,7 +176,7 @@ def _path(folder: Path, key: str, content: bytes) -> Path:
 
 
 def _processor() -> str:
-    """Return what -march=native depends on, as far as it can be told."""
+    """Return what -march=native depends on, as far as it is known."""
     about = Path("/proc/cpuinfo")
     if not about.exists():
         return platform.machine()

@@ -1,6 +1,6 @@
 """Eigenvectors and linear systems written out in products and sums.
 
-JAX calls a library for them, which generated programs cannot.
+JAX calls a library for them; generated programs cannot.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from jaxtyping import Array, Float
 from neuroanimator.codegen.trace import LOOPS_AND_BRANCHES, NESTED, UnsupportedError
 
 SQUARINGS = 16
-"""How often a matrix is squared: eigenvalues one part in 10,000 apart are told from each other then."""
+"""Number of times a matrix is squared: enough to separate eigenvalues one part in 10,000 apart."""
 
 SOLVED = 3
-"""Unknowns of the linear systems that are written out: Cramer's rule suits no more."""
+"""Number of unknowns of the linear systems that are written out: Cramer's rule does not suit more."""
 
 
 class _Omitted:
-    """Stands for what is only read by an operation that is written out."""
+    """Stand-in for a value that only written-out operations read."""
 
 
 def without_decompositions(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function` of arrays, doing the same without JAX' `eigh` and `linalg.solve`.
+    """Return a function that computes the same as `function` without JAX's `eigh` and `linalg.solve`.
 
-    Of eigenvectors the one of the largest eigenvalue is computed, and the others are NaN.
+    Only the eigenvector of the largest eigenvalue is computed; the others are NaN.
 
-    The returned function raises UnsupportedError for more than three unknowns, and where factors of a matrix are
-    used in another way.
+    The returned function raises UnsupportedError for a number of unknowns other than three, and if factors of a matrix are
+    used in any other way.
     """
 
     def written_out(*arguments: Any) -> Any:
@@ -114,14 +114,14 @@ def _equation(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
 
 
 def _eigenvectors(matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
-    """Return eigenvectors as columns, the last one being that of the largest eigenvalue; the others are NaN."""
+    """Return eigenvectors as columns: the last is that of the largest eigenvalue, the others are NaN."""
     size = matrix.shape[0]
     unknown = jnp.full((size, size - 1), jnp.nan, matrix.dtype)
     return jnp.concatenate([unknown, largest_eigenvector(matrix)[:, None]], axis=1)
 
 
 def _solution(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> Any:
-    """Return what a linear system gives; its matrix is what it makes of unit vectors."""
+    """Return the solution of a linear system; the columns of its matrix are its products with unit vectors."""
     matvec = eqn.params["jaxprs"].matvec
     count = eqn.params["const_lengths"].matvec
     right = inputs[-1]

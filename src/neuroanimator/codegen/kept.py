@@ -1,6 +1,6 @@
-"""Generated programs with their numbers: compiled once a machine, held against JAX before their first use, then kept.
+"""Generated programs with their numbers: compiled once per machine, checked against JAX before their first use, then kept.
 
-A record on disk says that a program did there what JAX does. It lies where nobody else can write, is whole or absent,
+A record on disk states that a program agreed with JAX there. It is stored where nobody else can write, is whole or absent,
 and is read only if its checksum is right.
 """
 
@@ -34,39 +34,39 @@ OPTIMISED = (
     "-ffp-contract=fast",
     "-fno-math-errno",
 )
-"""What is not a number stays so, unlike with -ffast-math. Short loops are laid out, and multiply-adds found. With -O2 programs
-compile half as long again, and those of sixteen lanes are slower."""
+"""NaN is preserved, unlike with -ffast-math. Short loops are unrolled, and multiply-adds found. With -O2 programs
+take half as long again to compile, and those of sixteen lanes are slower."""
 
 FLAGS = (
     (*OPTIMISED, "-fno-trapping-math", "-march=native", "-mprefer-vector-width=512"),
     (*OPTIMISED, "-fno-trapping-math", "-march=native"),
     OPTIMISED,
 )
-"""Flags of the compiler, the first set it knows."""
+"""Sets of compiler flags; the first that the compiler knows is used."""
 
 SOURCES = ("codegen", "emulator", "state", "control", "animation", "export", "gym")
-"""Folders of the package whose code says what a program does: when it changes, programs are made anew."""
+"""Folders of the package whose code determines what programs do: when it changes, programs are made anew."""
 
 
 def has_code_in_sources(thing: Any) -> bool:
-    """Return whether the code of an object's class is in `SOURCES`: the class's name then says what it computes."""
+    """Return whether the code of an object's class is in `SOURCES`: the class's name then determines what it computes."""
     return type(thing).__module__.startswith(
         tuple(f"neuroanimator.{folder}." for folder in SOURCES)
     )
 
 
 SUFFIXES = (".py", ".c", ".h")
-"""How the names of files with code end."""
+"""Suffixes of files with code."""
 
 RECORD = "program"
-"""The kind of file a record is."""
+"""Kind of file that a record is."""
 
 Reference = TypeVar("Reference")
-"""What a program is compared with, computed by JAX."""
+"""Reference values for a program, computed by JAX."""
 
 
 class WrongProgramError(NeuroAnimatorError):
-    """A program that does not do what JAX does."""
+    """A program whose results differ from JAX's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class CProgram:
     text: str
     constants: Float[np.ndarray, " K"]
     sizes: dict[str, int]
-    """What callers need to know, such as the floats of a tape."""
+    """Sizes that callers need, such as the number of floats on a tape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class LoadedProgram:
 
     library: ctypes.CDLL
     constants: Float[np.ndarray, " K"]
-    """Aligned for the widest register."""
+    """Constants, aligned for the widest register."""
     sizes: dict[str, int]
 
 
@@ -95,11 +95,11 @@ def load_program(
     refer: Callable[[], Reference],
     check: Callable[[Reference, LoadedProgram], None],
 ) -> LoadedProgram | None:
-    """Return the program that `about` says all of, made by `make` and passed by `check` once on this machine.
+    """Return the program identified by `about`, made by `make` and passed by `check` once on this machine.
 
-    None where nothing can be compiled. `refer` returns what the program is compared with, which JAX computes while the
-    compiler works. `check` raises WrongProgramError for a program that does something else: such a one is not kept, which
-    is said once. What `make` raises goes through, such as UnsupportedError.
+    None if nothing can be compiled. `refer` returns the reference values, which JAX computes while the
+    compiler works. `check` raises WrongProgramError for a program that differs: it is not kept, which
+    is reported once. Errors of `make`, such as UnsupportedError, are passed on.
     """
     try:
         return _load(about, make, refer, check)
@@ -133,7 +133,7 @@ def _load(
 
 
 _loaded: dict[tuple[Path | None, str], LoadedProgram] = {}
-"""What this process has loaded, by the folder of records and the name of its record: reading takes longer than a descent."""
+"""Programs loaded by this process, by folder of records and name of record: reading one takes longer than a descent."""
 
 
 def _made_and_checked(
@@ -142,10 +142,10 @@ def _made_and_checked(
     check: Callable[[Reference, LoadedProgram], None],
     record: Path | None,
 ) -> LoadedProgram | None:
-    """Return the program of `make` once it has passed `check`, kept in `record`; None where it cannot be compiled."""
+    """Return the program of `make` once it has passed `check`, kept in `record`; None if it cannot be compiled."""
     with phase("generating C"):
         program = make()
-    # The compiler is a process that this thread waits for, and kills if it is interrupted.
+    # The compiler is a process; this thread waits for it, and kills it if interrupted.
     with ThreadPoolExecutor(1) as pool:
         reference = pool.submit(refer)
         loaded = _compiled(program)
@@ -167,7 +167,7 @@ def _compiled(program: CProgram) -> LoadedProgram | None:
 
 
 def aligned(numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
-    """Return a float32 copy that begins where the widest register may."""
+    """Return a float32 copy, aligned for the widest register."""
     spare = ALIGNMENT // numbers.itemsize
     raw = np.empty(len(numbers) + spare, np.float32)
     first = -(raw.ctypes.data // raw.itemsize) % spare
@@ -177,7 +177,7 @@ def aligned(numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
 
 
 def _read(record: Path) -> CProgram | None:
-    """Return the program in a record; None where there is none that is whole."""
+    """Return the program in a record; None if there is none, or a damaged one."""
     try:
         tensors, metadata = read_tensors(record, RECORD)
         return CProgram(metadata["text"], tensors["constants"], metadata["sizes"])
@@ -186,7 +186,7 @@ def _read(record: Path) -> CProgram | None:
 
 
 def _write(record: Path, program: CProgram) -> None:
-    """Keep a program; where there is no room for it, the next process makes it again."""
+    """Keep a program; if the disk is full, the next process makes it again."""
     metadata = {"kind": RECORD, "text": program.text, "sizes": program.sizes}
     try:
         write_tensors(record, {"constants": np.asarray(program.constants)}, metadata)
@@ -196,7 +196,7 @@ def _write(record: Path, program: CProgram) -> None:
 
 @cache
 def sources() -> str:
-    """Return what changes when the code that programs are made from does."""
+    """Return the names, sizes and times of the code files that determine what programs do."""
     package = Path(str(resources.files("neuroanimator")))
     facts = []
     for folder in SOURCES:

@@ -15,19 +15,19 @@ static void map_forward(const na_map *map, const float *x, float *tape, float *y
     map->forward(map->constants, map->numbers, x, tape, nothing, y);
 }
 
-/* `of_x`: what cotangents `of_y` say of x; of which there are `width`, sixteen side by side or one. */
+/* Cotangents `of_x` of x for `width` cotangents `of_y` of y: one, or sixteen lanes. */
 static void map_backward(const na_map *map, const float *tape, const float *of_y, float *of_x, long width) {
     NA_ALIGNED float nothing[LANES];
     (width == 1 ? map->slope : map->backward)(map->constants, tape, nothing, of_y, of_x);
 }
 
-/* Lanes `y`: how y changes with sixteen tangents `x`. */
+/* Tangents `y`, in lanes, for sixteen tangents `x`. */
 static void map_push(const na_map *map, const float *tape, const float *x, float *y) {
     NA_ALIGNED float nothing[LANES];
     map->push(map->constants, tape, nothing, x, y);
 }
 
-/* Lanes `y` of sixteen x. */
+/* Values `y`, in lanes, of sixteen x. */
 static void map_lanes(const na_map *map, const float *x, float *y) {
     map->lanes(map->constants, map->numbers, x, y);
 }

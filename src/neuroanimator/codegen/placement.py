@@ -1,6 +1,6 @@
-"""Where the values of a program lie: room of those that nobody reads any more is given to later ones.
+"""Placement of a program's values in memory: the room of values no longer read is given to later ones.
 
-So that what a super step works on stays in the first cache, with sixteen lanes too.
+This keeps the working set of a super step in the first-level cache, also with sixteen lanes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from neuroanimator.codegen.program import SPACE, Addresses, Operation, Program, spaces_of
 
 ALWAYS = np.iinfo(np.int64).max
-"""When a value is read for the last time that callers get."""
+"""Number of the last operation to read an output: after all others."""
 
 
 def placed(
@@ -24,9 +24,9 @@ def placed(
     outputs: Sequence[Addresses],
     spaces: Sequence[int],
 ) -> Program:
-    """Return the program of `operations` alone, in order, its values in as little room of `spaces` as is found.
+    """Return the program of `operations` alone, in order, with its values packed into the least room found in `spaces`.
 
-    Values stay whole, side by side and aligned as they are. `inputs` are there from the start, `outputs` to the end.
+    Each value stays contiguous and aligned. `inputs` live from the start, `outputs` to the end.
     """
     moved = {}
     sizes = {}
@@ -45,7 +45,7 @@ def placed(
 
 @dataclass
 class _Lives:
-    """For each value of a space the first operation that writes it and the last that reads it; -1 before all."""
+    """For each value of a space the first operation that writes it and the last that reads it; -1 is before all."""
 
     first: np.ndarray
     last: np.ndarray
@@ -78,13 +78,13 @@ def _lives(
 
 
 def _places(lives: _Lives, lengths: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return where each value begins, and the size of the whole: the lowest gap that is free as long as it lives."""
+    """Return where each value begins, in the lowest gap that is free during its life, and the total size."""
     room = _Room()
     places = np.zeros(len(lengths), int)
     ends: list[tuple[int, int]] = []
     for value in np.argsort(lives.first, kind="stable"):
         if lives.first[value] == ALWAYS:
-            break  # nobody writes it
+            break  # nothing writes it
         while ends and ends[0][0] < lives.first[value]:
             _, ended = heapq.heappop(ends)
             room.release(int(places[ended]), int(lengths[ended]))
@@ -95,14 +95,14 @@ def _places(lives: _Lives, lengths: np.ndarray) -> tuple[np.ndarray, int]:
 
 @dataclass
 class _Room:
-    """Stretches of memory, taken and released."""
+    """An allocator of stretches of memory."""
 
     size: int = 0
     _free: list[tuple[int, int]] = field(default_factory=list)
     """(Begin, length) of each gap, in order."""
 
     def take(self, length: int) -> int:
-        """Return where `length` floats begin that nobody has."""
+        """Return the beginning of `length` free floats, which are now taken."""
         for number, (first, free) in enumerate(self._free):
             if free >= length:
                 rest = [(first + length, free - length)] if free > length else []
@@ -113,7 +113,7 @@ class _Room:
         return first
 
     def release(self, first: int, length: int) -> None:
-        """Give a stretch back; gaps side by side become one."""
+        """Release a stretch; adjacent gaps are merged."""
         gaps = sorted([*self._free, (first, length)])
         self._free = gaps[:1]
         for begin, free in gaps[1:]:

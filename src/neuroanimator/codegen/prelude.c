@@ -1,11 +1,11 @@
-/* What generated programs are written in: C99 where vectors are sixteen floats wide, and elementary functions without
-   branches, so that a loop over them fills a register. Relative errors are a few units of float32's last place. */
+/* Prelude of generated programs: vectors of sixteen floats in C99, and elementary functions without branches, so that
+   loops over them vectorise. Relative errors are a few units in the last place of float32. */
 #include <math.h>
 #include <string.h>
 
 #define LANES 16
 
-/* Clang would write out each such loop before it looks for vectors in it, and take minutes for a program. */
+/* Clang would unroll each such loop before it vectorises it, and take minutes for a program. */
 #if defined(__clang__)
 #define NA_EACH_LANE _Pragma("clang loop unroll(disable)") for (int l = 0; l < LANES; l++)
 #else
@@ -23,7 +23,7 @@
 #define NA_ALIGNED __attribute__((aligned(64)))
 #endif
 
-/* Sixteen floats: one register of AVX-512, two of AVX2, four of SSE, NEON and WASM, or none where C knows no vectors. */
+/* Sixteen floats: one register of AVX-512, two of AVX2, four of SSE, NEON and WASM, or none if the compiler has no vectors. */
 #if !defined(__GNUC__) || defined(NA_PLAIN)
 typedef struct { float lane[LANES]; } na_wide;
 #define NA_ZERO(s) do { for (int l = 0; l < LANES; l++) (s).lane[l] = 0.0f; } while (0)
@@ -50,15 +50,15 @@ typedef struct { na_part a, b, c, d; } na_wide;
     ((s).a += (x).a * (f), (s).b += (x).b * (f), (s).c += (x).c * (f), (s).d += (x).d * (f))
 #endif
 
-/* Asks for what is read soon: rows of weights are too far apart for some processors to see them coming. */
+/* Prefetches what is read soon: rows of weights are too far apart for the prefetchers of some processors. */
 #if defined(__GNUC__)
 #define NA_PREFETCH(address) __builtin_prefetch(address)
 #else
 #define NA_PREFETCH(address) ((void)0)
 #endif
 
-/* Columns of weights that are summed in one pass of `na_lane_products`: as many sums as registers hold, and enough that
-   none waits for the one before it. Rows that are asked for ahead. */
+/* Number of columns summed in one pass of `na_lane_products`: as many sums as fit in registers, and enough that none
+   waits for the one before it. Number of rows prefetched ahead. */
 #if defined(__AVX512F__)
 #define NA_SUMS 16
 #else
@@ -67,7 +67,7 @@ typedef struct { na_part a, b, c, d; } na_wide;
 #define NA_ROWS_AHEAD 8
 
 /* y (columns, LANES): x (count, LANES) times the first `columns` of `weights` (count, stride). A weight is read once for all
-   lanes. Written are as many columns as whole passes have. */
+   lanes. The number of columns written is rounded up to whole passes. */
 static inline void na_lane_products(long columns, long count, long stride, const float *weights, const na_wide *x, na_wide *y) {
     for (long first = 0; first < columns; first += NA_SUMS) {
         const float *row = weights + first;
@@ -105,14 +105,14 @@ static inline float na_exp(float x) {
     p = p * r + 4.1665795894e-2f;
     p = p * r + 1.6666665459e-1f;
     p = p * r + 5.0000001201e-1f;
-    /* What is not a number stays so; its whole part would be no int. */
+    /* NaN stays NaN; converted to int it would be undefined. */
     const int exponent = (int)(n == n ? n : 0.0f) + 127;
     return (p * r * r + r + 1.0f) * na_from_bits((int)((unsigned)exponent << 23));
 }
 
 static inline float na_logistic(float x) { return 1.0f / (1.0f + na_exp(-x)); }
 
-/* A quotient of polynomials; beyond 7.9 it is one to the last place. */
+/* A quotient of polynomials; beyond 7.9 it is 1 to the last place. */
 static inline float na_tanh(float x) {
     x = x > 7.90531110763549805f ? 7.90531110763549805f : x;
     x = x < -7.90531110763549805f ? -7.90531110763549805f : x;
@@ -131,7 +131,7 @@ static inline float na_tanh(float x) {
     return x * p / q;
 }
 
-/* sin(x + quarters * pi / 2). Reduced in double, so that an angle of many turns is as good as a small one. */
+/* sin(x + quarters * pi / 2). Reduced in double, so that an angle of many turns is as accurate as a small one. */
 static inline float na_sine(float x, int quarters) {
     const double n = rint((double)x * 0.63661977236758134308);
     const float r = (float)((double)x - n * 1.57079632679489661923);

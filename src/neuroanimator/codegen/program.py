@@ -1,9 +1,9 @@
 """A function as a list of operations on addresses, from which source code can be written.
 
-Values are arrays of addresses: whatever only moves data about (slices, concatenations, transposes) is done to the
-addresses once and leaves no code. Where a program is made to go back (a vector-Jacobian product), what depends on the
-cotangents is *late*, everything else is *early*; what late operations read of early ones is kept on a *tape*. A value
-is *wide* if it has sixteen lanes, one for each of sixteen motions or cotangents side by side.
+Values are arrays of addresses: operations that only move data (slices, concatenations, transposes) are applied to the
+addresses once and leave no code. In a program with a backward part (a vector-Jacobian product), values that depend on
+the cotangents are *late*, all others *early*; early values that late operations read are kept on a *tape*. A value
+is *wide* if it has sixteen lanes, one for each of sixteen motions or cotangents in parallel.
 """
 
 from __future__ import annotations
@@ -18,51 +18,51 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 WIDTH = 16
-"""Floats to which arrays are aligned, and lanes of what is wide: an AVX-512 register, two of AVX2, four of NEON."""
+"""Alignment of arrays [floats], and number of lanes of wide values: an AVX-512 register, two of AVX2, four of NEON."""
 
 FLOAT_BYTES = 4
-"""Bytes of a float32."""
+"""Size of a float32 [bytes]."""
 
 ALIGNMENT = FLOAT_BYTES * WIDTH
-"""Bytes to which arrays are aligned."""
+"""Alignment of arrays [bytes]."""
 
 FEW = 4
-"""Arrays up to this length share a line of memory: scalars, vectors and quaternions."""
+"""Maximum length of arrays that share a line of memory: scalars, vectors and quaternions."""
 
 SPACE = 1 << 24
-"""Addresses in one space; an address is that of its space plus an offset."""
+"""Number of addresses in a space; an address is its space times this, plus an offset."""
 
 EARLY = 0
 LATE = 1
 WIDE = 2
-"""Spaces are numbered by what is in them: `EARLY` or `LATE`, plus `WIDE` for lanes."""
+"""Spaces are numbered by their content: `EARLY` or `LATE`, plus `WIDE` for lanes."""
 
 TAPE = 4
-"""The space of what is kept for late operations; `TAPE + WIDE` for lanes."""
+"""Space of values kept for late operations; `TAPE + WIDE` for lanes."""
 
 SPACES = ("w", "d", "v", "e", "t", None, "tv")
-"""What the arrays of each space are called in C."""
+"""Names of the spaces' arrays in C."""
 
 Addresses = np.ndarray
-"""Where each entry of a value is: from 0 on in the spaces, from -1 down among the constants."""
+"""Address of each entry of a value: from 0 up in the spaces, from -1 down among the constants."""
 
 
 @dataclass
 class Constants:
-    """The float32 numbers that the programs of one library read; data, so that another emulator needs no other text."""
+    """The float32 numbers that the programs of one library read; data, so that another emulator has the same text."""
 
     blocks: list[np.ndarray] = field(default_factory=list)
     starts: list[int] = field(default_factory=list)
     size: int = 0
-    """Floats in all blocks and the gaps between them."""
+    """Number of floats in all blocks and the gaps between them."""
     literals: dict[int, float] = field(default_factory=dict)
-    """Numbers of the definition itself, by address: zeros, ones and the like, which are written into the text."""
+    """Numbers of the definition itself, by address, such as zeros and ones, which are written into the text."""
     _of_literal: dict[float, int] = field(default_factory=dict)
     _read: set[int] = field(default_factory=set)
-    """Numbers of the blocks that programs read: weights are laid out anew for their loops, and not read as they were."""
+    """Numbers of the blocks that programs read: weights are read in a new layout for loops, not in the original one."""
 
     def add(self, numbers: ArrayLike) -> Addresses:
-        """Return the addresses of these numbers, in their shape; the first one is aligned."""
+        """Return the addresses of `numbers`, in their shape; the first is aligned."""
         block = np.asarray(numbers, np.float32)
         first = self.size
         self.blocks.append(block.ravel())
@@ -71,8 +71,8 @@ class Constants:
         return np.asarray(-(first + np.arange(block.size).reshape(block.shape)) - 1)
 
     def literal(self, number: float) -> int:
-        """Return the address of a number that is the same whatever the weights."""
-        number += 0.0  # one zero, not two
+        """Return the address of a number that does not depend on the weights."""
+        number += 0.0  # turns -0 into 0
         if number not in self._of_literal:
             address = int(self.add([number])[0])
             self._of_literal[number] = address
@@ -80,7 +80,7 @@ class Constants:
         return self._of_literal[number]
 
     def literal_array(self, numbers: np.ndarray) -> Addresses:
-        """Return the addresses of numbers that are the same whatever the weights, equal ones at one address."""
+        """Return the addresses of numbers that do not depend on the weights; equal numbers share one."""
         distinct, which = np.unique(numbers, return_inverse=True)
         if len(distinct) > FEW:
             return self.add(numbers)
@@ -88,17 +88,17 @@ class Constants:
         return np.asarray(addresses[which]).reshape(numbers.shape)
 
     def values(self, addresses: Addresses) -> np.ndarray:
-        """Return the constants at `addresses`, all of which must be constants."""
+        """Return the constants at `addresses`, which must all be constants."""
         return self._laid_out(range(len(self.blocks)))[-addresses - 1]
 
     def mark_read(self, addresses: Addresses) -> None:
-        """Keep the constants among `addresses`: a program reads them."""
+        """Mark the constants among `addresses` as read by a program, so that they are kept."""
         places = -addresses[addresses < 0] - 1
         blocks = np.searchsorted(self.starts, places, side="right") - 1
         self._read.update(np.unique(blocks).tolist())
 
     def data(self) -> np.ndarray:
-        """Return all numbers that programs read as one float32 array, aligned for the widest register; others are zero."""
+        """Return all numbers that programs read in one float32 array, aligned for the widest register; others are zero."""
         return self._laid_out(sorted(self._read))
 
     def _laid_out(self, blocks: Iterable[int]) -> np.ndarray:
@@ -114,7 +114,7 @@ class Constants:
 
 @dataclass(frozen=True)
 class Operation:
-    """One that computes: by JAX' name and parameters, on addresses."""
+    """An operation that computes, by JAX's name and parameters, on addresses."""
 
     name: str
     inputs: tuple[Addresses, ...]
@@ -128,16 +128,16 @@ class Operation:
 
     @property
     def space(self) -> int:
-        """The space of its output, all of which lies in one."""
+        """The space of its output, which is all in one."""
         return int(self.output.flat[0]) // SPACE
 
     def entries(self) -> list[Addresses]:
-        """Return the inputs of one that computes entry by entry: (N,) each, for every entry of its output."""
+        """Return the inputs of an elementwise operation, (N,) each, one for every entry of its output."""
         shape = self.output.shape
         return [np.broadcast_to(addresses, shape).ravel() for addresses in self.inputs]
 
     def reduced_rows(self) -> Addresses:
-        """Return the input of a reduction as rows (N, R): those that become one entry of its output each."""
+        """Return the input of a reduction as rows (N, R), one for each entry of its output."""
         axes = tuple(self.params["axes"])
         (source,) = self.inputs
         rest = [axis for axis in range(source.ndim) if axis not in axes]
@@ -152,18 +152,18 @@ class Operation:
 
 
 def spaces_of(addresses: Addresses) -> np.ndarray:
-    """Return the space each address lies in; constants' are negative."""
+    """Return the space of each address; negative for constants."""
     return np.asarray(addresses // SPACE)
 
 
 class Numbering:
-    """The addresses of all spaces counted one behind the other, so that one array can say something of each."""
+    """Consecutive numbers for the addresses of all spaces, so that one array can hold a value for each."""
 
     def __init__(self, sizes: dict[int, int]):
         """`sizes` are those of the spaces."""
         self.count = 0
-        """Numbers in all; the last one is that of all constants."""
-        # One more than there are spaces: that of constants is -1, the last.
+        """Count of numbers; the last one stands for all constants."""
+        # One more entry than spaces: constants have space -1, the last.
         self._begins = np.zeros(len(SPACES) + 1, int)
         for space, size in sizes.items():
             self._begins[space] = self.count
@@ -180,7 +180,7 @@ class Numbering:
 def ordered_axes(
     value: Addresses, batch: tuple, summed: tuple, *, ends_with_sum: bool
 ) -> Addresses:
-    """Return a factor of `dot_general` as matrices: (B, M, K) if it `ends_with_sum`, or else (B, K, N)."""
+    """Return a factor of `dot_general` as matrices: (B, M, K) if it `ends_with_sum`, otherwise (B, K, N)."""
     free = free_axes(value, batch, summed)
     groups = (batch, free, summed) if ends_with_sum else (batch, summed, free)
     shape = [math.prod(value.shape[axis] for axis in axes) for axes in groups]
@@ -189,7 +189,7 @@ def ordered_axes(
 
 
 def free_axes(value: Addresses, batch: tuple, summed: tuple) -> tuple[int, ...]:
-    """Return the axes of a factor of `dot_general` that its product keeps, but for those of the batch."""
+    """Return the axes of a factor of `dot_general` that its product keeps, except those of the batch."""
     return tuple(axis for axis in range(value.ndim) if axis not in (*batch, *summed))
 
 
@@ -202,14 +202,14 @@ class Program:
     outputs: list[Addresses] = field(default_factory=list)
     operations: list[Operation] = field(default_factory=list)
     sizes: dict[int, int] = field(default_factory=dict)
-    """Floats (or registers of lanes) in each space."""
+    """Number of floats (or registers of lanes) in each space."""
     _blocks: dict[int, list[int]] = field(default_factory=dict)
-    """Per space, where the values begin that lie side by side."""
+    """Per space, the beginnings of contiguous values."""
     _free: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Per space, where the next few numbers go and where that line ends."""
+    """Per space, where the next short array goes and where its line ends."""
 
     def room(self, shape: tuple[int, ...], space: int) -> Addresses:
-        """Return fresh addresses of this shape: aligned, with room for whole registers, unless they are few."""
+        """Return fresh addresses of this shape: aligned, with room for whole registers, unless the array is short."""
         count = math.prod(shape)
         size = self.sizes.get(space, 0)
         if count > FEW:
@@ -227,7 +227,7 @@ class Program:
         return np.asarray(space * SPACE + first + np.arange(count).reshape(shape))
 
     def room_for_result(self, shape: tuple[int, ...], inputs: tuple[Addresses, ...]) -> Addresses:
-        """Return fresh addresses for what is computed from `inputs`: late if one of them is, wide if one of them is."""
+        """Return fresh addresses for a result of `inputs`: late if any of them is, wide if any of them is."""
         space = EARLY
         for addresses in inputs:
             spaces = spaces_of(addresses[addresses >= 0])
@@ -243,13 +243,13 @@ class Program:
         return list(reversed(list(self._needed_by(outputs))))
 
     def read(self) -> list[np.ndarray]:
-        """Return for each input, in its shape, which of its entries operations or outputs read."""
+        """Return, for each input and in its shape, which of its entries operations or outputs read."""
         read = [addresses for operation in self.operations for addresses in operation.inputs]
         addresses = np.concatenate([some.ravel() for some in [*read, *self.outputs]])
         return [np.isin(entries, addresses) for entries in self.inputs]
 
     def _needed_by(self, outputs: list[Addresses]) -> Iterator[Operation]:
-        """Yield them, the last one first."""
+        """Yield the operations that `outputs` depend on, the last one first."""
         numbering = Numbering(self.sizes)
         is_needed = np.zeros(numbering.count, bool)
         for output in outputs:
@@ -261,7 +261,7 @@ class Program:
                 yield operation
 
     def keep_tape(self) -> None:
-        """Give early values that late operations or outputs read addresses on the tape, side by side."""
+        """Move early values that late operations or outputs read to consecutive addresses on the tape."""
         late = [operation for operation in self.operations if operation.is_late]
         read = [addresses for operation in late for addresses in operation.inputs]
         read += [output for output in self.outputs if (spaces_of(output) % 2 == LATE).any()]
@@ -272,7 +272,7 @@ class Program:
             for addresses in read:
                 inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)]
                 is_kept[inside - space * SPACE] = True
-            # Whole blocks, so that neighbours stay neighbours.
+            # Whole blocks, so that they stay contiguous.
             starts = self.block_starts(space)
             if size:
                 lengths = np.diff(np.append(starts, size))
@@ -285,11 +285,11 @@ class Program:
         self.rename(moved)
 
     def block_starts(self, space: int) -> np.ndarray:
-        """Return where the values begin that lie side by side in `space`, in order."""
+        """Return the beginnings of contiguous values in `space`, in order."""
         return np.array(self._blocks.get(space, [0]))
 
     def rename(self, moved: dict[int, np.ndarray]) -> None:
-        """Give every address of the spaces in `moved` another: the one at its offset there."""
+        """Replace every address of the spaces in `moved` by the one at its offset there."""
         sizes = {space: len(target) for space, target in moved.items()}
         numbering = Numbering(sizes)
         targets = np.concatenate([*moved.values(), [0]])

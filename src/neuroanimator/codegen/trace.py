@@ -1,4 +1,4 @@
-"""From a JAX function to a `Program`: nested calls are laid open, what depends on constants alone is computed."""
+"""From a JAX function to a `Program`: nested calls are inlined, constant subexpressions computed."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from neuroanimator.codegen.program import (
 from neuroanimator.errors import NeuroAnimatorError
 
 NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
-"""Parameters under which an operation keeps the operations it stands for."""
+"""Parameters in which an operation holds its nested operations."""
 
 LOOPS_AND_BRANCHES = ("scan", "while", "cond")
-"""Operations whose nested ones are not carried out once each, and so cannot be laid open."""
+"""Operations whose nested ones are not executed exactly once, and so cannot be inlined."""
 
 
 LARGEST_EIGEN = 8
-"""Rows of the largest matrix whose eigenvectors can be found."""
+"""Maximum number of rows of a matrix whose eigenvectors can be found."""
 
 
 class UnsupportedError(NeuroAnimatorError):
-    """An operation of JAX no code can be written for."""
+    """An operation of JAX for which no code can be written."""
 
     def __init__(self, name: str):
         super().__init__(f"No code can be written for JAX' operation '{name}'.")
@@ -46,27 +46,27 @@ class Input(NamedTuple):
 
     shape: tuple[int, ...]
     is_wide: bool = False
-    """Whether each lane has its own."""
+    """Whether each lane has its own values."""
     is_late: bool = False
-    """Whether it is a cotangent or a tangent, known only after all that is early."""
+    """Whether it is a cotangent or a tangent, known only after everything early."""
     dtype: type[np.floating] = np.float32
     """Precision in which JAX traces it; addresses have none."""
 
     @property
     def space(self) -> int:
-        """Where its numbers lie."""
+        """Space of its numbers."""
         return (LATE if self.is_late else EARLY) | (WIDE if self.is_wide else 0)
 
 
 def trace(
     function: Callable[..., Any], module: Any, *inputs: Input, constants: Constants | None = None
 ) -> Program:
-    """Return the program of `function` of `module` and of arrays, which returns an array or a tuple of them.
+    """Return the program of `function`, which takes `module` and arrays and returns an array or a tuple of arrays.
 
     The arrays of `module` (any pytree: an emulator, an objective) are the program's constants.
 
-    Raises UnsupportedError for what cannot be laid open beforehand, such as entries whose position is computed. Of
-    loops and branches the writer says that it knows no code for them.
+    Raises UnsupportedError for loops and branches, and for what cannot be resolved in advance, such as entries whose
+    position is computed.
     """
     arguments = [jax.ShapeDtypeStruct(entry.shape, entry.dtype) for entry in inputs]
     closed = jax.make_jaxpr(function)(module, *arguments)
@@ -81,7 +81,7 @@ def trace(
 
 
 def constant_array(constant: Any) -> np.ndarray:
-    """Return a constant of a traced function; UnsupportedError for keys of random numbers, which are no numbers."""
+    """Return a constant of a traced function; UnsupportedError for random keys, which are not numbers."""
     if jnp.issubdtype(constant.dtype, jax.dtypes.extended):
         raise UnsupportedError("random_bits")
     return np.asarray(constant)
@@ -93,16 +93,16 @@ class _Known:
 
     numbers: np.ndarray
     is_literal: bool
-    """Whether it is the same whatever the weights: it follows from the definition alone."""
+    """Whether it follows from the definition alone, whatever the weights."""
 
 
 class _Tracer:
-    """Walks through a jaxpr and gathers its operations in a program."""
+    """Walks through a jaxpr and collects its operations in a program."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
         self._results: dict[tuple[Any, ...], Addresses] = {}
-        """Where the result of each operation is, so that what is asked for again is not computed again."""
+        """Address of each operation's result, so that the same operation is not computed twice."""
         self._special: dict[str, Callable[[jaxprs.JaxprEqn, list[Any]], list[Any]]] = {
             "convert_element_type": self._converted,
             "dynamic_slice": self._picked,
@@ -121,7 +121,7 @@ class _Tracer:
         self.program.outputs = [self._addresses(output) for output in outputs]
 
     def _jaxpr(self, jaxpr: jaxprs.Jaxpr, constants: list[Any], inputs: list[Any]) -> list[Any]:
-        """Return the outputs; values are Addresses, or _Known."""
+        """Return the outputs; values are Addresses or _Known."""
         known: dict[jaxprs.Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
         known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
@@ -147,7 +147,7 @@ class _Tracer:
         if all(isinstance(operand, _Known) for operand in inputs):
             is_literal = all(operand.is_literal for operand in inputs)
             numbers = [operand.numbers for operand in inputs]
-            # Not by JAX, which would compile a program for it.
+            # Moves are not left to JAX, which would compile a program for each.
             moved = MOVES[name](numbers, eqn.params) if name in MOVES else _bind(eqn, numbers)
             return [_Known(constant_array(result), is_literal) for result in moved]
         if name in MOVES:
@@ -161,7 +161,7 @@ class _Tracer:
         return [self._computed(eqn, inputs)]
 
     def _converted(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
-        """Return the same numbers: there is one type here, and truth is 0 or 1."""
+        """Return the same numbers: there is only one type, and booleans are 0 or 1."""
         before = eqn.invars[0].aval.dtype
         after = eqn.outvars[0].aval.dtype
         if before.kind == "f" and after.kind != "f":
@@ -169,12 +169,12 @@ class _Tracer:
         return inputs
 
     def _picked(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
-        """Return the entries that indices, which must be known, pick from the first input."""
+        """Return the entries of the first input at indices, which must be known."""
         source, *indices = inputs
         if not all(isinstance(operand, _Known) for operand in indices):
             raise UnsupportedError(f"{eqn.primitive.name} at places that are computed")
         addresses = self._addresses(source)
-        # JAX picks among positions, which are small whole numbers; what fills up lies beyond the last.
+        # JAX picks from positions, which are small integers; its fill value is beyond the last.
         positions = np.arange(addresses.size, dtype=np.int32).reshape(addresses.shape)
         picked = _bind(eqn, [positions, *(operand.numbers for operand in indices)])[0]
         flat = np.append(addresses.ravel(), self.program.constants.literal(0.0))
@@ -183,7 +183,7 @@ class _Tracer:
         return [np.asarray(flat[np.where(is_inside, chosen, addresses.size)])]
 
     def _selected(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
-        """Return the entries chosen; where each comes from is settled now if it is known."""
+        """Return the selected entries, already resolved if the selector is known."""
         which, *cases = inputs
         if not isinstance(which, _Known):
             return [self._computed(eqn, inputs)]
@@ -226,7 +226,7 @@ class _Tracer:
         where = _targets(eqn, operand, updates, [index.numbers for index in indices]).ravel()
         pending = np.flatnonzero(where >= 0)
         while len(pending):
-            # What falls on one entry falls there one after the other.
+            # Several updates of one entry are applied one after another.
             _, first = np.unique(where[pending], return_index=True)
             now = pending[first]
             target = where[now]
@@ -259,7 +259,7 @@ class _Tracer:
         shape: tuple[int, ...],
         params: dict[str, Any],
     ) -> Addresses:
-        """Return where the result goes, of entries that must be computed; of others, where they are already."""
+        """Return the result's addresses: new ones for entries that must be computed, existing ones for others."""
         if not math.prod(shape):
             return np.zeros(shape, int)
         if name in OF_NOTHING and not inputs[0].size:
@@ -285,7 +285,7 @@ class _Tracer:
         shape: tuple[int, ...],
         params: dict[str, Any],
     ) -> Addresses:
-        """Return where the result of an operation goes; where it is already, if the same was asked for before."""
+        """Return the addresses of an operation's result; existing ones if the same operation was traced before."""
         operands = [(entry.shape, entry.tobytes()) for entry in inputs]
         key = (name, *operands, shape, str(params))
         if key not in self._results:
@@ -310,7 +310,7 @@ OF_NOTHING = {
     "reduce_or": 0.0,
     "dot_general": 0.0,
 }
-"""What the operations that gather numbers make of none."""
+"""Results of reductions over no numbers."""
 
 COMPUTE = np.iinfo(np.int64).max
 """Stands for an address that is yet to be computed."""
@@ -351,13 +351,13 @@ SIMPLE: dict[str, Callable[[Columns, int, int], Addresses]] = {
     "div": _quotient,
     "neg": _negative,
 }
-"""Operations with nothing to compute where an input is a literal zero or one: gradients are full of them."""
+"""Operations that need no code where an input is a literal zero or one: gradients are full of them."""
 
 
 def _targets(
     eqn: jaxprs.JaxprEqn, operand: Addresses, updates: Addresses, indices: list[np.ndarray]
 ) -> np.ndarray:
-    """Return which entry of `operand`, counted flat, each of `updates` falls on; -1 for none."""
+    """Return the flat index into `operand` that each of `updates` goes to; -1 for none."""
     positions = np.arange(operand.size, dtype=np.int32).reshape(operand.shape)
     if eqn.primitive.name == "dynamic_update_slice":
         return np.asarray(jax.lax.dynamic_slice(positions, indices, updates.shape))
@@ -385,7 +385,7 @@ def _targets(
 
 
 def _bind(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
-    """Return what an operation gives for `inputs`, carried out now."""
+    """Return the results of an operation on `inputs`, executed now."""
     # `jnp.asarray` would compile a program for every shape.
     results = eqn.primitive.bind(*jax.device_put(inputs), **eqn.params)
     if eqn.primitive.multiple_results:
@@ -451,7 +451,7 @@ def _stacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]
 
 def _unstacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
     parts = np.moveaxis(inputs[0], params["axis"], 0)
-    return [np.asarray(part) for part in parts]  # of a vector's parts NumPy makes plain numbers
+    return [np.asarray(part) for part in parts]  # NumPy turns a vector's parts into scalars
 
 
 MOVES: dict[str, Callable[[list[Addresses], dict[str, Any]], list[Addresses]]] = {
@@ -471,4 +471,4 @@ MOVES: dict[str, Callable[[list[Addresses], dict[str, Any]], list[Addresses]]] =
     "transpose": _transposed,
     "unstack": _unstacked,
 }
-"""What moves data and computes nothing, done to the addresses."""
+"""Operations that only move data, applied to the addresses."""

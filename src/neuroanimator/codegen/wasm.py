@@ -1,4 +1,4 @@
-"""A C program becomes a WebAssembly module that imports nothing, by the Zig compiler that PyPI has."""
+"""Compile a C program to a WebAssembly module without imports, with the Zig compiler from PyPI."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from neuroanimator.files.private_folder import kept_folder, private_folders
 from neuroanimator.files.unfinished import temporary_folder
 
 STACK = 4 << 20
-"""Room for the arrays of functions [bytes]; what needs more ends with a trap, not with wrong numbers."""
+"""Size of the stack for functions' arrays [bytes]; an overflow traps instead of giving wrong numbers."""
 
 PATIENCE = 600
-"""Time the compiler may take [s]: the first time on a machine it may build its own library, too."""
+"""Maximum time of a compilation [s]: the first on a machine may build Zig's own library, too."""
 
 FLAGS = (
     "-std=c99", "-O2", "-fno-math-errno",
     "-Wl,--no-entry", "-Wl,--strip-all", f"-Wl,-z,stack-size={STACK}", "-Wl,--export=__heap_base",
 )  # fmt: skip
-"""Zig puts the stack first in memory, so that it cannot grow into other numbers."""
+"""Flags of compiler and linker; Zig puts the stack first in memory, so that it cannot grow into other data."""
 
 BARE = ("-target", "wasm32-freestanding", "-mcpu=generic+bulk_memory+simd128", "-nostdlib")
-"""Without a C library, which Zig would build for half a minute. Vectors of four floats."""
+"""Target without a C library, which Zig would take half a minute to build, and with vectors of four floats."""
 
 WITH_LIBRARY = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-msimd128")
 
@@ -33,13 +33,13 @@ INSTRUCTIONS = {
     ),
     "string.h": ("memcpy", "memmove", "memset"),
 }  # fmt: skip
-"""Functions of C's headers that programs may call because WebAssembly has instructions for them."""
+"""Functions of C's headers that programs may call, as WebAssembly has instructions for them."""
 
 
 def wasm_module(text: str, exports: list[str]) -> bytes:
-    """Return the module of the C program `text`, whose functions and variables `exports` can be called and read.
+    """Return the module of the C program `text`, with its functions and variables `exports` exported.
 
-    Raises ResourceError without Zig, and CompilerError where it fails.
+    Raises ResourceError without Zig, and CompilerError if it fails.
     """
     zig = zig_cc()
     if zig is None:
@@ -58,9 +58,9 @@ def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes
         source.write_text(text, encoding="utf-8")
         wanted = [f"-Wl,--export={name}" for name in exports]
         bare = (*BARE, "-isystem", str(_bare_headers(work_folder)))
-        # What Zig builds of its own library is worth keeping; the home folder may be missing.
+        # Zig's own library is worth keeping; the home folder may be missing.
         caches = zig_folders(kept_folder("zig") or work_folder, work_folder)
-        # What calls more than there are instructions for does not compile without a library.
+        # Programs that call functions without instructions do not compile without a library.
         for target in (bare, WITH_LIBRARY):
             command = [*zig, *target, *FLAGS, *wanted, str(source), "-o", str(module)]
             if succeeds(command, work_folder, PATIENCE, caches) and module.is_file():
@@ -69,7 +69,7 @@ def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes
 
 
 def _bare_headers(work_folder: Path) -> Path:
-    """Write headers whose functions are the compiler's own, and return their folder."""
+    """Write headers that map functions to the compiler's builtins, and return their folder."""
     folder = work_folder / "include"
     folder.mkdir()
     for header, names in INSTRUCTIONS.items():

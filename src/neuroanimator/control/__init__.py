@@ -1,4 +1,4 @@
-"""Finding controls: what a descent varies, obstacles, and planning again and again.
+"""Finding controls: parametrisations of descents, obstacles, and receding-horizon planning.
 
     from neuroanimator import control
 

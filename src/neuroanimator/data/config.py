@@ -27,50 +27,50 @@ SAMPLES_PER_RUN = 12
 """Default number of super steps of a run that become training examples: on average every third."""
 
 USUAL_COUNT = 300_000
-"""Default number of transitions made of a system: as many runs as of 100,000 with `SAMPLES_PER_RUN`."""
+"""Default number of transitions of a system: as many runs as 100,000 transitions need with `SAMPLES_PER_RUN`."""
 
 USUAL_SAMPLES_PER_RUN = 36
-"""Number of transitions of each run: simulating costs more than storing, and robots with contacts learn from every example."""
+"""Default number of transitions per run: simulation costs more than storage, and robots with contacts need every example."""
 
 SOFT_COUNT = 12_288
-"""Default number of transitions made of a soft body, each the first of a window of `LONG_WINDOW` super steps: 1,024 runs."""
+"""Default number of transitions of a soft body, each the first of a window of `LONG_WINDOW` super steps: 1,024 runs."""
 
 MAX_GAP = 5
-"""Maximum distance, in super steps, of neighbouring examples where there are `SAMPLES_PER_RUN` (eq. 8); with more, less."""
+"""Maximum distance between neighbouring examples [super steps] with `SAMPLES_PER_RUN` (eq. 8); less with more samples."""
 
 MAX_UNROLL = System.window_steps
 """Number of super steps that follow every example within its run, unless its system says otherwise."""
 
 RUNS_PER_SHARD = 256
-"""A file of the dataset holds this many runs: large enough to be few, small enough to be made again quickly."""
+"""Number of runs per file of the dataset: few files, each quick to make again."""
 
 
 _identity_of = lru_cache(maxsize=4)(data_identity)
-"""Every shard asks for the hash, and a definition may be long."""
+"""Cached, as every shard needs the hash and a definition may be long."""
 
 
 class DatasetTable(Table):
-    """The fields of a `DatasetConfig`, each checked alone, as the file of a dataset holds them."""
+    """Fields of a `DatasetConfig` as stored in a dataset's file, each checked independently."""
 
     system: SystemName
-    """Its name, such as `fish`. Of a TOML file: that of `load_system("my.toml")`, whose `definition` goes along."""
+    """Its name, such as `fish`. For a TOML file: the name of `load_system("my.toml")`, with its `definition`."""
     substeps: int = Field(default=50, ge=1, le=1000)
     count: int = Field(default=100_000, ge=1, le=100_000_000)
     samples_per_run: Literal[12, 18, 24, 36] = SAMPLES_PER_RUN
-    """Training examples taken from each run of `RUN_STEPS` super steps; more for physics that is dear."""
+    """Number of training examples taken from each run of `RUN_STEPS` super steps; more for expensive physics."""
     idle_share: float = Field(default=0.1, ge=0, le=1)
-    """Share of runs whose controls cease somewhere: bodies come to rest, and emulators should know how."""
+    """Share of runs whose controls cease at some point: emulators should know how bodies come to rest."""
     seed: int = Field(default=0, ge=0, lt=2**31)
     definition: str = Field(default="", max_length=MAX_DEFINITION)
-    """Source a user's own system is made from again; empty for one that comes with the package."""
+    """Source from which a user's own system is rebuilt; empty for a system that ships."""
     mujoco: str = Field(default=version("mujoco"), pattern=r"^[0-9A-Za-z.+-]{1,40}$")
 
 
 class DatasetConfig(Settings, DatasetTable):
     """Everything the bytes of a dataset depend on.
 
-    Raises ArgumentError naming the field that is wrong, an unknown system, and super steps that are no whole number
-    of physics steps.
+    Raises ArgumentError for a wrong field, an unknown system, and super steps that are not a whole number of
+    physics steps.
     """
 
     if not TYPE_CHECKING:  # so that editors offer the fields as arguments
@@ -89,7 +89,7 @@ class DatasetConfig(Settings, DatasetTable):
 
     @classmethod
     def of_file(cls, values: dict[str, Any]) -> DatasetConfig:
-        """Return what a dataset's file says, its system not looked at; ValidationError names a wrong field."""
+        """Return the configuration in a dataset's file without loading its system; ValidationError names a wrong field."""
         checked = DatasetTable.model_validate(values)
         return cls.model_construct(**checked.model_dump())
 
@@ -103,7 +103,7 @@ class DatasetConfig(Settings, DatasetTable):
         count: int | None = None,
         **settings: Any,
     ) -> DatasetConfig:
-        """Return the dataset that is made of a system if nothing but `settings` is said."""
+        """Return a system's default dataset, changed only by `settings`."""
         is_soft = _is_soft(system, definition)
         usual: dict[str, Any] = {
             "count": SOFT_COUNT if is_soft else USUAL_COUNT,
@@ -116,32 +116,32 @@ class DatasetConfig(Settings, DatasetTable):
 
     @property
     def runs(self) -> int:
-        """Runs simulated: enough for `count` examples."""
+        """Number of runs simulated: enough for `count` examples."""
         return -(-self.count // self.samples_per_run)
 
     @property
     def shards(self) -> int:
-        """Files the runs are stored in."""
+        """Number of files in which the runs are stored."""
         return -(-self.runs // RUNS_PER_SHARD)
 
     @property
     def hash(self) -> str:
-        """Sixteen hex digits that name all the bytes depend on: goals do not count, as they are no physics."""
+        """Sixteen hex digits that identify everything the bytes depend on; goals do not count, as they are no physics."""
         values = self.model_dump() | {"definition": _identity_of(self.definition)}
         return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]
 
     def shard_path(self, folder: Place, shard: int) -> Place:
-        """Return where shard number `shard` lies."""
+        """Return the path of shard number `shard`."""
         return folder / f"shard-{shard:05d}.safetensors"
 
 
 def _is_soft(system: str, definition: str) -> bool:
-    """Return whether a system is a soft body, whose physics is dear and whose runs are long."""
+    """Return whether a system is a soft body, with expensive physics and long runs."""
     if definition:
         return read_definition_text(definition).kind in ("soft", "flex")
     return system in dict(SOFT)
 
 
 def window_length(substeps: int) -> int:
-    """Return how many physics steps' states a window spans, both ends included."""
+    """Return the number of states, one per physics step, in a window, both ends included."""
     return MAX_UNROLL * substeps + 1

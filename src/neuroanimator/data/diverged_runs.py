@@ -37,9 +37,9 @@ def write_diverged(
     starts: Float[np.ndarray, "B S"],
     controls: Float[np.ndarray, "B T C"],
 ) -> None:
-    """Write the starts and controls of a shard's runs that diverged; nothing if none did.
+    """Write the starts and controls of a shard's diverged runs; nothing if there are none.
 
-    Raises BadFileError if other such runs are there already; a damaged file is made again.
+    Raises BadFileError if the file holds other runs; a damaged file is made again.
     """
     path = _path(folder, shard)
     tensors = {"starts": starts.astype(np.float64), "controls": controls.astype(np.float64)}
@@ -59,7 +59,7 @@ def write_diverged(
 
 
 def has_diverged(folder: Place, config: DatasetConfig, shard: int, count: int) -> bool:
-    """Return whether all `count` runs of a shard that diverged are there to be replayed."""
+    """Return whether all `count` diverged runs of a shard are stored, ready to be replayed."""
     if not count:
         return True
     try:
@@ -74,7 +74,7 @@ class DivergedRuns(NamedTuple):
 
     starts: Float[np.ndarray, "B S"]
     controls: Float[np.ndarray, "B T C"]
-    """Each is held for one super step."""
+    """Controls, each held for one super step."""
 
 
 def read_diverged(folder: str | Place) -> DivergedRuns:
@@ -91,7 +91,7 @@ def read_diverged(folder: str | Place) -> DivergedRuns:
 
 
 def diverged_by_shard(folder: str | Place) -> Iterator[DivergedRuns]:
-    """Yield the runs that diverged, those of one shard at a time; errors are those of `read_diverged`."""
+    """Yield the runs that diverged, one shard at a time; raises what `read_diverged` raises."""
     folder = place_of(folder)
     config = read_config(folder)
     system = load_system(config.system, config.definition)

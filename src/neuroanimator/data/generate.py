@@ -43,14 +43,14 @@ def generate(
     executor: Executor | None = None,
     on_shard: Callable[[], None] = lambda: None,
 ) -> int:
-    """Fill `folder`, or a URL of a store, with the dataset `config` describes; return how many runs diverged and were dropped.
+    """Fill `folder`, or a URL of a store, with the dataset of `config`; return the number of runs that diverged, left out.
 
-    Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
-    up can be replayed, see `data.diverged_runs`. Recordings hold only so many transitions: `count` is then lowered,
+    Existing shards are kept, damaged ones made again. `on_shard` is called after each. The runs that diverged
+    can be replayed, see `data.diverged_runs`. If recordings hold fewer transitions than `count`, it is lowered,
     see `limited_to_recordings`.
 
-    `executor` makes the shards; without one this process does. `threads` for each shard: none, or 0, for those of the
-    executor, or for all cores.
+    `executor` makes the shards, or this process if there is none. `threads` is the number per shard: None or 0 for those
+    of the executor, or for all cores.
     """
     folder = place_of(folder)
     if not threads and executor is not None:
@@ -82,7 +82,7 @@ def generate(
 
 
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
-    """Return the dataset `config` describes without storing it."""
+    """Return the dataset of `config` without storing it."""
     threads = _checked_threads(threads)
     config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
@@ -95,17 +95,17 @@ def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> T
 
 
 def _checked_threads(threads: int | None) -> int:
-    """Return how many threads to use; ArgumentError for fewer than none."""
+    """Return the number of threads to use; ArgumentError for a negative number."""
     if threads is not None and threads < 0:
         raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; came {threads}.")
-    # More than a shard has runs would have nothing to do, and each takes memory.
+    # More threads than runs in a shard would be idle, and each takes memory.
     return min(threads or core_count(), RUNS_PER_SHARD)
 
 
 def _diverged_here(system: System, config: DatasetConfig, folder: Place, shard: int) -> int | None:
-    """Return how many runs of a shard diverged that is whole; None for one that must be made.
+    """Return the number of diverged runs of a complete shard; None for one that must be made.
 
-    What lies in a store is read by the worker whose task it is: it need not pass through this process.
+    A shard in a store is read by the worker whose task it is: it need not pass through this process.
     """
     if isinstance(folder, UrlPath):
         return None
@@ -118,9 +118,9 @@ def _task(config: DatasetConfig, folder: Place, shard: int, threads: int) -> Sha
 
 
 def _made(tasks: list[ShardTask], executor: Executor) -> Iterator[tuple[int, MadeShard]]:
-    """Yield (number, what was made) as each is.
+    """Yield (number, shard) as each is made.
 
-    What is wrong with one is wrong with all, and is raised at once; those whose workers died are told of at the end.
+    An error in one shard would occur in all, and is raised at once; shards whose workers died are reported at the end.
     """
     lost: dict[int, NeuroAnimatorError] = {}
     for outcome in executor.outcomes(run_shard_task, tasks):

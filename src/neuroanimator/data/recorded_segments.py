@@ -1,6 +1,6 @@
-"""Recordings cut into segments, some to learn from and some to test on, with a gap between neighbours.
+"""Recordings cut into segments, some to train on and some to test on, with a gap between neighbours.
 
-A motion goes on as it was: a segment between trained ones that touch it is half known, and its error too small.
+Motion is continuous: a test segment that touched training segments would be half known, and its error too small.
 """
 
 from __future__ import annotations
@@ -15,17 +15,16 @@ from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 MANY_SEGMENTS = 20
-"""Number of segments that long runs are cut into, about: stretches of a twentieth of the time, which training keeps whole
-to validate on."""
+"""Approximate number of segments that long runs are cut into; training holds out whole ones for validation."""
 
 MIN_SEGMENTS = 3
-"""There must be one segment to learn from, one to validate on and one to test on."""
+"""Minimum number of segments: one to train on, one to validate on and one to test on."""
 
 TEST_EVERY = 10
-"""Every tenth segment is kept for the test, and at least the last."""
+"""Interval of the segments kept for the test; at least the last one is."""
 
 MIN_WINDOWS = 3
-"""Length of a segment [windows], at least, the gap before it included: the gap takes one, cutting another."""
+"""Minimum length of a segment [windows], the gap before it included: the gap takes one, cutting another."""
 
 
 class Segment(NamedTuple):
@@ -36,19 +35,19 @@ class Segment(NamedTuple):
     stop: int
 
     def windows(self, length: int) -> int:
-        """Return at how many offsets a window of `length` samples fits."""
+        """Return the number of offsets at which a window of `length` samples fits."""
         return self.stop - self.start - length + 1
 
 
 class Split(NamedTuple):
-    """Segments to learn from, and others to test on."""
+    """Segments to train on, and others to test on."""
 
     learning: list[Segment]
     test: list[Segment]
 
 
 def split_recordings(recordings: RecordingFile, length: int) -> Split:
-    """Return the segments of all runs, each at least `length` samples long; BadFileError where they are too few.
+    """Return the segments of all runs, each at least `length` samples long; BadFileError if there are too few.
 
     Shorter runs are left out.
     """
@@ -56,7 +55,7 @@ def split_recordings(recordings: RecordingFile, length: int) -> Split:
 
 
 def split_runs(name: str, rows: Sequence[int], length: int) -> Split:
-    """Return the segments of runs of so many `rows` each, which the file called `name` holds; see `split_recordings`."""
+    """Return the segments of runs of `rows` samples each, from the file called `name`; see `split_recordings`."""
     longest = max(rows)
     if longest < length:
         raise BadFileError(
@@ -78,7 +77,7 @@ def split_runs(name: str, rows: Sequence[int], length: int) -> Split:
 
 
 def _cut_run(rows: Sequence[int], run: int, length: int) -> list[Segment]:
-    """Return the segments of run number `run` of all, a window's `length` between neighbours."""
+    """Return the segments of run number `run`, with gaps of one window's `length` between neighbours."""
     own = rows[run]
     most_parts = own // (MIN_WINDOWS * length)
     parts = max(1, min(round(MANY_SEGMENTS * own / sum(rows)), most_parts))
@@ -91,9 +90,9 @@ def _cut_run(rows: Sequence[int], run: int, length: int) -> list[Segment]:
 
 
 def limited_to_recordings(config: DatasetConfig) -> DatasetConfig:
-    """Return `config` with `count` lowered to what its recordings hold; unchanged if its system is simulated.
+    """Return `config` with `count` lowered to the number its recordings hold; unchanged if its system is simulated.
 
-    The recordings are read and held against the definition, so that a wrong file is refused before a folder is made
+    The recordings are read and checked against the definition, so that a wrong file is refused before a folder is made
     for it. Raises BadFileError if they hold too few windows for even one run's worth of examples.
     """
     system = carried_system(config.system, config.definition)
@@ -106,7 +105,7 @@ def limited_to_recordings(config: DatasetConfig) -> DatasetConfig:
 
 
 def count_available(recordings: RecordingFile, config: DatasetConfig) -> int:
-    """Return how many examples recordings hold, in whole runs' worth of `samples_per_run`."""
+    """Return the number of examples in recordings, a multiple of `samples_per_run`."""
     length = window_length(config.substeps)
     learning = split_recordings(recordings, length).learning
     windows = sum(segment.windows(length) for segment in learning)

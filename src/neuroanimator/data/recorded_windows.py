@@ -1,7 +1,7 @@
 """Datasets from recordings: windows of super steps at any offset, and whole runs kept for the test.
 
-A super step's control is the mean over its samples. Windows of one segment share its number, so
-that training validates on segments it has not seen; the test's segments it never gets.
+A super step's control is the mean over its samples. Windows carry the number of their segment, so
+that training validates on whole segments it has not seen; it never gets the test's segments.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from neuroanimator.files.places import Place
 from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 WINDOWS_STREAM = 2
-"""The order of windows is drawn from a stream of its own: the seed with this number."""
+"""Number that gives the order of windows a random stream of its own, beside the seed."""
 
 
 class RecordedRun(NamedTuple):
-    """Consecutive samples, or super steps; of super steps there is one state more than controls."""
+    """Consecutive samples, or super steps; with super steps there is one more state than controls."""
 
     states: Float[np.ndarray, "T S"]
     controls: Float[np.ndarray, "K C"]
@@ -65,7 +65,7 @@ def cut_shard(
 
 
 def unwrapped(recordings: RecordingFile) -> list[RecordedRun]:
-    """Return each run's samples; angles given by sine and cosine go on over ±π instead of jumping."""
+    """Return each run's samples; angles that are encoded by sine and cosine are unwrapped across ±π."""
     recording = recordings.read()
     angles = list(recordings.angles)
     runs = []
@@ -87,9 +87,9 @@ def super_steps(
 
 
 def write_held_out(recordings: RecordingFile, config: DatasetConfig, folder: Place) -> None:
-    """Store the test's runs beside the shards: as many as fit, equally long, none overlapping another.
+    """Store the test's runs beside the shards: as many as fit, of equal length, without overlap.
 
-    With them goes the noise of all recordings, by which the test's errors are judged.
+    The noise of all recordings, by which the test's errors are judged, is stored with them.
     """
     segments = split_recordings(recordings, window_length(config.substeps)).test
     fitting = [(segment.stop - segment.start - 1) // config.substeps for segment in segments]

@@ -17,44 +17,44 @@ SMOOTH_SHARE = 0.6
 """Share of runs with smooth controls."""
 
 HELD_SHARE = 0.25
-"""Share of runs with held (piecewise constant) controls; those of the rest jump at every super step."""
+"""Share of runs with held (piecewise constant) controls; in the rest they jump at every super step."""
 
 WAVES = 3
 """Number of sinusoids summed in a smooth control."""
 
 MAX_FREQUENCY = 1.5
-"""Smooth controls vary no faster [Hz]: motors of arms and muscles of animals seldom reverse faster."""
+"""Maximum frequency of smooth controls [Hz]: motors of arms and muscles of animals seldom reverse faster."""
 
 MIN_FREQUENCY = 0.1
-"""Smooth controls vary no slower [Hz], but where half the highest frequency is lower still."""
+"""Minimum frequency of smooth controls [Hz], unless half the highest one is lower still."""
 
 MIN_HEIGHT = 0.3
-"""The least standard deviation of the waves' heights, before they are pressed into ±1."""
+"""Minimum standard deviation of the waves' amplitudes, before they are squashed into ±1."""
 
 MAX_HEIGHT = 1.5
-"""The largest standard deviation of the waves' heights: such controls saturate as optimised ones do."""
+"""Maximum standard deviation of the waves' amplitudes: such controls saturate as optimised ones do."""
 
 MIN_SCALE = 0.2
-"""A run uses at least this share of the controls' range: an idle control teaches nothing."""
+"""Minimum share of the controls' range that a run uses: idle controls teach nothing."""
 
 MAX_HOLD = 0.6
-"""A held control stays no longer [s]."""
+"""Maximum time for which a control is held [s]."""
 
 GAIT_SHARE = 0.4
-"""Share of runs that move along by the system's gait, if it has one: faster, slower, weaker, steered."""
+"""Share of runs that move by the system's gait, if it has one: faster, slower, weaker, steered."""
 
 FASTER_THAN_GAIT = 1.25
 """Maximum ratio of the frequency of smooth controls to the gait's."""
 
 GAIT_TEMPO = (0.6, 1.4)
-"""Random runs go by the gait at a tempo between these, as multiples of its own."""
+"""Minimum and maximum tempo of the gait in random runs, as multiples of its own."""
 
 GAIT_STRENGTH = (0.2, 3.0)
-"""Random runs go by the gait with a strength between these, as multiples of its own: the strongest stay at the bounds for
+"""Minimum and maximum strength of the gait in random runs, as multiples of its own: the strongest stay at the bounds for
 most of a stroke, as optimised ones do, and are the fastest."""
 
 MAX_STEERING = 0.5
-"""At most this share of the control's range is added to the gait, so that the body is steered."""
+"""Maximum offset added to the gait to steer the body, as a share of the controls' range."""
 
 STATE_SPREAD = 0.15
 """Standard deviation of states scattered around a motion, as a share of each entry's spread along it."""
@@ -65,7 +65,7 @@ WARM_UP_SUBSTEPS = 50
 
 @runtime_checkable
 class Driven(Protocol):
-    """A body that controls are drawn for: a system, or an emulator in its place."""
+    """A body for which controls are drawn: a system, or an emulator in its place."""
 
     @property
     def bounds(self) -> Bounds:
@@ -81,7 +81,7 @@ class Driven(Protocol):
 def sample_starts(
     system: System, rng: np.random.Generator, count: int, threads: int = 1
 ) -> Float[np.ndarray, "B S"]:
-    """Return `count` random states as they occur in use: some that motions begin at, the others after any warm-up."""
+    """Return `count` random states as they occur in use: some as motions begin, the others after a warm-up."""
     starts = _warmed_up(system, rng, count, threads)
     if system.reset_share > 0:
         is_reset = rng.random(count) < system.reset_share
@@ -107,7 +107,7 @@ def _warmed_up(
 def sample_control_runs(
     rng: np.random.Generator, count: int, steps: int, dt: float, driven: Driven
 ) -> Float[np.ndarray, "B T C"]:
-    """Return the controls of `count` runs of `driven` over `steps` super steps: its own paths, or see `sample_controls`."""
+    """Return the controls of `count` runs of `driven` over `steps` super steps: its own paths, or those of `sample_controls`."""
     if isinstance(driven, System):
         paths = driven.sample_paths(rng, count, steps, dt)
         if paths is not None:
@@ -119,7 +119,7 @@ def sample_control_runs(
 def with_idle_runs(
     rng: np.random.Generator, controls: Float[np.ndarray, "B T C"], bounds: Bounds, share: float
 ) -> Float[np.ndarray, "B T C"]:
-    """Return the controls, a `share` of the runs without control from a random super step on."""
+    """Return `controls` with a `share` of the runs idle from a random super step on."""
     count, steps, _ = controls.shape
     ends = np.where(rng.random(count) < share, rng.integers(0, steps, count), steps)
     is_idle = np.arange(steps) >= ends[:, None]
@@ -129,7 +129,7 @@ def with_idle_runs(
 def sample_controls(
     rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait | None = None
 ) -> Float[np.ndarray, "T C"]:
-    """Return one run's controls, each of `steps` entries held for `dt` [s] and within `bounds`."""
+    """Return one run's controls within `bounds`, each of the `steps` entries held for `dt` [s]."""
     if gait is not None and rng.random() < GAIT_SHARE:
         return _steered_gait(rng, steps, dt, bounds, gait)
     draw = rng.random()
@@ -144,7 +144,7 @@ def sample_controls(
 
 
 def _max_frequency(gait: Gait | None, dt: float) -> float:
-    """Return the highest frequency of smooth controls [Hz] in super steps of `dt` [s]."""
+    """Return the maximum frequency of smooth controls [Hz] in super steps of `dt` [s]."""
     if gait is None:
         return MAX_FREQUENCY / slowness(dt)
     return max(MAX_FREQUENCY, FASTER_THAN_GAIT / gait.period)
@@ -166,7 +166,7 @@ def _steered_gait(
 def _smooth(
     rng: np.random.Generator, steps: int, dt: float, size: int, max_frequency: float
 ) -> Float[np.ndarray, "T C"]:
-    """Return sums of sinusoids, pressed into ±1 so that strong ones saturate as optimised controls do."""
+    """Return sums of sinusoids, squashed into ±1 so that strong ones saturate as optimised controls do."""
     time = np.arange(steps) * dt
     min_frequency = min(MIN_FREQUENCY / slowness(dt), max_frequency / 2)
     frequency = rng.uniform(min_frequency, max_frequency, (WAVES, 1, size))
@@ -186,7 +186,7 @@ def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> Float[n
 def scattered(
     frame: Frame, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return states (N, S) around those of the motion (T+1, S) at `steps` (N,), spread as the motion itself is."""
+    """Return states (N, S) around those of a motion (T+1, S) at `steps` (N,), spread in proportion to the motion."""
     spread = frame.difference(states[:1], states).std(axis=0)
     noise = rng.normal(size=(len(steps), len(spread)))
     return frame.apply(states[steps], noise * STATE_SPREAD * spread)

@@ -1,4 +1,4 @@
-"""Make one shard: starts and controls drawn, physics simulated, super steps sampled."""
+"""Make one shard: draw starts and controls, simulate the physics, sample super steps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from neuroanimator.systems.system import System
 
 
 class Shard(NamedTuple):
-    """A shard, and what was left out of it."""
+    """A shard, and the runs left out of it."""
 
     tensors: dict[str, np.ndarray]
     starts: Float[np.ndarray, "B S"]
@@ -67,7 +67,7 @@ def sample_steps(
     run_steps: int = RUN_STEPS,
     window_steps: int = MAX_UNROLL,
 ) -> Int[np.ndarray, " K"]:
-    """Return the `count` super steps of one run that become examples: of usual runs 1 to 5 apart (eq. 8)."""
+    """Return the `count` super steps of one run that become examples, 1 to 5 apart in usual runs (eq. 8)."""
     last = run_steps - window_steps
     largest_gap = MAX_GAP * SAMPLES_PER_RUN * run_steps // (RUN_STEPS * count)
     while True:

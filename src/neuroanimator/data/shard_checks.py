@@ -1,4 +1,4 @@
-"""Checks of a dataset's files: a dataset may be a stranger's, and its hashes then prove nothing."""
+"""Checks of a dataset's files: it may come from a stranger, and its hashes then prove nothing."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.files.places import Place
 
 MAX_SHOWN = 40
-"""Longer values are cut off in an error [characters]."""
+"""Maximum length of a value in an error [characters]; longer ones are cut off."""
 
 MAX_LISTED = 8
 """Maximum number of names of tensors listed in an error."""
 
 MAX_NAME = 20
-"""Longer names of tensors are cut off in an error [characters]."""
+"""Maximum length of a tensor's name in an error [characters]; longer ones are cut off."""
 
 
 class TensorSpec(NamedTuple):
-    """The type and shape one tensor must have."""
+    """The required type and shape of a tensor."""
 
     dtype: type[np.generic]
     shape: tuple[int | None, ...]
-    """None where any length will do, the same one throughout the file."""
+    """None for an open length, which must be the same throughout the file."""
 
     def filled(self, open_length: int | None) -> tuple[int | None, ...]:
-        """Return the shape, with `open_length` where any length would do."""
+        """Return the shape with `open_length` filled in."""
         return tuple(open_length if length is None else length for length in self.shape)
 
 
 def largest_size(specs: dict[str, TensorSpec], rows: int) -> int:
-    """Return how many bytes the tensors take if the open length is `rows`."""
+    """Return the size of the tensors [bytes] if the open length is `rows`."""
     total = 0
     for spec in specs.values():
         count = math.prod(rows if length is None else length for length in spec.shape)
@@ -43,7 +43,7 @@ def largest_size(specs: dict[str, TensorSpec], rows: int) -> int:
 
 
 def check_tensors(path: Place, tensors: dict[str, np.ndarray], specs: dict[str, TensorSpec]) -> int:
-    """Return the length that was left open; BadFileError unless names, types and shapes are as `specs` say."""
+    """Return the open length; BadFileError unless names, types and shapes are as in `specs`."""
     if set(tensors) != set(specs):
         refuse(path, f"tensors {_listed(tensors)}; wanted {_listed(specs)}")
     open_length: int | None = None
@@ -71,7 +71,7 @@ def check_range(
 
 
 def whole_number(path: Place, metadata: dict[str, Any], key: str, maximum: int) -> int:
-    """Return what `metadata` says under `key`; BadFileError unless it is a whole number from 0 to `maximum`."""
+    """Return the value of `key` in `metadata`; BadFileError unless it is a whole number from 0 to `maximum`."""
     value = metadata.get(key)
     if type(value) is not int or not 0 <= value <= maximum:
         shown = str(value)[:MAX_SHOWN]
@@ -80,7 +80,7 @@ def whole_number(path: Place, metadata: dict[str, Any], key: str, maximum: int) 
 
 
 def refuse(path: Place, fault: str) -> NoReturn:
-    """Raise BadFileError: `path: fault.`, and what to do."""
+    """Raise BadFileError with `path: fault.` and what to do."""
     raise BadFileError(f"{path}: {fault}. Generate the dataset again.")
 
 

@@ -1,4 +1,4 @@
-"""A shard where it is stored: whether it is there, and putting it there."""
+"""Shards in storage: check whether one is there, and write one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from neuroanimator.systems.system import System
 
 
 def diverged_in(system: System, config: DatasetConfig, folder: Place, shard: int) -> int | None:
-    """Return how many runs of a shard diverged that is whole; None for one that must be made."""
+    """Return the number of diverged runs of a complete shard; None for one that must be made."""
     try:
         _, metadata = read_shard(folder, config, system, shard)
     except BadFileError:
@@ -24,7 +24,7 @@ def diverged_in(system: System, config: DatasetConfig, folder: Place, shard: int
 
 
 def store_shard(made: Shard, config: DatasetConfig, folder: Place, shard: int) -> None:
-    """Write a shard, and the runs of it that diverged."""
+    """Write a shard and its diverged runs."""
     write_diverged(folder, config, shard, made.starts, made.controls)
     metadata = {"kind": "shard", "config": config.hash, "shard": shard, "diverged": made.diverged}
     write_tensors(config.shard_path(folder, shard), made.tensors, metadata)

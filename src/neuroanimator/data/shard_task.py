@@ -1,4 +1,4 @@
-"""One shard as a task for an executor: everything it depends on, and the function that makes it."""
+"""One shard as a task for an executor: everything that it depends on, and the function that makes it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import NO_FILES, TrustedFiles, trust_as_told
 
 THIS_PROCESS = secrets.token_hex(8)
-"""Tells this process from any other, on this machine or another one."""
+"""Identifier of this process, unique across machines."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class ShardTask:
     config: DatasetConfig
     shard: int
     threads: int
-    """The bytes do not depend on it."""
+    """Number of threads; the bytes do not depend on it."""
     trusted: TrustedFiles = NO_FILES
-    """The files that the process which gives the task may use, see `trusted_files.trusted_so_far`."""
+    """Files that the submitting process may use, see `trusted_files.trusted_so_far`."""
     store: UrlPath | None = None
-    """Place the worker writes the shard to, unless it is there; none if it is sent back."""
+    """Store that the worker writes the shard to, unless it is there; None if the shard is sent back."""
 
     @property
     def label(self) -> str:
@@ -41,19 +41,19 @@ class ShardTask:
 
 
 class MadeShard(NamedTuple):
-    """A shard, and what MuJoCo warned of on the way."""
+    """A shard, and MuJoCo's warnings on the way."""
 
     shard: Shard | None
-    """None if the worker has put it into the store."""
+    """The shard; None if the worker has written it to the store."""
     diverged: int
     """Number of its runs that diverged."""
     warnings: Counter[str]
     process: str
-    """Process that made it: the `THIS_PROCESS` of the worker."""
+    """`THIS_PROCESS` of the worker that made it."""
 
 
 def run_shard_task(task: ShardTask) -> MadeShard:
-    """Return the shard: a function of the task alone, but for what MuJoCo warned of."""
+    """Return the shard: a function of the task alone, except for MuJoCo's warnings."""
     trust_as_told(task.trusted)
     before = warnings_heard()
     system = _system_of(task.config.system, task.config.definition)
@@ -72,5 +72,5 @@ def run_shard_task(task: ShardTask) -> MadeShard:
 
 @lru_cache(maxsize=2)
 def _system_of(name: str, definition: str) -> System:
-    """A worker makes many shards of one system."""
+    """Return the system, cached: a worker makes many shards of one."""
     return carried_system(name, definition)

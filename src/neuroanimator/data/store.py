@@ -1,7 +1,7 @@
-"""The store of transitions: a folder of shards, and what is read back from it.
+"""The store of transitions: a folder of shards, and how it is read.
 
-A shard holds whole runs and, per run, the super steps sampled as training examples, Δt to 5Δt
-apart (the seminar paper's eq. 8). Keeping the run lets training unroll from a sampled step.
+A shard holds whole runs and, for each, the super steps sampled as training examples, Δt to 5Δt
+apart (the seminar paper's eq. 8). Storing whole runs lets training unroll from a sampled step.
 """
 
 from __future__ import annotations
@@ -56,34 +56,34 @@ from neuroanimator.systems.trusted_files import know_model
 from neuroanimator.text import quoted
 
 CONFIG_NAME = "dataset.json"
-"""The file in a dataset's folder that says what the dataset is made of."""
+"""Name of the file with a dataset's configuration."""
 
 FORMAT = 2
-"""The format of a dataset's folder: it is raised whenever keys or tensors get other names or meanings."""
+"""Version of the folder's format, raised whenever names or meanings of keys or tensors change."""
 
 MAX_CONFIG = 2 * 2**20
-"""The largest configuration read [bytes]: a definition, twice escaped, and a few numbers."""
+"""Maximum size of a configuration [bytes]: a definition, escaped twice, and a few numbers."""
 
 MAX_SHOWN = 60
-"""Longer settings are not shown in an error [characters]: a definition has thousands."""
+"""Maximum length of a setting shown in an error [characters]: a definition has thousands."""
 
 MAX_HELD_OUT = 512 * 2**20
-"""The largest file of held-out runs read [bytes]: they are no larger than the recordings they come from."""
+"""Maximum size of a file of held-out runs [bytes]: no larger than the recordings they come from."""
 
 MODEL_NAME = "model.json"
-"""Name of the file with the model a user's own system is simulated by, so that a dataset is trained on anywhere."""
+"""Name of the file with the model of a user's own system, so that a dataset can be trained on anywhere."""
 
 MAX_MODEL = MAX_TOTAL // 3 * 4 + 2**20
 """Maximum size of that file [bytes]: the model's files in base64, and their names."""
 
 HELD_OUT_NAME = "held-out.safetensors"
-"""The file with the runs of recordings kept for the test; simulated systems make their tests anew."""
+"""Name of the file with the recorded runs kept for the test; simulated systems simulate their tests anew."""
 
 
 def claim_folder(folder: Place, config: DatasetConfig) -> None:
-    """Mark `folder` as holding `config`; refuse a folder that holds another one.
+    """Mark `folder` as the dataset of `config`; refuse a folder that holds another one.
 
-    One that differs in goals alone is the same dataset, and now has the goals of `config`.
+    A dataset that differs in goals alone is the same one, and takes on the goals of `config`.
     """
     path = folder / CONFIG_NAME
     present = read_config(folder) if path.exists() else None
@@ -114,7 +114,7 @@ def _keep_model(folder: Place, config: DatasetConfig) -> None:
 
 
 def _use_model(folder: Place, config: DatasetConfig) -> None:
-    """Make the model, or the shapes, in a dataset known to this process; digests tell whether they are the right ones."""
+    """Register the model, or the shapes, of a dataset with this process; digests prove that they are the right ones."""
     if isinstance(folder, Path) and config.definition:
         remember_folder(config.definition, folder)
     path = folder / MODEL_NAME
@@ -131,7 +131,7 @@ def _use_model(folder: Place, config: DatasetConfig) -> None:
 
 
 def _differences(present: DatasetConfig, wanted: DatasetConfig) -> str:
-    """Return which settings differ, such as `seed 0 there, 1 asked`."""
+    """Return the settings that differ, such as `seed 0 there, 1 asked`."""
     old = present.model_dump()
     new = wanted.model_dump()
     changed = [key for key in new if old[key] != new[key]]
@@ -143,7 +143,7 @@ def _short(value: object) -> object:
 
 
 def read_config(folder: Place) -> DatasetConfig:
-    """Return the configuration of the dataset in `folder`; BadFileError if it is none, damaged or of another format."""
+    """Return the configuration of the dataset in `folder`; BadFileError if it is no dataset, damaged or of another format."""
     path = folder / CONFIG_NAME
     if not path.exists():
         raise BadFileError(
@@ -176,14 +176,14 @@ def _check_format(path: Place, format_number: object) -> None:
 
 
 class Dataset(abc.ABC):
-    """Windows of consecutive super steps, in parts that are in memory one at a time."""
+    """Windows of consecutive super steps, in parts that are loaded into memory one at a time."""
 
     config: DatasetConfig
     system: System
     held_out: tuple[np.ndarray, np.ndarray] | None
-    """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
+    """(states (B, T+1, S), controls (B, T, C)) kept for the test; recordings only."""
     noise: Float[np.ndarray, " S"] | None
-    """Standard deviation of the noise in each state entry; of recordings only."""
+    """Standard deviation of the noise in each state entry; recordings only."""
 
     @property
     @abc.abstractmethod
@@ -192,18 +192,18 @@ class Dataset(abc.ABC):
 
     @abc.abstractmethod
     def read_part(self, number: int, unroll: int | None = None) -> Transitions:
-        """Return part `number`, the same at every call, in windows of `unroll` super steps, by default as long as there are.
+        """Return part `number`, the same at every call, in windows of `unroll` super steps, by default the longest there are.
 
-        Raises BadFileError if that is impossible.
+        Raises BadFileError if the part cannot be read.
         """
 
     @property
     @abc.abstractmethod
     def fingerprint(self) -> str:
-        """Hex digits that name the contents, once every part has been read."""
+        """Hex digits that identify the contents, once every part has been read."""
 
     def parts(self, unroll: int | None = None) -> Iterator[Transitions]:
-        """Yield the parts in their order, in windows of `unroll` super steps; see `read_part`."""
+        """Yield the parts in order, in windows of `unroll` super steps; see `read_part`."""
         for number in range(self.part_count):
             yield self.read_part(number, unroll)
 
@@ -213,7 +213,7 @@ class Dataset(abc.ABC):
 class Transitions(Dataset):
     """A dataset in memory, in one part: windows of consecutive super steps, one per example.
 
-    A window spans H = `system.window_steps` super steps, so it holds T = H + 1 states; its first step is the training example.
+    A window spans H = `system.window_steps` super steps and holds T = H + 1 states; its first step is the training example.
     """
 
     config: DatasetConfig
@@ -221,7 +221,7 @@ class Transitions(Dataset):
     states: Float[np.ndarray, "N T S"]
     controls: Float[np.ndarray, "N H C"]
     run: Int[np.ndarray, " N"]
-    """Run each window comes from; of recordings, the segment."""
+    """Run that each window comes from; for recordings, the segment."""
     diverged: int
     held_out: tuple[np.ndarray, np.ndarray] | None = None
     noise: Float[np.ndarray, " S"] | None = None
@@ -257,13 +257,13 @@ class Windows(NamedTuple):
     states: Float[np.ndarray, "N T S"]
     controls: Float[np.ndarray, "N H C"]
     run: Int[np.ndarray, " N"]
-    """Run, counted over the whole dataset, that each window comes from."""
+    """Run that each window comes from, counted over the whole dataset."""
 
 
 def read_transitions(folder: str | Place, *, at_least: int | None = None) -> Transitions:
-    """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not what a dataset holds.
+    """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not part of the dataset.
 
-    With `at_least` no more of its shards are read than hold so many transitions; of recordings all.
+    With `at_least`, only as many shards are read as hold that many transitions; recordings are read whole.
     """
     folder = place_of(folder)
     config = read_config(folder)
@@ -285,7 +285,7 @@ def read_held_out(
 ) -> tuple[Float[np.ndarray, "B _ S"], Float[np.ndarray, "B T C"], Float[np.ndarray, " S"] | None]:
     """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test, and the recordings' noise.
 
-    Datasets of older versions do not say what that is.
+    Datasets of older versions do not state the noise.
     """
     path = folder / HELD_OUT_NAME
     tensors, metadata = read_tensors(path, "held-out", largest=MAX_HELD_OUT)
@@ -315,7 +315,7 @@ def shard_transitions(
     metadata: dict[str, Any],
     unroll: int | None = None,
 ) -> Transitions:
-    """Return the transitions in a shard's (tensors, metadata), in windows of `unroll` super steps; see `Dataset.read_part`."""
+    """Return the transitions of a shard's (tensors, metadata), in windows of `unroll` super steps; see `Dataset.read_part`."""
     windows = windows_of(tensors, metadata["shard"], unroll or system.window_steps)
     return Transitions(
         config, system, windows.states, windows.controls, windows.run, metadata["diverged"]
@@ -323,7 +323,7 @@ def shard_transitions(
 
 
 def join_transitions(parts: Sequence[Transitions]) -> Transitions:
-    """Return the transitions of one or more parts of a dataset, in their order."""
+    """Return the transitions of one or more parts of a dataset, in order."""
     if len(parts) == 1:
         return parts[0]
     return replace(
@@ -338,7 +338,7 @@ def join_transitions(parts: Sequence[Transitions]) -> Transitions:
 def read_shard(
     folder: Place, config: DatasetConfig, system: System, shard: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return one shard's (tensors, metadata), checked to belong to `config` and to hold what such a shard does."""
+    """Return one shard's (tensors, metadata), checked to belong to `config` and to match its specs."""
     path = config.shard_path(folder, shard)
     runs = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
     if system.recordings is not None:
@@ -362,7 +362,7 @@ def read_shard(
 
 
 def simulated_shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
-    """Return what a shard of simulated runs holds."""
+    """Return the specs of a shard of simulated runs."""
     return {
         "states": TensorSpec(np.float32, (None, system.run_steps + 1, system.state.size)),
         "controls": TensorSpec(np.float32, (None, system.run_steps, system.control.size)),
@@ -371,7 +371,7 @@ def simulated_shard_specs(system: System, config: DatasetConfig) -> dict[str, Te
 
 
 def recorded_shard_specs(system: System) -> dict[str, TensorSpec]:
-    """Return what a shard of windows cut out of recordings holds."""
+    """Return the specs of a shard of windows cut out of recordings."""
     return {
         "states": TensorSpec(np.float32, (None, MAX_UNROLL + 1, system.state.size)),
         "controls": TensorSpec(np.float32, (None, MAX_UNROLL, system.control.size)),
@@ -383,7 +383,7 @@ def recorded_shard_specs(system: System) -> dict[str, TensorSpec]:
 def windows_of(tensors: dict[str, np.ndarray], shard: int, unroll: int) -> Windows:
     """Return the windows of `unroll` super steps that begin at a shard's samples.
 
-    Simulated runs are numbered through all shards.
+    Simulated runs are numbered across all shards.
     """
     states = tensors["states"]
     controls = tensors["controls"]

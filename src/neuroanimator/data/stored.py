@@ -1,7 +1,7 @@
-"""Datasets as they are opened: read into memory where they fit, otherwise left on disk and read a shard at a time.
+"""Opened datasets: read into memory if they fit, otherwise left on disk and read a shard at a time.
 
-Shards are read, not mapped into memory: each is checked against its sha256 whenever it is read, and what was checked
-must not change afterwards.
+Shards are read, not mapped into memory: each is checked against its sha256 whenever it is read, and must not change
+after the check.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
 
 COPIES = 5
-"""Number of times its windows that a dataset takes in memory while an emulator is made for it: they are gathered, split
-into some to learn from and some to validate by, encoded, and handed to JAX."""
+"""Number of copies of a dataset's windows in memory while an emulator is made for it: they are gathered, split into
+training and validation sets, encoded, and handed to JAX."""
 
 DEFAULT_MEMORY = 8 * 10**9
-"""Memory for a dataset if nothing else is said [bytes]: every one that is usual for what ships fits."""
+"""Default memory for a dataset [bytes]: the usual dataset of every system that ships fits."""
 
 NUMBER_SIZE = 4
-"""Size of a number in a shard, and in a network [bytes]."""
+"""Size of a number in shards and networks [bytes]."""
 
 STEPS_AT_ONCE = 4096
-"""Number of super steps summed at a time, across the ends of shards: so sums are the same bits however much lies in memory."""
+"""Number of super steps summed at a time, across shard boundaries: sums are the same to the bit however much is in memory."""
 
 
 @final
 @dataclass(frozen=True)
 class StoredTransitions(Dataset):
-    """A dataset of simulated runs in a folder, a part each shard. Shards are read, and checked, as they are asked for."""
+    """A dataset of simulated runs in a folder; each shard is a part, read and checked when it is asked for."""
 
     folder: Place
     config: DatasetConfig
@@ -56,17 +56,17 @@ class StoredTransitions(Dataset):
     """The sha256 of each shard read so far."""
 
     noise = None
-    """Of recordings only, which are always read into memory."""
+    """For recordings only, which are always read into memory."""
 
     held_out = None
-    """Likewise."""
+    """For recordings only."""
 
     @property
     def part_count(self) -> int:
         return self.config.shards
 
     def read_part(self, number: int, unroll: int | None = None) -> Transitions:
-        """Return shard `number`; BadFileError if it is missing, damaged, of another dataset or not what it was before."""
+        """Return shard `number`; BadFileError if it is missing, damaged, of another dataset, or has changed."""
         tensors, metadata = read_shard(self.folder, self.config, self.system, number)
         if self._seals.setdefault(number, metadata["sha256"]) != metadata["sha256"]:
             path = self.config.shard_path(self.folder, number)
@@ -80,7 +80,7 @@ class StoredTransitions(Dataset):
 
     @cached_property
     def kept_runs(self) -> Int[np.ndarray, " D"]:
-        """Number of runs in each shard, without those that diverged. All are read for it, and so checked."""
+        """Number of runs in each shard, without those that diverged. This reads, and so checks, all shards."""
         windows = np.array([len(part.states) for part in self.parts(unroll=1)])
         return windows // self.config.samples_per_run
 
@@ -95,8 +95,8 @@ def open_transitions(
 ) -> Transitions | StoredTransitions:
     """Return the dataset in `folder`, read into memory if it and its copies fit into `memory` [bytes].
 
-    Recordings are always read: they lay in memory when their dataset was made. Raises BadFileError as
-    `read_transitions` does, for a dataset that stays on disk when its shards are read.
+    Recordings are always read: they were in memory when their dataset was made. Raises BadFileError as
+    `read_transitions` does; for a dataset that stays on disk, when its shards are read.
     """
     folder = place_of(folder)
     config = read_config(folder)
@@ -107,9 +107,9 @@ def open_transitions(
 
 
 def open_to_measure(folder: str | Place) -> Transitions | StoredTransitions:
-    """Return the dataset in `folder`, of which a shard at a time will be in memory; recordings are read.
+    """Return the dataset in `folder` with one shard at a time in memory; recordings are read whole.
 
-    All of it is looked through once, so that BadFileError for a shard that is missing or damaged comes at once.
+    Everything is read once, so that BadFileError for a missing or damaged shard is raised at once.
     """
     data = open_transitions(folder, memory=0)
     if isinstance(data, StoredTransitions):
@@ -118,7 +118,7 @@ def open_to_measure(folder: str | Place) -> Transitions | StoredTransitions:
 
 
 def recut(parts: Iterable[Transitions], size: int) -> Iterator[Transitions]:
-    """Yield the windows of `parts` in their order, `size` at a time wherever parts end; the last ones fewer."""
+    """Yield the windows of `parts` in order, `size` at a time across their boundaries; the last batch may be smaller."""
     gathered: list[Transitions] = []
     count = 0
     for part in parts:
@@ -136,13 +136,13 @@ def recut(parts: Iterable[Transitions], size: int) -> Iterator[Transitions]:
 
 
 def _pieces_of(windows: Transitions, size: int) -> Iterator[Transitions]:
-    """Yield as many whole pieces of `size` windows as there are."""
+    """Yield the whole pieces of `size` windows that there are."""
     for last in range(size, len(windows.states) + 1, size):
         yield windows.where(slice(last - size, last))
 
 
 class SuperStepRows(NamedTuple):
-    """Training examples one by one: states, the controls given there, the states a super step later."""
+    """Training examples: states, the controls applied there, the states a super step later."""
 
     states: Float[np.ndarray, "N S"]
     controls: Float[np.ndarray, "N C"]
@@ -150,23 +150,23 @@ class SuperStepRows(NamedTuple):
 
 
 def super_steps(data: Dataset) -> Iterator[SuperStepRows]:
-    """Yield all training examples of `data` in their order, `STEPS_AT_ONCE` at a time, the last ones fewer."""
+    """Yield all training examples of `data` in order, `STEPS_AT_ONCE` at a time; the last batch may be smaller."""
     for windows in recut(data.parts(unroll=1), STEPS_AT_ONCE):
         yield SuperStepRows(windows.states[:, 0], windows.controls[:, 0], windows.states[:, 1])
 
 
 def first_windows(data: Dataset, count: int) -> Transitions:
-    """Return the first `count` windows of `data`, or all if there are fewer; of no more is anything read."""
+    """Return the first `count` windows of `data`, or all if there are fewer; no more are read."""
     return next(recut(data.parts(), count))
 
 
 def memory_taken(config: DatasetConfig, system: System) -> int:
-    """Return how much memory training takes for this dataset if all of it is read [bytes]."""
+    """Return the memory that training on this dataset takes if all of it is read [bytes]."""
     windows = config.runs * config.samples_per_run
     return windows * memory_per_window(system.state.size, system.control.size, system.window_steps)
 
 
 def memory_per_window(state_size: int, control_size: int, steps: int) -> int:
-    """Return how much memory training takes for each window of `steps` super steps, copies included [bytes]."""
+    """Return the memory that training takes for each window of `steps` super steps, copies included [bytes]."""
     numbers = (steps + 1) * state_size + steps * control_size
     return COPIES * NUMBER_SIZE * numbers

@@ -27,19 +27,19 @@ from neuroanimator.files.names import PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Share, Step, Table
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
-"""These are the names of the integrators of deformable systems."""
+"""Names of the integrators of deformable systems."""
 
 NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
-"""Such a number may be zero, for a thing without the effect it measures."""
+"""A number that may be zero, for the absence of the effect it measures."""
 
 Pair = tuple[PartName, PartName]
-"""A spring joins the two nodes of a pair."""
+"""Two nodes joined by a spring."""
 
 MAX_NODES = 300
-"""A body may have this many mass points: its definition may come from a stranger, and costs grow with them."""
+"""Maximum number of mass points: a definition may come from a stranger, and costs grow with them."""
 
 MAX_SPRINGS = 3000
-"""A body may have this many springs, for the same reason."""
+"""Maximum number of springs, for the same reason."""
 
 
 class BodyPhysics(Table):
@@ -62,14 +62,14 @@ class SpringTable(Table):
 
 
 class MuscleTable(Table):
-    """Springs that shorten when told to; every control is one muscle from -1, longest, to 1, shortest."""
+    """Springs that shorten on command; every control is one muscle from -1, longest, to 1, shortest."""
 
     shorten: Annotated[float, Field(gt=0, lt=0.9)]
     """Share of its length by which a muscle shortens or lengthens at full control."""
     time_constant: Annotated[float, Field(ge=0, le=10)] = 0.0
-    """[s] Time constant with which it follows its control."""
+    """Time constant with which a muscle follows its control [s]."""
     springs: dict[PartName, tuple[Pair, ...]] = Field(min_length=1, max_length=100)
-    """Per control, the springs it shortens."""
+    """Springs that each control shortens."""
 
 
 class WaterTable(Table):
@@ -93,34 +93,34 @@ class GroundTable(Table):
 
 
 class GaitTable(Table):
-    """The controls of a usual motion; `state.gait.Gait` explains the keys."""
+    """The controls of a typical motion; `state.gait.Gait` explains the keys."""
 
     period: Positive
     controls: dict[PartName, tuple[Finite, Finite]]
-    """Per control, amplitude and lag [rad]; controls not named stay at rest."""
+    """Amplitude and lag [rad] of each control; controls not named stay at rest."""
 
 
 class BodySampling(Table):
     """Random starts of training runs, around the state of rest."""
 
     rest_share: Share = 0.2
-    """Share of starts at rest, where most motions begin."""
+    """Share of starts at rest, as most motions begin."""
     warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """Starts are taken from this first stretch of random driving [s]."""
+    """Duration of random driving, from which starts are taken [s]."""
     velocity: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     """Standard deviation of the velocity along each of the body's own axes [m/s]."""
     angular_velocity: NotNegative = 0.0
     """Standard deviation of each angular velocity [rad/s]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
-    """Standard deviation of the tilt [rad], where weight is felt; without weight a body starts turned anyhow."""
+    """Standard deviation of the tilt [rad] under gravity; without gravity a body starts at a random orientation."""
     height: tuple[Finite, Finite] = (0.0, 0.0)
-    """Lowest and highest start over the height at rest [m]."""
+    """Minimum and maximum height of a start above the height at rest [m]."""
     strain: Annotated[float, Field(ge=0, le=0.5)] = 0.0
-    """Standard deviation of a random stretch of the whole body along each of its axes."""
+    """Standard deviation of a random strain of the whole body along each of its axes."""
 
 
 class BodyDefinition(Table):
-    """A system whose physics is a mass-spring body's."""
+    """A system whose physics is a mass-spring body."""
 
     name: SystemName
     kind: Literal["mass-spring"]
@@ -129,27 +129,27 @@ class BodyDefinition(Table):
     nodes: dict[PartName, tuple[Finite, Finite, Finite, Finite]] = Field(min_length=2)
     """Position at rest [m] and mass [kg] of each mass point; X forward, Z up."""
     rest_height: Finite = 0.0
-    """[m] Added to the height of every node where the body is put at rest: a swimmer rests under the surface."""
+    """Height added to every node in the state of rest [m]: a swimmer rests below the surface."""
     springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
     muscles: MuscleTable | None = None
     external_forces: dict[PartName, tuple[Finite, Finite, Finite]] = Field(default={})
-    """Per control, the force [N] on the whole body at control 1; for bodies without muscles."""
+    """Force on the whole body at control 1 [N], for each control of a body without muscles."""
     faces: tuple[Annotated[tuple[PartName, ...], Field(min_length=3, max_length=4)], ...] = ()
-    """Corners of the parts of the skin that push water, counterclockwise from outside."""
+    """Corners of the skin's faces that push water, counterclockwise seen from outside."""
     mirror: dict[PartName, PartName] = Field(default={})
-    """Per mass point or control on the left its partner on the right, if the body has such a mirror."""
+    """Partner on the right of each mass point or control on the left, if the body is mirror-symmetric."""
     groups: dict[PartName, tuple[PartName, ...]] = Field(default={})
-    """Segments of the body, each a list of mass points; every one belongs to exactly one."""
+    """Segments of the body, each a list of mass points; every mass point belongs to exactly one."""
     water: WaterTable | None = None
     ground: GroundTable | None = None
     probes: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(max_length=32)] = ()
-    """Positions [m] as in `nodes` whose height over ground or water's surface is a feature of an emulator."""
+    """Positions as in `nodes` [m] whose height above the ground or the water's surface is a feature of an emulator."""
     gait: GaitTable | None = None
     skin: SkinTable | None = None
-    """The surface that is drawn; without it, a ball at every mass point."""
+    """The surface to draw; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
     parameters: Parameters = Field(default={})
-    """What varies from body to body, and what it sets: `systems.deformable.body_parameters` lists the targets."""
+    """Parameters that vary between bodies, and what each sets: `systems.deformable.body_parameters` lists the targets."""
     goals: dict[SystemName, GoalTable] = Field(default={})
 
 

@@ -1,8 +1,8 @@
-"""Read and check the JSON text that says in datasets and emulators which system of a user's they are of.
+"""Read and check the JSON text by which datasets and emulators state the user's system they belong to.
 
-No system is made of it here.
+No system is made from it here.
 
-It comes out of files that strangers may have written, so it is held to the rules of a TOML file, and it can only
+It comes from files that strangers may have written, so it is held to the rules of a TOML file, and can only
 *name* a model, a step function or recordings, by the sha256 of their bytes: see `systems/trusted_files.py`.
 """
 
@@ -34,13 +34,13 @@ TABLES: dict[str, type[Any]] = {
     "soft": SoftDefinition,
     "flex": FlexDefinition,
 }
-"""Tables that definitions of each kind are checked against."""
+"""Table that definitions of each kind are checked against."""
 
 AIMS = frozenset(("task", "follow"))
-"""Tables of what a policy is to do, which are no physics."""
+"""Tables that define a policy's aim, which is no physics."""
 
 SPLIT = 2
-"""Number of the way recordings are cut, raised whenever other stretches of them are held out."""
+"""Version of how recordings are cut, raised whenever other stretches of them are held out."""
 
 SHA256 = r"[0-9a-f]{64}"
 """Pattern of a sha256."""
@@ -52,25 +52,25 @@ MAX_ROWS = 10**9
 """Maximum number of rows of a recorded run."""
 
 MAX_ORIGIN = 40
-"""Maximum number of characters that say where in its file a recorded run begins."""
+"""Maximum number of characters of a text that says where in its file a recorded run begins."""
 
 DAMAGED = "The system's definition is damaged"
-"""Beginning of errors about a definition that travelled."""
+"""Beginning of errors about a carried definition."""
 
 DT_TOLERANCE = 1e-6
-"""Share of a super step by which it may be off a whole number of physics steps: floating-point rounding."""
+"""Tolerance of a super step as a whole number of physics steps, relative: floating-point rounding."""
 
 
 class Written(NamedTuple):
-    """A definition and what travels with it."""
+    """A definition and what is carried with it."""
 
     kind: str
     definition: Any
     """The checked table, one of `TABLES`, by `kind`."""
     files: Any
-    """JSON values: of a model the TOML file's name, the main file's, and the sha256 of each file; of a step function,
-    recordings or shapes their name and sha256; of a flex both, as `model` and `shapes`. Older versions had the model's
-    files here, in base64."""
+    """JSON values: for a model the names of the TOML file and the main file, and the sha256 of each file; for a step
+    function, recordings or shapes their name and sha256; for a flex both, as `model` and `shapes`. Older versions had the
+    model's files here, in base64."""
 
 
 def kind_of(values: Any) -> str:
@@ -89,7 +89,7 @@ _FOLDERS: dict[str, list[Path]] = {}
 
 
 def remember_folder(text: str, folder: Path) -> None:
-    """Keep in mind that a file of the system in the JSON `text` lies in `folder`: its model may lie beside."""
+    """Remember that a file of the system in the JSON `text` is in `folder`: its model may be beside it."""
     folders = _FOLDERS.setdefault(text, [])
     if folder not in folders:
         folders.append(folder)
@@ -122,10 +122,10 @@ def read_definition_text(text: str) -> Written:
 
 
 def data_identity(text: str) -> str:
-    """Return what datasets depend on of the definition in the JSON `text`; a text that is none as it is.
+    """Return the part of the definition in the JSON `text` that datasets depend on; any other text unchanged.
 
-    Goals and tasks are no physics, nor is the TOML file's name. How recordings are cut into what is learnt from and what is
-    tested is part of their data.
+    Goals and tasks are no physics, nor is the TOML file's name. How recordings are cut into training and test
+    segments is part of their data.
     """
     try:
         values = parse_json_object(text, MAX_DEFINITION)
@@ -150,7 +150,7 @@ def data_identity(text: str) -> str:
 
 
 def _check_files(kind: str, files: Any) -> None:
-    """Raise ValueError, KeyError or TypeError unless `files` names files as a definition of this kind does."""
+    """Raise ValueError, KeyError or TypeError unless `files` names the files of a definition of this kind."""
     if kind == "mujoco" and not is_whole_model(files):
         _check_model_files(files)
     if kind == "flex":
@@ -168,7 +168,7 @@ def _check_files(kind: str, files: Any) -> None:
 
 
 def is_whole_model(files: Any) -> bool:
-    """Return whether `files` are those of a model as they are, which older versions wrote."""
+    """Return whether `files` holds a model's files themselves, as older versions wrote them."""
     return isinstance(files, dict) and "files" in files
 
 
@@ -195,7 +195,7 @@ def _check_origin(value: Any, what: str) -> str:
 
 
 def check_carried(system: str, text: str, substeps: int, dt: float) -> None:
-    """Refuse a definition that travels with an emulator of another system, or of another super step.
+    """Refuse a definition carried by an emulator of another system, or of another super step.
 
     Raises ArgumentError, BadFileError or ValueError.
     """

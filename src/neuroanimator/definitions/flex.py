@@ -1,4 +1,4 @@
-"""A soft body of MuJoCo's written down: a model with one flex, and what moves in it.
+"""A soft body of MuJoCo's written down: a model with one flex, and its movers.
 
 name = "jelly"
 kind = "flex"
@@ -7,7 +7,7 @@ model = "jelly.xml"
 [movers.paddle]
 speed = [0.5, 0.5, 0.5]
 
-All else is the model's: the flex, what holds it, and the geoms of the movers, which are its mocap bodies.
+Everything else is in the model: the flex, what holds it, and the geoms of the movers, which are its mocap bodies.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from neuroanimator.files.tables import Positive, Table
 
 
 class FlexPhysics(SoftPhysics):
-    """The steps of the physics, and its contacts."""
+    """The physics steps and contacts."""
 
     contact_time: NotNegative = 0.0
-    """Time constant of contacts with movers, and of ties to them [s], MuJoCo's `solref`; if 0, what the model says.
+    """Time constant of contacts with movers, and of ties to them [s], MuJoCo's `solref`; if 0, the model's own.
 
-    What a mover pushes trails it by about twice this, times its speed; what a tie pulls trails it too, by how much hangs
-    on the masses.
+    What a mover pushes trails it by about twice this, times its speed; what a tie pulls trails it too, by an amount that
+    depends on the masses.
     """
 
 
 class FlexMoverTable(Table):
-    """A mocap body. Its velocity is a control, and its turning rate."""
+    """A mocap body, whose velocity and turning rate are controls."""
 
     speed: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
     """Largest velocity along each axis [m/s]."""
     reach: Extent = (0.2, 0.2, 0.2)
-    """Distance from rest it is moved to along each axis while the body's shapes are looked for [m]."""
+    """Distance from rest along each axis to which it is moved in the search for the body's shapes [m]."""
     turns: bool = False
     """Whether it turns about the vertical, too."""
     turn_speed: Positive = 1.0
     """Largest turning rate [rad/s]."""
     turn_reach: NotNegative = 0.5
-    """How far it is turned from rest while shapes are looked for [rad]."""
+    """Angle from rest to which it is turned in the search for shapes [rad]."""
 
 
 class FlexDefinition(Table):
@@ -55,18 +55,18 @@ class FlexDefinition(Table):
     name: SystemName
     kind: Literal["flex"]
     model: ModelPath
-    """The model's file, beside this one or wherever it lies."""
+    """The model's file, beside this one or elsewhere."""
     tree: ModelPath | None = None
-    """The folder in which the model's includes and meshes may lie; if not given its own, or the ROS package it lies in."""
+    """Folder that may hold the model's includes and meshes; by default the model's own, or the ROS package it is in."""
     substeps: int = Field(16, ge=1, le=1000)
-    """Physics steps n in a super step, if nothing else is asked for."""
+    """Default number n of physics steps in a super step."""
     shapes: int = Field(64, ge=1, le=MAX_SHAPES)
     """Number of shapes that make up the state."""
     contact_nodes: int = Field(96, ge=1, le=256)
-    """Number of nodes whose contacts an emulator is shown."""
+    """Number of nodes whose contacts are features of an emulator."""
     physics: FlexPhysics
     movers: dict[PartName, FlexMoverTable] = Field(min_length=1, max_length=8)
-    """By the names of the mocap bodies; in a state they come in the order of their names."""
+    """Movers by the names of their mocap bodies; in a state they are sorted by name."""
     goals: dict[SystemName, GoalTable] = Field(default={})
 
     @field_validator("movers")

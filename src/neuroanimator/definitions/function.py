@@ -14,7 +14,7 @@ from neuroanimator.files.numbers import MIN_STEP
 from neuroanimator.files.tables import Share, Table
 
 MAX_STEP = 3600.0
-"""The longest step of a function [s]: an hour, of something slow."""
+"""Maximum step of a function [s]: an hour, for something slow."""
 
 FunctionStep = Annotated[float, Field(ge=MIN_STEP, le=MAX_STEP)]
 """A value of dt that a Python function is called with [s]."""
@@ -32,9 +32,9 @@ class StartSampling(Table):
     """Random starts of training runs, around the state of rest."""
 
     rest_share: Share = 0.3
-    """Share of starts that are near rest, where most motions begin."""
+    """Share of starts near rest, as most motions begin."""
     rest_spread: Share = 0.15
-    """Spread of such a start, as a share of the others'."""
+    """Spread of starts near rest, as a share of the others'."""
 
 
 class PythonDefinition(Table):
@@ -46,11 +46,11 @@ class PythonDefinition(Table):
     batched: bool = False
     """Whether the function also takes (S, B) states and (C, B) controls at once."""
     substeps: int = Field(50, ge=1, le=1000)
-    """Calls of the function in a super step, if nothing else is asked for."""
+    """Default number of calls of the function in a super step."""
     physics: FunctionPhysics
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
     sampling: StartSampling = StartSampling()
     parameters: Parameters = Field(default={})
-    """What varies from body to body of a family."""
+    """Parameters that vary between the bodies of a family."""
     goals: dict[SystemName, GoalTable] = Field(default={})

@@ -1,4 +1,4 @@
-"""The table of a TOML file that names a goal of control."""
+"""The TOML table of a control goal."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from pydantic import Field
 from neuroanimator.files.tables import Finite, Positive, Table
 
 MAX_SECONDS = 1e6
-"""[s] No motion to a goal is longer: twelve days, of something slow."""
+"""Maximum duration of a motion to a goal [s]: twelve days, for something slow."""
 
 
 class GoalTable(Table):
     """A state, or part of one, worth reaching."""
 
     seconds: Annotated[float, Field(gt=0, le=MAX_SECONDS)] = 2.0
-    """Time in which to get there [s]; how long it may be depends on the super step."""
+    """Time in which to get there [s]; its maximum depends on the super step."""
     site: str = ""
-    """A site of the model where a free root should be, at rest and turned as the site is."""
+    """Site of the model whose position and orientation a free root should reach, at rest."""
     reach: dict[str, tuple[Finite, ...]] = Field(default={})
-    """Parts of the state and the values they should have at the end."""
+    """Parts of the state and their values at the end."""
     start: dict[str, tuple[Finite, ...]] = Field(default={})
-    """Parts of the state a motion to this goal starts with, if nothing else is said; others are as at rest."""
+    """Parts of the default start of a motion to this goal; all others are as at rest."""
     within: dict[str, Positive] = Field(default={})
-    """Largest error of each of these parts, in its unit; 0.1 if not said."""
+    """Maximum error of each of these parts, in its unit; 0.1 by default."""

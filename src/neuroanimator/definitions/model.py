@@ -25,10 +25,10 @@ from neuroanimator.files.names import ModelPath, PartName, SystemName
 from neuroanimator.files.tables import Finite, Share, Step, Table
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
-"""These are our names of MuJoCo's integrators."""
+"""Our names of MuJoCo's integrators."""
 
 Feature = Literal["sine", "plain", "cyclic", "free", "placed", "ball", "planar"]
-"""A joint is represented to the network by one of these; `systems.rigid.joints.FEATURES` says which suit it."""
+"""How a joint is represented to the network; `systems.rigid.joints.FEATURES` lists which suit it."""
 
 
 class Physics(Table):
@@ -43,20 +43,20 @@ class Physics(Table):
 
 
 class FrameTable(Table):
-    """How much of the root's position and orientation matters to the motion."""
+    """The part of the root's position and orientation that matters to the motion."""
 
     ground: bool = False
-    """Whether its height matters."""
+    """Whether the root's height matters."""
     probes: tuple[tuple[Finite, Finite, Finite, Finite], ...] = ()
-    """Round parts of its body whose height over the ground matters: x, y, z, radius [m]."""
+    """Round parts of its body whose height above the ground matters: x, y, z, radius [m]."""
     contacts: bool = False
-    """Whether the network is shown what may touch the ground, and which joints may reach their stops."""
+    """Whether the network gets features of possible contacts with the ground, and of joints near their stops."""
     symmetries: bool = False
-    """Whether training looks for mirrors and like limbs, and shows the network every example by them too."""
+    """Whether training looks for mirror symmetries and equal limbs, and adds every example transformed by them."""
     symmetry_order: Annotated[int, Field(ge=1, le=64)] = 1
-    """Order of the body's symmetry about its own Z axis: turned by a whole turn over this, it is as it was."""
+    """Order of the body's rotational symmetry about its own Z axis: a turn by 2π over this leaves it unchanged."""
     symmetry_controls: tuple[tuple[str, str], ...] = ()
-    """Pairs of controls that turn with it, as X and Y do: torques about X and Y."""
+    """Pairs of controls that rotate with it as X and Y do, such as torques about X and Y."""
     planar: Annotated[tuple[str, ...], Field(max_length=3)] = ()
     """Joints x, y and heading of a root that moves in a plane, where position and heading do not matter."""
 
@@ -65,33 +65,33 @@ Width = Annotated[float, Field(ge=0, le=1e4)]
 """Half the width of a uniform spread [rad or m], or a standard deviation."""
 
 Spread = Width | tuple[Finite, Finite]
-"""How random positions are spread: so far around rest, or from the first of two ends to the second."""
+"""Spread of random positions: half its width around rest, or its two ends."""
 
 
 class Sampling(Table):
     """Random starts of training runs, around the state of rest."""
 
     rest_share: Share = 0.3
-    """Share of starts that are near rest, where most motions begin."""
+    """Share of starts near rest, as most motions begin."""
     rest_spread: Share = 0.15
-    """Spread of such a start, as a share of the others'."""
+    """Spread of starts near rest, as a share of the others'."""
     reset_share: Share = 0.0
-    """Share of runs that begin at rest or at a keyframe as they are: neither driven before nor lifted."""
+    """Share of runs that begin at rest or at a keyframe, neither driven before nor lifted."""
     reset_noise: Width = 0.0
-    """Such a start is off by up to this in every position [rad or m]; in velocities it is their standard deviation."""
+    """Maximum deviation of such a start in every position [rad or m], and standard deviation of its velocities."""
     warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """Starts are taken from this first stretch of random driving [s], so that contacts have settled in most."""
+    """Duration of random driving from which starts are taken [s], so that contacts have settled in most."""
     height: tuple[Finite, Finite] = (0.0, 0.0)
-    """Lowest and highest start of a free root over its height at rest [m]."""
+    """Minimum and maximum height of a free root's start above its height at rest [m]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
     """Standard deviation of a free root's tilt [rad]."""
     above_ground: bool = False
-    """Whether a start in which something lies in the ground is lifted out of it, by a free root or a vertical slide."""
+    """Whether a start with something below the ground is lifted out of it, by a free root or a vertical slide."""
     position: dict[str, Spread] = Field(default={})
-    """Per hinge or slide: half the width of the uniform spread around rest, or its two ends [rad or m]; a ball's standard
-    deviation [rad]; of a free joint whose place matters half the width along x and y [m]."""
+    """Per hinge or slide: half the width of the uniform spread around rest, or its two ends [rad or m]; per ball the
+    standard deviation [rad]; per free joint whose position matters half the width along x and y [m]."""
     velocity: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field(default={})
-    """Per joint: standard deviation of each of its velocities [rad/s or m/s]; a root's along its own axes."""
+    """Per joint: standard deviation of each of its velocities [rad/s or m/s]; for a root, along its own axes."""
 
 
 class Definition(Table):
@@ -99,35 +99,35 @@ class Definition(Table):
 
     name: SystemName
     substeps: int = Field(50, ge=1, le=1000)
-    """Physics steps n in a super step, if nothing else is asked for."""
+    """Default number n of physics steps in a super step."""
     kind: Literal["mujoco"] = "mujoco"
     model: ModelPath
-    """The model's file, beside this one or wherever it lies."""
+    """The model's file, beside this one or elsewhere."""
     tree: ModelPath | None = None
-    """The folder in which the model's includes and meshes may lie; if not given its own, or the ROS package it lies in."""
+    """Folder that may hold the model's includes and meshes; by default the model's own, or the ROS package it is in."""
     base: Literal["fixed", "free"] = "fixed"
-    """Whether the root of a URDF is fixed to the world or free to move over a floor; of no meaning to MJCF."""
+    """Whether the root of a URDF is fixed to the world or free to move over a floor; no effect on MJCF."""
     passive: tuple[str, ...] = ()
-    """Joints of a URDF that no motor drives, though they have an effort."""
+    """Joints of a URDF without a motor, though they have an effort."""
     keyframe: str = ""
-    """The keyframe of the model that is the state of rest; if empty `home`, or the reference pose if there is none."""
+    """Keyframe of the model that is the state of rest; if empty `home`, or the reference pose if there is none."""
     physics: Physics
     state: dict[str, Feature] = Field(default={})
     """Per joint, the feature that represents it to the network."""
     control: dict[str, tuple[Finite, Finite]] = Field(default={})
-    """Per actuator, its least and largest value."""
+    """Minimum and maximum value of each actuator."""
     holding: dict[str, Finite] = Field(default={})
-    """Per actuator, the control that holds the model at rest; 0 if not given. Where controls cease, they cease to this."""
+    """Per actuator, the control that holds the model at rest; 0 by default. Controls that cease return to it."""
     sensors: tuple[str, ...] = ()
-    """Sensors that are emulated too."""
+    """Sensors to emulate, too."""
     frame: FrameTable = FrameTable()
     groups: dict[PartName, tuple[str, ...]] = Field(default={})
-    """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
+    """Joints of each limb or other part of the body, no joint twice; for hierarchy networks."""
     sampling: Sampling = Sampling()
     parameters: Parameters = Field(default={})
-    """What varies from body to body of a family."""
+    """Parameters that vary between the bodies of a family."""
     task: TaskTable | None = None
-    """What a policy is to do; of no meaning to emulators."""
+    """Task of a policy; no effect on emulators."""
     follow: FollowTable | None = None
-    """What motion it is to follow instead."""
+    """Motion that it is to follow instead."""
     goals: dict[SystemName, GoalTable] = Field(default={})

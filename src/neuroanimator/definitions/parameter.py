@@ -1,4 +1,4 @@
-"""The table of a TOML file that makes of a system a family: what varies from body to body, and how far.
+"""The TOML table that makes a system a family: what varies between bodies, and in which range.
 
 [parameters]
 forearm_mass = { sets = "body/forearm/mass", range = [0.25, 0.6] }
@@ -18,20 +18,20 @@ MAX_PARAMETERS = 64
 """Maximum number of parameters of a family."""
 
 MAX_TARGET = 200
-"""Maximum number of characters that say what a parameter sets."""
+"""Maximum number of characters of a parameter's target."""
 
 
 class ParameterTable(Table):
-    """One parameter: what it sets, and between which values bodies of the family differ."""
+    """One parameter: its target, and the range in which bodies of the family differ."""
 
     sets: Annotated[str, Field(min_length=1, max_length=MAX_TARGET)]
-    """Attribute of an element of the model, such as `body/forearm/mass`; or an argument's name of a step function."""
+    """Attribute of an element of the model, such as `body/forearm/mass`; or the name of a step function's argument."""
     range: tuple[Finite, Finite]
-    """Least and largest value."""
+    """Minimum and maximum value."""
     nominal: Finite | None = None
-    """Value where none is given: if left out the model's own, or the middle of the range."""
+    """Default value; if left out, the model's own, or the middle of the range."""
     unit: str = ""
-    """Unit of a step function's argument; that of a model's attribute is known."""
+    """Unit of a step function's argument; the units of a model's attributes are known."""
 
     @field_validator("range")
     @classmethod
@@ -48,4 +48,4 @@ def _in_order(tables: dict[str, ParameterTable]) -> dict[str, ParameterTable]:
 Parameters = Annotated[
     dict[PartName, ParameterTable], Field(max_length=MAX_PARAMETERS), AfterValidator(_in_order)
 ]
-"""Table of parameters by name; in a state they come in the order of their names."""
+"""Table of parameters by name; in a state they are sorted by name."""

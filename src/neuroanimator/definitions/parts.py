@@ -1,4 +1,4 @@
-"""The tables of a TOML file about the parts of state and control, for systems without a model file."""
+"""The TOML tables of the parts of state and control, for systems without a model file."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ class StatePart(Table):
     size: int = Field(1, ge=1, le=256)
     """Length of the part, a vector in one unit."""
     feature: Literal["plain", "sine", "cyclic"] = "plain"
-    """How it is represented to the network: as it is, by sine and cosine, or not at all.
+    """How the part is represented to the network: as it is, by sine and cosine, or not at all.
 
-    A cyclic part is left out: where it is does not matter, only how fast it moves.
+    A cyclic part is left out: its position does not matter, only its rate.
     """
     rate: str = ""
-    """The part that is its rate of change; empty if none is."""
+    """Name of the part that is its rate of change; empty if there is none."""
     rest: tuple[Finite, ...] = ()
     """Its numbers at rest; zeros if not given."""
     spread: tuple[Annotated[float, Field(ge=0, le=1e9)], ...] = ()
-    """Half the width of the random starts around rest."""
+    """Half the width of the uniform spread of random starts around rest."""
 
 
 class ControlPart(Table):
-    """One named part of the control, and how far it may go."""
+    """One named part of the control, and its bounds."""
 
     name: PartName
     unit: str
     low: tuple[Finite, ...] = Field(min_length=1, max_length=256)
-    """Least value of each of its numbers."""
+    """Minimum value of each of its numbers."""
     high: tuple[Finite, ...] = Field(min_length=1, max_length=256)
-    """Largest value of each of its numbers."""
+    """Maximum value of each of its numbers."""

@@ -14,7 +14,7 @@ from neuroanimator.files.tables import Table
 
 
 class RecordedPhysics(Table):
-    """How often recordings were sampled."""
+    """The sampling of recordings."""
 
     step: Annotated[float, Field(ge=MIN_STEP, le=3600)]
     """Interval between two samples [s]."""
@@ -27,9 +27,9 @@ class RecordedDefinition(Table):
     kind: Literal["recorded"]
     file: FileName
     substeps: int = Field(10, ge=1, le=1000)
-    """Samples n in a super step, if nothing else is asked for."""
+    """Default number n of samples in a super step."""
     physics: RecordedPhysics
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field((), max_length=256)
-    """Empty of what nothing drives: a free swing, a drop, motion capture."""
+    """Parts of the control; empty for undriven systems: a free swing, a drop, motion capture."""
     goals: dict[SystemName, GoalTable] = Field(default={})

@@ -1,4 +1,4 @@
-"""A soft body written down: its mesh, its material, what moves and holds it, and what strikes it.
+"""A soft body written down: its mesh, its material, and the movers that hold or strike it.
 
 name = "flag"
 kind = "soft"
@@ -28,13 +28,13 @@ from neuroanimator.files.tables import Finite, Positive, Step, Table
 Vector = tuple[Finite, Finite, Finite]
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
-"""A number that may be zero, for a thing without the effect it measures."""
+"""A number that may be zero, for the absence of the effect it measures."""
 
 Extent = tuple[NotNegative, NotNegative, NotNegative]
 
 
 SOLID_ENDING = ".msh"
-"""Ending of the names of meshes of tetrahedra."""
+"""Suffix of the files of tetrahedral meshes."""
 
 
 class SoftPhysics(Table):
@@ -53,7 +53,7 @@ class ClothTable(Table):
     bend: Positive = 0.5
     damping: NotNegative = 2e-3
     thickness: NotNegative = 0.01
-    """[m]"""
+    """Thickness [m]."""
 
 
 Stiffness = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]
@@ -83,7 +83,7 @@ class ColliderTable(Table):
     """A sphere; with an end, a capsule; with half sizes, a box."""
 
     radius: Positive | None = None
-    """[m]"""
+    """Radius of a sphere or capsule [m]."""
     box: tuple[Positive, Positive, Positive] | None = None
     """Half the size of a box along each axis of its mover [m]."""
     start: Vector = (0.0, 0.0, 0.0)
@@ -102,60 +102,60 @@ class ColliderTable(Table):
 
 
 class MoverTable(Table):
-    """A thing that is moved from outside: it holds nodes, or strikes them. Its velocity is a control, and its turning rate."""
+    """A thing moved from outside that holds nodes or strikes them; its velocity and turning rate are controls."""
 
     position: Vector
     """Position at rest [m]."""
     speed: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
     """Largest velocity along each axis [m/s]."""
     reach: Extent = (0.2, 0.2, 0.2)
-    """Distance from rest it is moved to along each axis while shapes are looked for [m]."""
+    """Distance from rest along each axis to which it is moved in the search for shapes [m]."""
     turns: bool = False
-    """Whether it turns about the vertical, too, and all that goes with it."""
+    """Whether it also turns about the vertical, with everything it holds."""
     turn_speed: Positive = 1.0
     """Largest turning rate [rad/s]."""
     turn_reach: NotNegative = 0.5
-    """How far it is turned from rest while shapes are looked for [rad]."""
+    """Angle from rest to which it is turned in the search for shapes [rad]."""
     pins: Annotated[tuple[int, ...], Field(max_length=MAX_NODES)] = ()
-    """Nodes that go with it, numbered from 0 in the mesh's order."""
+    """Nodes that move with it, numbered from 0 in the mesh's order."""
     colliders: Annotated[tuple[ColliderTable, ...], Field(max_length=16)] = ()
 
 
 class GroundTable(Table):
-    """A horizontal plane the body does not pass."""
+    """A horizontal plane that the body does not pass."""
 
     height: Finite = 0.0
-    """[m]"""
+    """Height of the plane [m]."""
     friction: NotNegative = 0.4
 
 
 class SoftDefinition(Table):
-    """A system whose physics is that of a cloth, or of a soft solid."""
+    """A system whose physics is a cloth or a soft solid."""
 
     name: SystemName
     kind: Literal["soft"]
     mesh: FileName
     """OBJ file of a cloth at rest, or Gmsh file of a solid, beside this file [m]."""
     substeps: int = Field(40, ge=1, le=1000)
-    """Small steps n in a super step, if nothing else is asked for."""
+    """Default number n of small steps in a super step."""
     shapes: int = Field(96, ge=1, le=MAX_SHAPES)
     """Number of shapes that make up the state."""
     contact_nodes: int = Field(96, ge=1, le=256)
-    """Number of nodes whose contacts an emulator is shown."""
+    """Number of nodes whose contacts are features of an emulator."""
     physics: SoftPhysics
     cloth: ClothTable = ClothTable()
     solid: SolidTable = SolidTable()
     air: AirTable = AirTable()
     ground: GroundTable | None = None
     movers: dict[PartName, MoverTable] = Field(min_length=1, max_length=8)
-    """By name; in a state they come in the order of their names."""
+    """Movers by name; in a state they are sorted by name."""
     parameters: Parameters = Field(default={})
-    """What varies from run to run, and what it sets: `air/wind_x`, `air/wind_y` or `air/wind_z` [m/s]."""
+    """Parameters that vary between runs, and what each sets: `air/wind_x`, `air/wind_y` or `air/wind_z` [m/s]."""
     goals: dict[SystemName, GoalTable] = Field(default={})
 
     @property
     def is_solid(self) -> bool:
-        """Whether the mesh is of tetrahedra."""
+        """Whether the mesh is tetrahedral."""
         return self.mesh.endswith(SOLID_ENDING)
 
     @property

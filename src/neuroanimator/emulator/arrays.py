@@ -1,4 +1,4 @@
-"""Arrays of users on their way into JAX and C."""
+"""Conversion of users' arrays for JAX and C."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from neuroanimator.state.arrays import AnyArray
 
 
 def too_large_is_infinite() -> np.errstate:
-    """Return the block in which what is too large for float32 becomes infinite without a warning, as in JAX."""
+    """Return the context in which numbers too large for float32 become infinite without a warning, as in JAX."""
     return np.errstate(over="ignore")
 
 
 def is_plain(numbers: object) -> TypeGuard[np.ndarray]:
-    """Return whether `numbers` are an array of NumPy, and of floats: what users mostly give."""
+    """Return whether `numbers` is a NumPy array of floats, the usual input."""
     return type(numbers) is np.ndarray and numbers.dtype.kind == "f"
 
 
 def as_float32(numbers: ArrayLike) -> np.ndarray:
-    """Return `numbers`, of any shape, as float32 in C's order; not copied if they are so already."""
+    """Return `numbers`, of any shape, as float32 in C order; not copied if they already are."""
     if (
         isinstance(numbers, np.ndarray)
         and numbers.dtype == np.float32
@@ -36,12 +36,12 @@ def as_float32(numbers: ArrayLike) -> np.ndarray:
 
 
 def zeros(*shape: int) -> Float[np.ndarray, " ..."]:
-    """Return float32 zeros that take no memory, however many a hostile file may ask for; they cannot be written to."""
+    """Return read-only float32 zeros that take no memory, however many a hostile file may ask for."""
     return np.broadcast_to(np.float32(0), shape)
 
 
 def as_parameter(numbers: ArrayLike) -> Num[AnyArray, " ..."]:
-    """Return `numbers` that a cost or a descent is given as float32: an array of JAX where they are one, else a copy."""
+    """Return `numbers` given to a cost or a descent as float32: a JAX array if they are one, otherwise a copy."""
     if isinstance(numbers, jax.Array):
         return jnp.asarray(numbers, np.float32)
     with too_large_is_infinite():

@@ -17,17 +17,17 @@ from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.text import printable, quoted
 
 TRIAL_NAME = "trial.emulator.safetensors"
-"""Name of a file that is there for a moment before a training."""
+"""Name of a temporary file written before a training."""
 
 MAKER = "neuroanimator train"
-"""What makes emulators again that are too old to be read."""
+"""Command that makes emulators again that are too old to be read."""
 
 MAX_FAULT = 300
-"""Characters of an error that are shown, at most."""
+"""Maximum number of characters shown of an error."""
 
 
 def save(emulator: SuperStep, path: Path, provenance: dict[str, Any] | None = None) -> None:
-    """Write `emulator`; `provenance` says what it was trained on and how (any JSON)."""
+    """Write `emulator`; `provenance` states what it was trained on and how (any JSON)."""
     metadata = describe(emulator)
     metadata["provenance"] = provenance or {}
     tensors = emulator_tensors(emulator)
@@ -38,9 +38,9 @@ def save(emulator: SuperStep, path: Path, provenance: dict[str, Any] | None = No
 
 
 def check_readable(emulator: SuperStep, folder: Path, provenance: dict[str, Any]) -> None:
-    """Write `emulator` to a file in `folder`, read it back and remove it: before a training, not after it.
+    """Write `emulator` to a file in `folder`, read it back and remove it, as a check before a training.
 
-    Raises ArgumentError for whatever `load` would refuse, such as a state that is too long.
+    Raises ArgumentError for anything that `load` would refuse, such as a state that is too long.
     """
     trial = folder / TRIAL_NAME
     try:
@@ -55,7 +55,7 @@ def check_readable(emulator: SuperStep, folder: Path, provenance: dict[str, Any]
 
 
 def load(path: Path, kind: type[Made]) -> Made:
-    """Return the emulator at `path`, of the class `kind`, every name, text, shape and number checked."""
+    """Return the emulator at `path`, of the class `kind`, with every name, text, shape and number checked."""
     keep_programs()
     tensors, metadata = read_tensors(path, "emulator")
     check_format(path, metadata.get("format"), FORMAT, MAKER)
@@ -68,7 +68,7 @@ def load(path: Path, kind: type[Made]) -> Made:
             f"{path} is not a usable emulator: {first_line(error)}. Make it again."
         ) from error
     if emulator.definition:
-        # What ships has none, and the tables of definitions take long to import.
+        # Shipped emulators have none, and the tables of definitions take long to import.
         from neuroanimator.definitions.carried import remember_folder
 
         remember_folder(emulator.definition, path.parent)
@@ -78,7 +78,7 @@ def load(path: Path, kind: type[Made]) -> Made:
 def _parted(
     tensors: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return (the arrays of an emulator, those of a soft body's shapes by their own names)."""
+    """Return (the arrays of an emulator, the arrays of a soft body's shapes by their own names)."""
     weights = {}
     shapes = {}
     for name, tensor in tensors.items():
@@ -90,7 +90,7 @@ def _parted(
 
 
 def check_arrays(emulator: SuperStep) -> None:
-    """Refuse weights that make every prediction NaN: ranges without an inside, numbers divided by nothing."""
+    """Refuse weights that make every prediction NaN: empty ranges, division by zero."""
     if not (np.asarray(emulator.domain.low) <= np.asarray(emulator.domain.high)).all():
         raise ValueError("domain: wanted low below high")
     if (np.asarray(emulator.normaliser.plain_scale) <= 0).any():
@@ -101,7 +101,7 @@ def check_arrays(emulator: SuperStep) -> None:
     if emulator.validation is not None:
         emulator.validation.check()
     for scale in (emulator.normaliser.change_scale, emulator.normaliser.unit):
-        if (np.asarray(scale) >= 0).all():  # zero: what never moves stands still
+        if (np.asarray(scale) >= 0).all():  # zero for entries that never move
             continue
         raise ValueError("normaliser: wanted scales of at least 0")
 
@@ -116,11 +116,11 @@ FAULTS = (
     AttributeError,
     BadFileError,
 )
-"""What reading metadata that a stranger wrote may end in."""
+"""Exceptions that reading a stranger's metadata may raise."""
 
 
 def check_format(path: Path, found: Any, wanted: int, maker: str) -> None:
-    """Refuse a file of another format; say whether the file or this program is the older one, and what made it."""
+    """Refuse a file of another format; the error says whether file or program is the older one, and what makes it again."""
     if isinstance(found, bool) or not isinstance(found, int) or found < 1:
         raise BadFileError(
             f"{path} does not say its format; this version reads {wanted}. Make it again with {maker}."
@@ -136,7 +136,7 @@ def check_format(path: Path, found: Any, wanted: int, maker: str) -> None:
 
 
 def first_line(error: Exception) -> str:
-    """Return what `error` says as one line, of which whatever comes from the file is harmless to show."""
+    """Return the message of `error` as one line, with text from the file made harmless to show."""
     if isinstance(error, KeyError):
         return f"it has no {quoted(error.args[0])}"
     text = " ".join(str(error).split())[:MAX_FAULT].rstrip(".")
@@ -144,5 +144,5 @@ def first_line(error: Exception) -> str:
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
-    """Return what the file at `path` says about itself."""
+    """Return the metadata of the file at `path`."""
     return read_tensors(path, "emulator")[1]

@@ -1,6 +1,6 @@
-"""An emulator as a program in C, generated from its definition in JAX and held against it.
+"""An emulator as a C program, generated from its definition in JAX and checked against it.
 
-Programs take and give NumPy arrays of float32. What they do is what `emulator.step` and `rollout` do; where JAX
+Programs take and return float32 NumPy arrays, and compute the same as `emulator.step` and `rollout`; where JAX
 differentiates, compiles or transforms, JAX itself is used.
 """
 
@@ -33,19 +33,19 @@ from neuroanimator.files.atomic import canonical_json, digest
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 
 FEWEST_LANES = 4
-"""With fewer motions than this, one after the other is faster."""
+"""Minimum number of motions for lanes: fewer are faster one after the other."""
 
 STEPS_OF_THREAD = 512
-"""With fewer super steps, waking a thread takes longer than they do."""
+"""Minimum number of super steps per thread: fewer take less time than waking it."""
 
 Program = Callable[[Any], CProgram]
-"""What writes a program."""
+"""Function that writes a program."""
 
 
 def super_step(
     emulator: SuperStep, latent: Float[Array, " I"], control: Float[Array, " C"]
 ) -> tuple[Float[Array, " I"], Float[Array, " S"]]:
-    """Return (the latent state one super step later, the state it stands for)."""
+    """Return (the latent state one super step later, its decoded state)."""
     following = emulator.step_latent(latent, emulator.encode_control(control))
     return following, emulator.decode(following)
 
@@ -58,19 +58,19 @@ def encode(emulator: SuperStep, state: Float[Array, " S"]) -> Float[Array, " I"]
 def super_step_trusted(
     emulator: SuperStep, latent: Float[Array, " I"], control: Float[Array, " C"]
 ) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, ""]]:
-    """Return what `super_step` does, and how far its input lies from what training showed."""
+    """Return the results of `super_step` and the trust score of its input."""
     following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
     return following, emulator.decode(following), score
 
 
 def c_program(emulator: SuperStep) -> CProgram:
-    """Return the program of single motions: `step`, `rollout`, `rollout_trusted` and `trust` of `rollout.c`."""
+    """Return the program for single motions: `step`, `rollout`, `rollout_trusted` and `trust` of `rollout.c`."""
     functions = {"super_step": super_step, "super_step_trusted": super_step_trusted}
     return _program(emulator, functions, "rollout.c", is_wide=False)
 
 
 def c_program_of_lanes(emulator: SuperStep) -> CProgram:
-    """Return the program of sixteen motions side by side: `rollouts` of `rollouts.c`."""
+    """Return the program for sixteen parallel motions: `rollouts` of `rollouts.c`."""
     return _program(emulator, {"super_step_lanes": super_step}, "rollouts.c", is_wide=True)
 
 
@@ -79,7 +79,7 @@ def _program(
 ) -> CProgram:
     """Return `encode` and `super_steps` in C, then the functions of `template` that call them.
 
-    Only numbers and names of our own are written: none of the text an emulator carries reaches a compiler.
+    Only numbers and our own names are written: no text from an emulator's file reaches a compiler.
     """
     latent, control, _ = _inputs(emulator, is_wide=is_wide)
     _, _, state = _inputs(emulator, is_wide=False)
@@ -92,7 +92,7 @@ def _program(
 
 
 def _inputs(emulator: SuperStep, *, is_wide: bool) -> tuple[Input, Input, Input]:
-    """Return what a latent state, a control and a state are."""
+    """Return the inputs for a latent state, a control and a state."""
     latent = Input((latent_size(emulator),), is_wide)
     control = Input((emulator.control.size,), is_wide)
     return latent, control, Input((emulator.state.size,), is_wide)
@@ -110,10 +110,10 @@ def _library(emulator: SuperStep, functions: list[str], template: str) -> str:
 
 
 class CEmulator:
-    """An emulator's program, loaded. All arrays are float32 in C's order; threads may share it.
+    """An emulator's program, loaded. All arrays are float32 in C order; threads may share it.
 
-    What it computes comes with whether it is sound: whether what went in is what `Emulator` accepts, and what came out
-    of a rollout is finite.
+    Results come with a flag for whether they are sound: the inputs are such as `Emulator` accepts, and a rollout's states
+    are finite.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class CEmulator:
         state_size: int,
         control_size: int,
     ):
-        """`lanes` loads the program of sixteen motions side by side, which not everybody needs."""
+        """`lanes` loads the program for sixteen parallel motions, when it is needed."""
         self._constants = program.constants
         self._constants_at = address(program.constants)
         self._lanes = lanes
@@ -135,11 +135,11 @@ class CEmulator:
         self._trust = _function(program, "trust", 3, ctypes.c_float)
 
     def takes_step(self, state: np.ndarray, control: np.ndarray) -> bool:
-        """Return whether these are of the shapes `step` takes."""
+        """Return whether these have the shapes that `step` takes."""
         return state.shape == (self._state_size,) and control.shape == (self._control_size,)
 
     def takes_rollout(self, state: np.ndarray, controls: np.ndarray) -> bool:
-        """Return whether these are of the shapes `rollout` takes: one motion, or a batch of one or more."""
+        """Return whether these have the shapes that `rollout` takes: one motion, or a non-empty batch."""
         if state.ndim not in (1, 2) or controls.ndim != state.ndim + 1 or not len(state):
             return False
         sizes = (state.shape[-1], controls.shape[-1])
@@ -149,7 +149,7 @@ class CEmulator:
     def step(
         self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]
     ) -> tuple[Float[np.ndarray, " S"], bool]:
-        """Return (the state one super step later, whether it and what went in are sound)."""
+        """Return (the state one super step later, whether it and the inputs are sound)."""
         following = np.empty(self._state_size, np.float32)
         is_sound = self._step(
             self._constants_at, address(state), address(control), address(following)
@@ -159,7 +159,7 @@ class CEmulator:
     def rollout(
         self, state: Float[np.ndarray, "*B S"], controls: Float[np.ndarray, "*B T C"]
     ) -> tuple[Float[np.ndarray, "*B T+1 S"], bool]:
-        """Return (the trajectory from `state`, it included, whether it is sound), of one motion or of a batch."""
+        """Return (the trajectory from `state`, start included, whether it is sound), for one motion or a batch."""
         if state.ndim == 2:
             return self.rollouts(state, controls)
         steps = len(controls)
@@ -203,7 +203,7 @@ class CEmulator:
     def rollouts_trusted(
         self, states: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "B T+1 S"], Float[np.ndarray, "B T"]]:
-        """Return (the trajectories from each of `states`, the score of each super step), one motion after the other."""
+        """Return (the trajectory from each of `states`, the score of each super step), one motion after the other."""
         count, steps, _ = controls.shape
         motions = np.empty((count, steps + 1, self._state_size), np.float32)
         scores = np.empty((count, steps), np.float32)
@@ -218,7 +218,7 @@ class CEmulator:
     def trust(
         self, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
     ) -> Float[np.ndarray, " N"]:
-        """Return how far each state with its control lies from what training showed."""
+        """Return the trust score of each state with its control."""
         pairs = zip(states, controls, strict=True)
         scores = [self._trust(self._constants_at, address(s), address(c)) for s, c in pairs]
         return np.array(scores, np.float32)
@@ -229,7 +229,7 @@ def _rollouts(
     states: Float[np.ndarray, "B S"],
     controls: Float[np.ndarray, "B T C"],
 ) -> tuple[Float[np.ndarray, "B T+1 S"], bool]:
-    """Return (the trajectories by the program of sixteen motions side by side, whether all are sound)."""
+    """Return (the trajectories by the program for sixteen parallel motions, whether all are sound)."""
     count, steps, _ = controls.shape
     motions = np.empty((count, steps + 1, states.shape[1]), np.float32)
     function = _function(lanes, "rollouts", 6)
@@ -251,7 +251,7 @@ def _rollouts(
 def _function(
     program: LoadedProgram, name: str, parameters: int, returned: Any = ctypes.c_int
 ) -> Callable[..., Any]:
-    """Return a program's function of so many addresses and counts."""
+    """Return a program's function with `parameters` addresses and counts as arguments."""
     function = program.library[name]
     function.restype = returned
     function.argtypes = [ctypes.c_void_p] * parameters  # counts are as long as addresses
@@ -259,14 +259,14 @@ def _function(
 
 
 def address(array: np.ndarray) -> int:
-    """Return where an array in C's order lies; C may use it as long as the array lives."""
+    """Return the address of an array in C order; C may use it as long as the array lives."""
     if array.nbytes and array.flags.writeable:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))  # in a quarter of the time
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))  # four times as fast
     return array.ctypes.data
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
-    """Return `address` as C takes it from ctypes where a function's parameters are not declared."""
+    """Return `address` in the form that ctypes needs for undeclared parameters."""
     return ctypes.c_void_p(address(array))
 
 
@@ -277,8 +277,8 @@ _known: Remembered[CEmulator | None] = Remembered()
 def c_emulator(emulator: SuperStep) -> CEmulator | None:
     """Return the emulator as compiled C, remembered as long as it lives.
 
-    None where there is no C compiler, no C for what the emulator does, or where JAX is transforming it. A program that
-    does not do what JAX does is refused, which is said once.
+    None without a C compiler, for operations without C, or while JAX is transforming it. A program whose results differ
+    from JAX's is refused, which is reported once.
     """
     known = _known.of(emulator)
     if known is not UNKNOWN:
@@ -294,7 +294,7 @@ def c_emulator(emulator: SuperStep) -> CEmulator | None:
 
 
 def _lanes_of(emulator: weakref.ref[SuperStep]) -> Callable[[], LoadedProgram | None]:
-    """Return what loads the program of sixteen motions side by side, when it is first called."""
+    """Return a function that loads the program for sixteen parallel motions at its first call."""
 
     @cache
     def load() -> LoadedProgram | None:
@@ -307,9 +307,9 @@ def _lanes_of(emulator: weakref.ref[SuperStep]) -> Callable[[], LoadedProgram | 
 
 
 def facts_of_emulator(emulator: SuperStep) -> list[str]:
-    """Return what an emulator does, in words and numbers: all that its programs depend on besides the package's code.
+    """Return all facts, in words and numbers, that an emulator's programs depend on besides the package's code.
 
-    What is known of its errors changes nothing of what it does.
+    Its measured errors are not among them.
     """
     emulator = replace(emulator, calibration=None, validation=None)
     return [canonical_json(describe(emulator)), digest(emulator_tensors(emulator))]
@@ -321,9 +321,9 @@ def load_checked(
     refer: Callable[[Any], Reference],
     check: Callable[[Reference, LoadedProgram], None],
 ) -> LoadedProgram | None:
-    """Return what `write` writes for `emulator`, compiled, and on its first use on this machine checked: see `load_program`.
+    """Return the program that `write` writes for `emulator`, compiled and checked on its first use: see `load_program`.
 
-    None where that cannot be; that a program is wrong is said once.
+    None if there is no such program; a wrong one is reported once.
     """
     if find_compiler() is None or emulator.normaliser.change_scale.dtype != np.float32:
         return None
@@ -337,7 +337,7 @@ def load_checked(
 
 
 def _check(probes: Probes, program: LoadedProgram) -> None:
-    """Compare a super step from each probe, and how far it lies from what training showed."""
+    """Compare a super step from each probe, and its trust score."""
     in_c = CEmulator(program, lambda: None, probes.states.shape[1], probes.controls.shape[1])
     pairs = list(zip(probes.states, probes.controls, strict=True))
     probes.compare(np.stack([in_c.step(state, control)[0] for state, control in pairs]))
@@ -345,6 +345,6 @@ def _check(probes: Probes, program: LoadedProgram) -> None:
 
 
 def _check_lanes(probes: Probes, program: LoadedProgram) -> None:
-    """Compare a super step from each probe, all at a time."""
+    """Compare a super step from each probe, all at once."""
     motions, _ = _rollouts(program, probes.states, probes.controls[:, None])
     probes.compare(motions[:, 1])

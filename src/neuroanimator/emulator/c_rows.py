@@ -1,6 +1,6 @@
-"""Functions of a module that take and give rows of numbers, such as a policy's, as programs in C.
+"""Functions of a module on rows of numbers, such as a policy's, as C programs.
 
-There is one definition, in JAX. The program is generated from it, and held against it before its first use on a machine.
+The definition is in JAX. The program is generated from it, and checked against it before its first use on a machine.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from neuroanimator.executor.cores import in_parts
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 
 SOUND_SHARE = 0.5
-"""Share of the inputs a program is tried on of which JAX must make finite numbers: or the trial would say little."""
+"""Minimum share of the inputs for a program's check for which JAX gives finite numbers: fewer would prove little."""
 
 ROWS_OF_THREAD = 128
-"""With fewer rows, waking a thread takes longer than they do."""
+"""Minimum number of rows per thread: fewer take less time than waking it."""
 
 Function = Callable[..., tuple[Array, ...]]
-"""Of a module and some vectors; it returns vectors, and of truth values 0 or 1."""
+"""Function of a module and vectors that returns vectors, with booleans as 0 or 1."""
 
 
 class CRows:
-    """A function of rows, loaded. Arrays are float32 in C's order; threads may share it."""
+    """A function of rows, loaded. Arrays are float32 in C order; threads may share it."""
 
     def __init__(self, program: LoadedProgram):
         self._constants = program.constants
@@ -54,7 +54,7 @@ class CRows:
         self._run.argtypes = [ctypes.c_void_p] * parameters
 
     def __call__(self, *inputs: Float[np.ndarray, "B _"]) -> list[Float[np.ndarray, "B _"]]:
-        """Return what the function does of each row of `inputs`: an array for each of its outputs."""
+        """Return the function of each row of `inputs`: an array for each of its outputs."""
         count = len(inputs[0])
         outputs = [np.empty((count, width), np.float32) for width in self._widths]
         arrays = (*inputs, *outputs)
@@ -68,7 +68,7 @@ class CRows:
 
 
 _known: Remembered[CRows | None] = Remembered()
-"""The programs of each module, by their functions' names."""
+"""Programs of each module, by their functions' names."""
 
 
 def c_rows(
@@ -79,8 +79,8 @@ def c_rows(
 ) -> CRows | None:
     """Return `function` of `module` in C, remembered as long as the module lives.
 
-    `about` says what a program depends on besides the code of the package; `samples` are a thousand rows or more of each
-    input, for which C must do what JAX does. None where the backend is JAX or does not come to C, as for `c_emulator`.
+    `about` returns what a program depends on besides the package's code; `samples` returns a thousand rows or more of each
+    input, on which C must agree with JAX. None if the backend is JAX, or there is no C, as for `c_emulator`.
     """
     if backend() == "jax":
         return None
@@ -90,7 +90,7 @@ def c_rows(
         return known
     if is_traced(module) or not _is_float32(module):
         return None
-    inputs = cache(samples)  # not needed for a program that is kept
+    inputs = cache(samples)  # not needed for a kept program
 
     def make() -> CProgram:
         return _program(function, module, [array.shape[1] for array in inputs()])
@@ -112,7 +112,7 @@ def call_rows(
     samples: Callable[[], Sequence[Float[np.ndarray, "N _"]]],
     *inputs: Float[np.ndarray, "B _"],
 ) -> list[Float[np.ndarray, "B _"]]:
-    """Return what `function` of `module` does of each row of `inputs`: in C where `c_rows` has it, or else in JAX."""
+    """Return `function` of `module` for each row of `inputs`: in C if `c_rows` has it, otherwise in JAX."""
     in_c = c_rows(function, module, about, samples)
     inputs = tuple(as_float32(array) for array in inputs)
     if in_c is not None:
@@ -122,13 +122,13 @@ def call_rows(
 
 
 def _is_float32(module: Any) -> bool:
-    """Return whether JAX computes what the module computes in float32, as C does."""
+    """Return whether the module's numbers in JAX are float32, as in C."""
     dtypes = {leaf.dtype for leaf in jax.tree.leaves(module) if eqx.is_inexact_array(leaf)}
     return dtypes <= {np.dtype(np.float32)}
 
 
 def _program(function: Function, module: Any, lengths: list[int]) -> CProgram:
-    """Return the program, `rows(k, count, inputs, outputs)`, of inputs of these lengths."""
+    """Return the program, `rows(k, count, inputs, outputs)`, for inputs of these lengths."""
     outputs = jax.eval_shape(function, module, *map(jnp.zeros, lengths))
     widths = {f"x{number}": length for number, length in enumerate(lengths)}
     sizes = {"inputs": len(lengths), "outputs": len(outputs)}
@@ -151,7 +151,7 @@ def _program(function: Function, module: Any, lengths: list[int]) -> CProgram:
 
 
 def _in_floats(function: Function) -> Function:
-    """Return `function` with 0 and 1 for truth values."""
+    """Return `function` with booleans as 0 and 1."""
 
     def in_floats(module: Any, *inputs: Array) -> tuple[Array, ...]:
         outputs = function(module, *inputs)
@@ -162,10 +162,10 @@ def _in_floats(function: Function) -> Function:
 
 @dataclass(frozen=True)
 class RowsReference:
-    """What JAX makes of rows of inputs, and of the same `rounded`."""
+    """Results of JAX for rows of inputs, and for the same rows `rounded`."""
 
     name: str
-    """Of the function."""
+    """Name of the function."""
     inputs: list[Float[np.ndarray, "N _"]]
     exact: list[Shaped[np.ndarray, "N ..."]]
     rerun: list[Shaped[np.ndarray, "N ..."]]
@@ -174,9 +174,9 @@ class RowsReference:
     def of(
         cls, function: Function, module: Any, inputs: Sequence[Float[np.ndarray, "N _"]]
     ) -> RowsReference:
-        """Return what `function` of `module` makes of those `inputs` of which it makes finite numbers.
+        """Return the reference of `function` of `module`, on those `inputs` for which it gives finite numbers.
 
-        Raises WrongProgramError where these are too few to try a program on.
+        Raises WrongProgramError if these are too few to check a program with.
         """
         in_jax = compiled_quickly(of_rows(function))
         exact = [np.asarray(output) for output in in_jax(module, *inputs)]
@@ -196,7 +196,7 @@ class RowsReference:
 
 
 def _check(reference: RowsReference, program: LoadedProgram) -> None:
-    """Raise WrongProgramError unless C does to every row what JAX does, to within rounding."""
+    """Raise WrongProgramError unless C agrees with JAX on every row, to within rounding."""
     computed = CRows(program)(*reference.inputs)
     for values, expected, otherwise in zip(computed, reference.exact, reference.rerun, strict=True):
         wanted = _as_rows(expected)

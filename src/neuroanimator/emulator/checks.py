@@ -1,4 +1,4 @@
-"""What an emulator is given, and the motion it makes of it, held against what it can do."""
+"""Checks of an emulator's inputs and of the motions it computes."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.state.layout import Layout
 
 MAX_MAGNITUDE = 1e6
-"""Largest number of a state: beyond it a super step's change is lost in the rounding of float32."""
+"""Maximum magnitude of a state's numbers: beyond it a super step's change is lost in the rounding of float32."""
 
 MAX_CONTROL = float(np.finfo(np.float32).max)
-"""Largest number of a control: that of float32."""
+"""Maximum magnitude of a control's numbers: that of float32."""
 
 
 def check_numbers(
     vector: ArrayLike, layout: Layout, label: str, most: float, dtype: Any
 ) -> Float[np.ndarray, " ..."]:
-    """Return `vector` (..., S) as numbers of the type `dtype`, in C's order.
+    """Return `vector` (..., S) as numbers of the type `dtype`, in C order.
 
-    Raises ArgumentError for a last axis of another length, and for what is no number, not finite or of a magnitude above
-    `most`.
+    Raises ArgumentError for a last axis of another length, and for entries that are not finite numbers of magnitude
+    at most `most`.
     """
     numbers = layout.check(vector, label)
     too_large = np.abs(numbers) > most
@@ -38,9 +38,9 @@ def check_numbers(
 
 
 def check_motion(trajectory: Float[np.ndarray, "*B F S"], layout: Layout) -> None:
-    """Refuse a trajectory (..., T+1, S) with numbers that are not finite, by the first of them.
+    """Refuse a trajectory (..., T+1, S) with numbers that are not finite; the error names the first one.
 
-    Raises ArgumentError if they come with the first super step, and DivergedError if they come later.
+    Raises ArgumentError if it is in the first super step, and DivergedError if it is later.
     """
     broken = np.argwhere(~np.isfinite(trajectory))
     if not len(broken):

@@ -1,7 +1,7 @@
-"""Functions of an emulator as Python calls them: compiled once for every structure, and cheap to call again.
+"""Functions of an emulator for calls from Python: compiled once per structure, and cheap to call again.
 
-`equinox.filter_jit` takes a module apart at every call, which costs milliseconds for one with a skin or
-hundreds of named numbers. Here a module is taken apart once, and its arrays go straight to `jax.jit`.
+`equinox.filter_jit` flattens a module at every call, which costs milliseconds for one with a skin or
+hundreds of named numbers. Here a module is flattened once, and its arrays go straight to `jax.jit`.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import AnyArray
 
 PROGRAMS = 256
-"""Functions of structures that are kept compiled; each takes some megabytes."""
+"""Maximum number of functions of structures that are kept compiled; each takes some megabytes."""
 
 Leaves = tuple[Array | np.ndarray, ...]
 Shapes = tuple[tuple[int, ...], ...]
 
 
 class Form(NamedTuple):
-    """A module without its arrays: hashable, so that its programs are found by it again."""
+    """A module without its arrays: hashable, as the key of its programs."""
 
     structure: Any
     others: tuple[Any, ...]
-    """Leaves that are no arrays, such as a user's cost function; None where an array is."""
+    """Leaves that are not arrays, such as a user's cost function; None in place of an array."""
 
     def filled(self, arrays: Leaves) -> Any:
         """Return the module with these arrays."""
@@ -46,15 +46,15 @@ class Program:
 
     run: Callable[..., Any]
     compiled_for: set[Shapes] = field(default_factory=set)
-    """Shapes of all arrays it was compiled for with `Compiled.compile`."""
+    """Shapes of the arrays that `Compiled.compile` compiled it for."""
 
 
 _known: Remembered[tuple[Leaves, Form]] = Remembered()
-"""The arrays and the form of each module."""
+"""Arrays and form of each module."""
 
 
 class Compiled:
-    """`function(module, *arrays)` for one module, by a program compiled once for the module's form and all shapes."""
+    """`function(module, *arrays)` for one module, by a program compiled once for the module's form and the shapes."""
 
     def __init__(self, function: Callable[..., Any], module: Any):
         self._leaves, form = _taken_apart(module)
@@ -62,7 +62,7 @@ class Compiled:
         self._program = _program(function, form)
 
     def __call__(self, *arrays: Any) -> Any:
-        """Return what the function does."""
+        """Return the function of the module and `arrays`."""
         return self._program.run(self._leaves, *arrays)
 
     def is_compiled_for(self, *arrays: Any) -> bool:
@@ -82,7 +82,7 @@ def _shapes_of(arrays: Leaves) -> Shapes:
 def call_compiled(function: Callable[..., Any], module: Any, *arrays: Any) -> Any:
     """Return `function(module, *arrays)` by a program compiled once for the module's form and the arrays' shapes.
 
-    Inside somebody else's `jax.jit`, `grad` or `vmap` it is part of their program.
+    Inside a user's `jax.jit`, `grad` or `vmap` it is part of that program.
     """
     leaves, form = _taken_apart(module)
     return _program(function, form).run(leaves, *arrays)
@@ -99,7 +99,7 @@ def _taken_apart(module: Any) -> tuple[Leaves, Form]:
     form = Form(structure, others)
     if is_traced(leaves):
         return leaves, form
-    # Once, not at every call. Inside somebody's `jax.jit` they would be part of that program, and of no use to others.
+    # Once, not at every call. Inside a user's `jax.jit` they would be part of that program, of no use to others.
     with jax.ensure_compile_time_eval():
         on_device = tuple(jax.device_put(leaf) for leaf in leaves)
     return _known.keep((on_device, form), module)
@@ -112,19 +112,19 @@ def is_traced(module: Any) -> bool:
 
 @lru_cache(maxsize=PROGRAMS)
 def _program(function: Callable[..., Any], form: Form) -> Program:
-    """Return the program of `function` for modules of that form; it is compiled at the first call."""
+    """Return the program of `function` for modules of this form; it is compiled at the first call."""
 
     def run(leaves: Leaves, *arrays: Any) -> Any:
         return function(form.filled(leaves), *arrays)
 
     run.__name__ = getattr(function, "__name__", "run")
-    # Inlined: inside a user's own jit it leaves no call behind that others would have to understand.
+    # Inlined, so that it leaves no nested call inside a user's own jit.
     return Program(jax.jit(run, inline=True))
 
 
 @cache
 def of_rows(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function`, of a module and arrays, as one of rows of these arrays: always the same one."""
+    """Return `function` of a module and arrays, mapped over rows of the arrays; always the same object."""
 
     def run_rows(module: Any, *rows: Array) -> Any:
         return jax.vmap(function, (None, *[0] * len(rows)))(module, *rows)
@@ -133,7 +133,7 @@ def of_rows(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def as_numpy(numbers: Array) -> Float[AnyArray, " ..."]:
-    """Return an array of JAX as one of NumPy; as it is inside somebody's `jax.jit`, `grad` or `vmap`."""
+    """Return a JAX array as a NumPy array; unchanged inside a user's `jax.jit`, `grad` or `vmap`."""
     if isinstance(numbers, jax.core.Tracer):
         return numbers
     return np.array(numbers)

@@ -1,4 +1,4 @@
-"""An emulator written down: all that is not an array, as JSON, and the blank emulator it stands for."""
+"""An emulator written down: everything but its arrays, as JSON, and the blank emulator made from it."""
 
 from __future__ import annotations
 
@@ -48,37 +48,37 @@ from neuroanimator.state.structure import Probe
 from neuroanimator.text import quoted
 
 FORMAT = 5
-"""The version of the file format, raised whenever an older reader would misunderstand a file."""
+"""Version of the file format, raised whenever an older reader would misunderstand a file."""
 
 Made = TypeVar("Made", bound=SuperStep)
-"""Class of the emulator that is made of a description."""
+"""Class of the emulator made from a description."""
 
 MAX_SUBSTEPS = 1000
-"""Most physics steps in a super step: as many as a definition or a dataset may ask for."""
+"""Maximum number of physics steps in a super step, as in definitions and datasets."""
 
 MIN_STEP = 1e-9
-"""Shortest physics step, or interval of recordings [s]; times closer than this are the same time."""
+"""Minimum physics step, or interval of recordings [s]; times closer than this count as equal."""
 
 MAX_STEP = 3600.0
-"""Longest physics step, or interval of recordings [s]."""
+"""Maximum physics step, or interval of recordings [s]."""
 
 MAX_PROBES = 256
-"""Most round parts whose height an emulator is shown: each is a feature."""
+"""Maximum number of round parts whose heights are features."""
 
 MAX_LEVELS = 32
-"""Most levels of error bounds."""
+"""Maximum number of levels of error bounds."""
 
 MAX_HORIZON = 4096
-"""Most super steps after which there are error bounds."""
+"""Maximum number of super steps with error bounds."""
 
 MAX_DISTANCE = 1e6
-"""Largest coordinate of a probe [m]."""
+"""Maximum coordinate of a probe [m]."""
 
 
 def describe(emulator: SuperStep) -> dict[str, Any]:
-    """Return the metadata that, with the tensors, makes up the emulator.
+    """Return the metadata that, together with the tensors, makes up the emulator.
 
-    What an emulator does not have is left out: files from before there was any stay what they are.
+    Parts that an emulator lacks are left out, so that older files keep their contents.
     """
     described = {
         "kind": "emulator",
@@ -181,9 +181,9 @@ def _describe_network(network: Network) -> dict[str, Any]:
 def blank(
     metadata: dict[str, Any], kind: type[Made], shapes: Mapping[str, np.ndarray] | None = None
 ) -> Made:
-    """Return an emulator of the described structure with zeros for weights; `shapes` are the arrays of a soft body's.
+    """Return an emulator of the described structure with zero weights; `shapes` are the arrays of a soft body's shapes.
 
-    Raises one of `artifact.FAULTS` for whatever no emulator has.
+    Raises one of `artifact.FAULTS` for anything invalid.
     """
     spec = _spec(metadata)
     if "shapes" in metadata:
@@ -232,7 +232,7 @@ def blank(
 
 
 def _meter(described: Any, network: Network) -> TrustMeter:
-    """Return a meter of the units of `network` with so many directions."""
+    """Return a meter of the units of `network` with the described number of directions."""
     odd, even = listed(described, "trust", _layer_width, 2)
     if odd + even == 0:
         raise ValueError("trust: wanted a direction or more")
@@ -256,14 +256,14 @@ def _errors(described: dict[str, Any]) -> ErrorBounds:
 
 
 def _encoding(described: Any, spec: EmulatorSpec) -> Encoding:
-    """Return the encoding `Encoding.to_json` wrote."""
+    """Return the encoding that `Encoding.to_json` wrote."""
     if described is None:
         return IdentityEncoding(spec.state)
     return ShapeModes.from_json(described, spec.state.size, spec.control.size)
 
 
 def _features(described: dict[str, Any], latent_size: int, others: int) -> Features:
-    """Return the features of a latent state, which `others` further raw ones join."""
+    """Return the features of a latent state with `others` further raw ones."""
     plain = entries(described["plain"], "features: plain", latent_size)
     rows = whole(described["rows"], "features: rows", 0, MAX_LAYER)
     even = _rising(described["even"], len(plain) + others)
@@ -272,7 +272,7 @@ def _features(described: dict[str, Any], latent_size: int, others: int) -> Featu
 
 
 def _network(described: dict[str, Any], sizes: tuple[int, int], changes: int) -> Network:
-    """Return a network for odd and even streams of these `sizes` that answers so many numbers of a change."""
+    """Return a network for odd and even streams of these `sizes` that predicts `changes` numbers."""
     kind = described["kind"]
     odd_size, even_size = sizes
     widths = listed(described["widths"], "widths", _layer_width)
@@ -294,7 +294,7 @@ def _layer_width(value: Any, what: str) -> int:
 
 
 def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
-    """Return what the emulator stands for: its text held to the rules of definitions, its numbers finite."""
+    """Return the emulator's spec, its text checked by the rules of definitions, its numbers finite."""
     state = Layout.from_json(metadata["state"], "state")
     control = Layout.from_json(metadata["control"], "control", least=0)
     substeps = whole(metadata["substeps"], "substeps", 1, MAX_SUBSTEPS)
@@ -304,7 +304,7 @@ def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
     if not isinstance(definition, str):
         raise ValueError("definition: wanted a text")
     if definition:
-        # What ships carries none, and the tables of definitions take long to import.
+        # Shipped emulators carry none, and the tables of definitions take long to import.
         from neuroanimator.definitions.carried import check_carried
 
         check_carried(system, definition, substeps, dt)
@@ -335,7 +335,7 @@ def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
 
 
 def _rest(values: Any, state: Layout) -> tuple[float, ...]:
-    """Return the state of rest, whose quaternions have a length: an orientation of zeros makes poses NaN."""
+    """Return the state of rest, its quaternions checked: an orientation of zeros makes poses NaN."""
     rest = numbers(values, "rest", state.size)
     for part in state.slices:
         if part.unit == "quaternion":
@@ -348,7 +348,7 @@ def _rest(values: Any, state: Layout) -> tuple[float, ...]:
 
 
 def _rising(values: Any, size: int) -> tuple[int, ...]:
-    """Return `values` if they rise and are below `size`."""
+    """Return `values` if they are increasing and below `size`."""
     rising = entries(values, "features: even", size)
     if list(rising) != sorted({*rising}):
         raise ValueError("features: even entries out of order")
@@ -432,7 +432,7 @@ def _contacts(described: Any, frame: Frame, spec: EmulatorSpec) -> Contacts:
 def _check_parameters(
     frame: Frame, features: Features, spec: EmulatorSpec, encoding: Encoding
 ) -> None:
-    """Raise ValueError for parameters that are not the last parts of the state, one number each, or that no network is shown."""
+    """Raise ValueError unless parameters are the last parts of the state, one number each, and features of the network."""
     size = encoding.layout.size
     constant = []
     for placed in place_segments(frame.segments):
@@ -450,7 +450,7 @@ def _check_parameters(
 
 
 def _part_size(layout: Layout, entry: int) -> int:
-    """Return the size of the part that a number of the state belongs to."""
+    """Return the size of the part that a state entry belongs to."""
     sizes = [part.size for part in layout.slices for _ in range(part.size)]
     return sizes[entry]
 

@@ -1,4 +1,4 @@
-"""The range of every raw feature that training showed, and what lies within it."""
+"""The training domain: the range of every raw feature in training."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from jaxtyping import Array, Float
 from neuroanimator.state.arrays import AnyArray
 
 MARGIN = 0.02
-"""Share of its range by which a number may leave it where nothing but ranges is known: samples seldom touch their ends."""
+"""Share of its range by which a feature may leave it if only ranges are known: samples seldom touch the ends."""
 
 LEAST_MARGIN = 1e-6
-"""Least of these margins: what never varied has no range."""
+"""Minimum margin: features that never varied have an empty range."""
 
 
 class Domain(eqx.Module):
-    """The range of every raw feature (velocities, the frame's numbers, controls) seen in training."""
+    """The range of every raw feature (velocities, the frame's numbers, controls) in training."""
 
     low: Float[AnyArray, " K"]
     high: Float[AnyArray, " K"]
@@ -24,17 +24,17 @@ class Domain(eqx.Module):
     def widened(
         self, margin: float, entries: slice
     ) -> tuple[Float[AnyArray, " P"], Float[AnyArray, " P"]]:
-        """Return the ends of the range of some `entries`, further apart by `margin` times the range on each side."""
+        """Return the ends of the range of `entries`, widened by `margin` times the range on each side."""
         low = self.low[entries]
         high = self.high[entries]
         room = margin * (high - low)
         return low - room, high + room
 
     def clip(self, features: Float[Array, " K"]) -> Float[Array, " K"]:
-        """Return `features` with every entry brought into the range: what the network never saw, it is not shown."""
+        """Return `features` clipped to their ranges, so that the network sees nothing it was not trained on."""
         return jnp.clip(features, self.low, self.high)
 
     @property
     def margin(self) -> Float[Array, " K"]:
-        """How far each feature may leave its range where nothing but ranges is known."""
+        """Distance by which each feature may leave its range if only ranges are known."""
         return jnp.maximum(MARGIN * (self.high - self.low), LEAST_MARGIN)

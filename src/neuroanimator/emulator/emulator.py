@@ -1,4 +1,4 @@
-"""An emulator as it is used from Python: super steps, rollouts, trust, and its file."""
+"""The emulator as used from Python: super steps, rollouts, trust, and its file."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Emulator(SuperStep):
 
     @property
     def verdict(self) -> Verdict | None:
-        """Whether it is of any use where it was trained, and why, from what its file tells; None where that tells nothing.
+        """Whether it is of use within its training, and why, from its file; None if the file has no errors.
 
-        `trust` says how near that is.
+        `trust` tells how near a state is to that.
         """
         if self.validation is not None:
             return self.validation.verdict
@@ -44,7 +44,7 @@ class Emulator(SuperStep):
     def step(self) -> runner.Step:
         """`step(state (S,), control (C,))` is the state (S,) `dt` seconds later: see `Step.__call__`.
 
-        A function that can be called from Python, and given to `jax.jit`,
+        A function to be called from Python, or passed to `jax.jit`,
         `jax.grad` and `jax.vmap`.
         """
         return runner.Step(self)
@@ -54,12 +54,12 @@ class Emulator(SuperStep):
     ) -> Float[AnyArray, "*B F S"]:
         """Return the trajectory (T+1, S) from `state` (S,) under `controls` (T, C), the start included.
 
-        A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, numbers that are not finite are
-        returned where the motion comes to that. Of arrays of JAX it is one of JAX; of all else it is one of
-        NumPy, computed by the `backend`. Inside `jax.jit`, `jax.grad` and `jax.vmap` nothing but shapes is checked.
+        A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, a motion that diverges is returned
+        with numbers that are not finite. For JAX arrays the result is a JAX array; otherwise it is a
+        NumPy array, computed by the `backend`. Inside `jax.jit`, `jax.grad` and `jax.vmap` only shapes are checked.
 
         Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
-        for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
+        for states from which no motion follows; DivergedError for a motion that ends in numbers that are not finite.
         """
         return runner.run_rollout(self, state, controls, may_diverge=may_diverge)
 
@@ -68,23 +68,23 @@ class Emulator(SuperStep):
     ) -> tuple[Float[np.ndarray, "*B F S"], Float[np.ndarray, "*B T"]]:
         """Return (`rollout`, the score (T,) of each super step: see `trust`), for little more than the cost of the rollout.
 
-        Scores are infinite where numbers are not finite. Always arrays of NumPy; not for use inside jit, grad and vmap.
+        Scores are infinite where numbers are not finite. Always NumPy arrays; not for use inside jit, grad and vmap.
 
-        Raises what `rollout` does.
+        Raises what `rollout` raises.
         """
         return runner.run_rollout_trusted(self, state, controls, may_diverge=may_diverge)
 
     def trust(self, state: ArrayLike, control: ArrayLike) -> Float[np.ndarray, " *B"]:
-        """Return how far `state` (..., S) with `control` (..., C) lies from what this emulator was trained on.
+        """Return the score (...) of `state` (..., S) with `control` (..., C): its distance from this emulator's training.
 
-        1 is the edge: 99 of a hundred super steps of training lie within it. The more above it, the less is known. It is
-        the disagreement that last layers as likely as the one it has would come to (`TrustMeter`), and how far
-        features leave their ranges. Infinite for what is not finite. Files from before there was a
-        meter know the ranges alone: inside them the score is 0.
+        1 is the edge: 99 of a hundred super steps of training lie within it. The higher above it, the less is known. The
+        score combines the disagreement among equally likely last layers (`TrustMeter`) with how far
+        features leave their ranges. It is infinite for numbers that are not finite. Older files without a
+        meter know only the ranges: inside them the score is 0.
 
-        It asks about states as they are, such as the physics' or recorded ones. For a motion that this emulator made ask
-        `rollout_trusted`: super steps go on from latent states, and encoding what was decoded gives a deformable
-        body's shape back only nearly.
+        It is for given states, such as the physics' or recorded ones. For a motion of this emulator use
+        `rollout_trusted`: super steps continue from latent states, and encoding a decoded state reproduces a deformable
+        body's shape only approximately.
 
         Raises ArgumentError for wrong shapes.
         """
@@ -98,14 +98,14 @@ class Emulator(SuperStep):
         level: float = USUAL_LEVEL,
         are_optimised: bool = False,
     ) -> Float[np.ndarray, "*B T"]:
-        """Return what the error of `rollout` stays below after each super step (T,), in a share `level` of motions.
+        """Return bounds of the error of `rollout` after each super step (T,), which hold for a share `level` of motions.
 
         The error is the root mean square over all numbers of the state that move, in standard deviations of their usual
         change in a super step (`calibration.unit`). The bound grows with the scores on the way (`trust`). It was measured
-        on runs that training left out, under controls as in training; say `are_optimised` of controls that were found by
+        on runs held out from training, under controls as in training; set `are_optimised` for controls found by
         descending through this emulator, which lead where it errs more. Infinite after more super steps than were measured.
 
-        Raises ArgumentError for a level there is no bound of, for an emulator whose errors nobody measured (see
+        Raises ArgumentError for a level without a bound, for an emulator whose errors were not measured (see
         `fit_error_bounds`), and for what `rollout` refuses.
         """
         calibration = self.calibration
@@ -124,9 +124,9 @@ class Emulator(SuperStep):
         return calibration.along(np.asarray(scores, float), level, KINDS[are_optimised])
 
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
-        """Return whether `state` (S,) with `control` (C,) is what this emulator was trained on: `trust` says at most 1.
+        """Return whether this emulator was trained on states like `state` (S,) with `control` (C,): `trust` is at most 1.
 
-        Controls are covered between their bounds. What is not finite is covered nowhere.
+        Controls are covered between their bounds. Numbers that are not finite are never covered.
 
         Raises ArgumentError for wrong shapes.
         """
@@ -139,31 +139,31 @@ class Emulator(SuperStep):
 
     @classmethod
     def load(cls, path: str | Path) -> Emulator:
-        """Return the emulator in the file at `path`, or the one that ships under the name `path`: "fish-50".
+        """Return the emulator in the file at `path`, or the one that ships under the name `path`, such as "fish-50".
 
-        A name has no folder and no suffix. BadFileError says what is wrong with a file, and lists the names.
+        A name has no folder and no suffix. Raises BadFileError with what is wrong with a file, and the list of names.
         """
         file = find_emulator(path) if isinstance(path, str) and is_name(path) else Path(path)
         return artifact.load(file, cls)
 
     def at(self, /, **values: float) -> Emulator:
-        """Return the emulator of the body with the parameters given, which `rest` holds: motions begin there.
+        """Return the emulator of the body with the given parameters, stored in `rest`, where motions begin.
 
-        `emulator.at(forearm_mass=1.3)`. Parameters are entries of the state, so that a gradient in a state is one in them.
+        `emulator.at(forearm_mass=1.3)`. Parameters are entries of the state, so a gradient in the state includes them.
 
-        Raises ArgumentError for a name that is no parameter, and for a value beyond those it was trained on.
+        Raises ArgumentError for an unknown parameter, and for a value outside the range of training.
         """
         fixed_parameters(self.parameters, values)
         rest = start_state(self.state, self.spec.rest, values, cloud=self.state_structure.cloud)
         return replace(self, spec=replace(self.spec, rest=tuple(rest.tolist())))
 
     def in_strides(self, count: int) -> Emulator:
-        """Return the emulator whose super step is `count` of this one's in a row, under one control: its strides.
+        """Return the emulator whose super step is `count` super steps of this one, its strides, under one control.
 
-        It costs `count` times as much, and is nearer to the physics than one leap as long wherever a shorter one is easier to
-        learn: see `docs/decisions/0017-strides.md`.
+        It costs `count` times as much, and is more accurate than a single leap of that length wherever a shorter one is
+        easier to learn: see `docs/decisions/0017-strides.md`.
 
-        Raises ArgumentError if that are more strides than a file may have.
+        Raises ArgumentError for more strides than a file may have.
         """
         strides = self.strides * count
         if not 1 <= strides <= MAX_STRIDES:
@@ -171,22 +171,22 @@ class Emulator(SuperStep):
         spec = replace(
             self.spec, substeps=self.substeps * count, dt=self.dt * count, strides=strides
         )
-        # Neighbouring strides change the state alike, so that their changes add up.
+        # Consecutive strides change the state in similar ways, so their changes add up.
         normaliser = replace(self.normaliser, unit=self.normaliser.unit * count)
-        # What was measured of single strides says nothing of super steps.
+        # Measurements of single strides do not hold for super steps.
         return replace(self, spec=spec, normaliser=normaliser, calibration=None, validation=None)
 
     def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
-        """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
+        """Return the network's input at rest without control; left and right are equal there, to the last bit."""
         latent = np.asarray(self.encode(self.rest))
         control = np.asarray(self.encode_control(self.bounds.idle))
         raw = np.asarray(self.raw_features(latent, control))
         return _streams_at_rest(self, as_float32(latent), as_float32(raw))
 
     def at_rest(self, streams: tuple[Float[Array, " O"], Float[Array, " E"]]) -> Emulator:
-        """Return the emulator that stays at rest: what the network says of it, `rest_streams`, is taken away.
+        """Return the emulator that stays at rest: the network's answer to `rest_streams` is subtracted.
 
-        Only for systems that keep still there. It costs nothing: the mean change takes it up.
+        Only for systems that stay at rest. It costs nothing: the mean change absorbs it.
         """
         change_at_rest = self.normaliser.change_scale * self.network(*streams)
         normaliser = replace(self.normaliser, change_mean=0.0 - change_at_rest)
@@ -208,7 +208,7 @@ class Emulator(SuperStep):
 def _streams_at_rest(
     emulator: Emulator, latent: Float[AnyArray, " I"], raw: Float[AnyArray, " K"]
 ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
-    """Return what the network sees of `latent` and its `raw` features, where left and right are alike."""
+    """Return the network's input for `latent` and its `raw` features, where left and right are equal."""
     plain = emulator.normaliser.forward(emulator.domain.clip(raw))
     odd, even = emulator.features.streams(latent, plain)
     if emulator.features.is_odd:
@@ -217,7 +217,7 @@ def _streams_at_rest(
 
 
 def as_emulator(reference: Emulator | str | Path) -> Emulator:
-    """Return an emulator as it is; of a file's or a system's name, the emulator that verbs take for it."""
+    """Return an emulator unchanged; for the name of a file or a system, the emulator that verbs use for it."""
     if isinstance(reference, Emulator):
         return reference
     return Emulator.load(find_emulator(str(reference)))
@@ -226,6 +226,6 @@ def as_emulator(reference: Emulator | str | Path) -> Emulator:
 def load_emulator(name: str | Path) -> Emulator:
     """Return the emulator that ships under `name`, such as "fish-50", or the one in the file of that name.
 
-    BadFileError says what is wrong with a file, and lists the names.
+    Raises BadFileError with what is wrong with a file, and the list of names.
     """
     return Emulator.load(name)

@@ -1,7 +1,7 @@
-"""Encodings: how a state becomes the latent state in which super steps are made, and back.
+"""Encodings: from a state to the latent state in which super steps are computed, and back.
 
-Most systems make their super steps in the state itself (`IdentityEncoding`). A deformable body of hundreds
-of mass points makes them in a rigid frame and a few shape modes (`shape_modes.ShapeModes`).
+For most systems super steps are computed in the state itself (`IdentityEncoding`); for a deformable body of
+hundreds of mass points, in a rigid frame and a few shape modes (`shape_modes.ShapeModes`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from neuroanimator.state.segments import Segment
 from neuroanimator.state.structure import Structure
 
 KEPT_MARGIN = 0.1
-"""Share of its range by which a predicted number may leave it: further out the network says nothing of worth."""
+"""Share of its range by which a predicted number may leave it: further out predictions are meaningless."""
 
 
 class Encoding(eqx.Module):
@@ -42,7 +42,7 @@ class Encoding(eqx.Module):
     @property
     @abc.abstractmethod
     def odd_controls(self) -> int:
-        """How many of the latent controls, the first ones, change sign in the body's mirror; 0 without one."""
+        """Number of latent controls, the first ones, that change sign in the body's mirror; 0 without one."""
 
     @property
     @abc.abstractmethod
@@ -52,12 +52,12 @@ class Encoding(eqx.Module):
     @property
     @abc.abstractmethod
     def max_speed(self) -> float:
-        """Greatest speed [m/s] of the body that `bounded` lets pass; infinite where it sets no limit."""
+        """Maximum speed of the body that `bounded` allows [m/s]; infinite without a limit."""
 
     @property
     @abc.abstractmethod
     def max_angular_speed(self) -> float:
-        """Greatest angular speed [rad/s] of the body that `bounded` lets pass; infinite where it sets no limit."""
+        """Maximum angular speed of the body that `bounded` allows [rad/s]; infinite without a limit."""
 
     @abc.abstractmethod
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
@@ -73,7 +73,7 @@ class Encoding(eqx.Module):
 
     @abc.abstractmethod
     def decode_control(self, latent: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        """Return the controls (..., C) of which `encode_control` gives `latent`."""
+        """Return the controls (..., C) that `encode_control` maps to `latent`."""
 
     @abc.abstractmethod
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
@@ -83,26 +83,26 @@ class Encoding(eqx.Module):
     def bounded(
         self, latent: Float[Array, " I"], features: Features, domain: Domain
     ) -> Float[Array, " I"]:
-        """Return `latent` (I,) brought near to what training showed, where it is beyond it.
+        """Return `latent` (I,) brought back near the training data where it is beyond.
 
-        `features` says which entries a network sees as they are, and `domain` between which ends.
+        `features` gives the entries that a network sees unchanged, and `domain` their ranges.
         """
 
     @abc.abstractmethod
     def state_structure(self, latent_segments: tuple[Segment, ...]) -> Structure:
-        """Return what a pose needs to know of states (S,), given the segments of latent states."""
+        """Return the structure of states (S,) that poses need, given the segments of latent states."""
 
     @abc.abstractmethod
     def check(self) -> None:
-        """Refuse arrays that make every prediction NaN; ValueError says which."""
+        """Refuse arrays that make every prediction NaN; ValueError names them."""
 
     @abc.abstractmethod
     def leaves(self) -> dict[str, Any]:
-        """Return every array, or what stands for it, by the name that files give it: see docs/format.md."""
+        """Return every array, or its placeholder, by its name in files: see docs/format.md."""
 
     @abc.abstractmethod
     def to_json(self) -> dict[str, Any] | None:
-        """Return what, with the arrays, makes up the encoding; None for the identity."""
+        """Return the JSON that, together with the arrays, makes up the encoding; None for the identity."""
 
 
 class IdentityEncoding(Encoding):
@@ -153,7 +153,7 @@ class IdentityEncoding(Encoding):
     def bounded(
         self, latent: Float[Array, " S"], features: Features, domain: Domain
     ) -> Float[Array, " S"]:
-        """Return `latent` (S,) with the entries a network sees as they are brought into the range of training."""
+        """Return `latent` (S,) with the entries that a network sees unchanged brought into the range of training."""
         entries = features.plain
         if not entries:
             return latent

@@ -1,10 +1,10 @@
-"""How far rollouts go astray: bounds that so many motions stay below, measured on runs that training left out.
+"""Error bounds of rollouts, which a given share of motions stays below, measured on runs held out from training.
 
 An error is the root mean square over all numbers of a state that move, each in standard deviations of its usual change in
 a super step. Its bound grows as a power of the scores on the way (`Emulator.trust`), so that it adapts to the motion:
 
     bound after h super steps = exp(a + b (log r - c)), where r is the root mean square of the first h scores, c the mean of
-    log r over motions as in training, and a and b are by kind of motion, level and h: exp(a) is the bound of a usual motion
+    log r over motions as in training, and a and b depend on kind of motion, level and h: exp(a) is a usual motion's bound
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.structure import Structure
 
 LEVELS = (0.5, 0.8, 0.9, 0.95)
-"""Shares of motions that stay below a bound: there is one for each."""
+"""Levels of bounds: shares of motions that stay below them."""
 
 USUAL_LEVEL = 0.9
-"""The level of bounds if nothing else is said."""
+"""Default level of bounds."""
 
 KINDS = ("random", "optimised")
-"""Kinds of motions that have bounds of their own: under controls as in training, and under controls found by descents."""
+"""Kinds of motions with their own bounds: under controls as in training, and under controls found by descents."""
 
 LEAST_SCORE = 1e-2
-"""Added to scores before their logarithm is taken: differences below it say nothing."""
+"""Offset added to scores before the logarithm: smaller differences are meaningless."""
 
 MOST_SCORE = 1e3
-"""Scores above this count as it, infinite ones too."""
+"""Maximum score: larger ones, also infinite ones, are clipped to it."""
 
 WORDS_SHARES = (0.25, 0.5, 1.0)
-"""Of the time measured, at which errors are told in words."""
+"""Shares of the measured time at which errors are stated in words."""
 
 MOST_EXPONENT = 50.0
-"""Logarithms of bounds, and powers, are smaller than this: a million is 14."""
+"""Maximum logarithm of bounds, and maximum power: the logarithm of a million is 14."""
 
 
 class ErrorBounds(eqx.Module):
     """Bounds of the error of rollouts, by kind of motion, level and number of super steps."""
 
     unit: Float[AnyArray, " V"]
-    """Standard deviation of each number's usual change in a super step, seen from the body; 0 for what never moves."""
+    """Standard deviation of each number's usual change in a super step, in the body's frame; 0 if it never moves."""
     weights: Float[AnyArray, "K L H 2"]
     """(a, b) of the formula above, for each of K kinds, L levels and H super steps."""
     centre: Float[AnyArray, " H"]
@@ -54,18 +54,18 @@ class ErrorBounds(eqx.Module):
 
     @property
     def steps(self) -> int:
-        """Number of super steps after the start for which there are bounds."""
+        """Number of super steps with bounds."""
         return self.weights.shape[2]
 
     @property
     def knows_optimised(self) -> bool:
-        """Whether there are bounds of motions under controls that descents found."""
+        """Whether there are bounds for motions under controls found by descents."""
         return self.weights.shape[0] > 1
 
     def along(
         self, scores: Float[np.ndarray, "*B T"], level: float, kind: str
     ) -> Float[np.ndarray, "*B T"]:
-        """Return the bound after each super step of motions with these scores; infinite after more than H of them."""
+        """Return the bound after each super step of motions with these scores; infinite after H super steps."""
         bounds = np.full(scores.shape, np.inf)
         known = min(self.steps, scores.shape[-1])
         weights = np.asarray(self.weights, float)[KINDS.index(kind), self.levels.index(level)]
@@ -79,7 +79,7 @@ class ErrorBounds(eqx.Module):
         return np.exp(weights[:, 0])
 
     def check(self) -> None:
-        """Refuse numbers that no measurement comes to; ValueError says which."""
+        """Refuse numbers that no measurement gives; ValueError names them."""
         if (np.asarray(self.unit) < 0).any() or not (np.asarray(self.unit) > 0).any():
             raise ValueError("errors: wanted units of at least 0, and one above")
         for numbers in (self.weights, self.centre):
@@ -92,9 +92,9 @@ class ErrorBounds(eqx.Module):
         truth: Float[np.ndarray, "*B F S"],
         emulated: Float[np.ndarray, "*B F S"],
     ) -> Float[np.ndarray, "*B F"]:
-        """Return the errors that are bounded: of trajectories (..., T+1, S) of this structure against the truth.
+        """Return the errors, as the bounds define them, of `emulated` trajectories (..., T+1, S) against the truth.
 
-        Raises BadFileError where bounds are of another state than these.
+        Raises BadFileError if the bounds belong to another state.
         """
         size = Frame.of(structure, 0.0).change_size(truth.shape[-1])
         if size != len(self.unit):
@@ -111,7 +111,7 @@ def errors_in(
     truth: Float[np.ndarray, "*B F S"],
     emulated: Float[np.ndarray, "*B F S"],
 ) -> Float[np.ndarray, "*B F"]:
-    """Return the rms difference of what moves, in units (V,) of the usual change; 0 of them is what never moves."""
+    """Return the rms difference of moving numbers, in units (V,) of their usual change; a unit is 0 for those that never move."""
     moves = unit > 0
     differences = Frame.of(structure, 0.0).difference(truth, np.asarray(emulated, float))
     return np.sqrt(np.mean((differences[..., moves] / unit[moves]) ** 2, axis=-1))
@@ -125,7 +125,7 @@ def log_scores(scores: Float[np.ndarray, "*B T"]) -> Float[np.ndarray, "*B T"]:
 
 
 def bounds_in_words(bounds: ErrorBounds, dt: float) -> str:
-    """Return how far motions with the usual scores go astray in a quarter, half and all of the time that was measured."""
+    """Return, in words, the errors of motions with usual scores after a quarter, half and all of the measured time."""
     steps = [max(1, round(share * bounds.steps)) for share in WORDS_SHARES]
     after = ", ".join(f"{step * dt:.3g}" for step in steps)
     texts = []
@@ -138,7 +138,7 @@ def bounds_in_words(bounds: ErrorBounds, dt: float) -> str:
 
 
 def blank_bounds(kinds: int, levels: tuple[float, ...], steps: int, changes: int) -> ErrorBounds:
-    """Return bounds of this shape whose numbers a file brings."""
+    """Return blank bounds of this shape, for a file to fill."""
     return ErrorBounds(
         unit=zeros(changes),
         weights=zeros(kinds, len(levels), steps, 2),

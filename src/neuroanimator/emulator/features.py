@@ -1,4 +1,4 @@
-"""What the network sees of a state and a control."""
+"""The network's features of a state and a control."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from neuroanimator.state.structure import Structure
 
 
 class Features(eqx.Module):
-    """Sines and cosines of angles now and where they would coast to, and plain numbers as they are.
+    """Sines and cosines of current and coasted angles, and plain numbers.
 
     Coasting (angle + Δt · rate) shows the network which way gravity will pull at the end of the
     super step; without it the error is a third larger.
     """
 
     angles: Float[AnyArray, "P S"]
-    """Each row: the combination of state entries whose sine and cosine are features."""
+    """Combinations of state entries, one per row, whose sine and cosine are features."""
     plain: tuple[int, ...] = eqx.field(static=True)
     is_odd: bool = eqx.field(static=True)
     """Whether there is a mirror."""
     even: tuple[int, ...] = eqx.field(static=True, default=())
-    """Plain features that stay what they are in the mirror; the others change sign."""
+    """Plain features that are unchanged in the mirror; the others change sign."""
 
     @classmethod
     def of(cls, structure: Structure, state_size: int, dt: float) -> Features:
@@ -39,7 +39,7 @@ class Features(eqx.Module):
         return cls(angles, structure.plain, structure.is_odd)
 
     def sizes(self, others: int) -> tuple[int, int]:
-        """Return the lengths of (odd, even), where `others` numbers join the state's plain ones."""
+        """Return the lengths of (odd, even), with `others` numbers added to the state's plain ones."""
         angles = self.angles.shape[0]
         plain = len(self.plain) + others
         if not self.is_odd:
@@ -50,7 +50,7 @@ class Features(eqx.Module):
     def plain_of(
         self, state: Float[AnyArray, "... S"], *others: Float[AnyArray, "... _"]
     ) -> Float[AnyArray, "... K"]:
-        """Return (..., K) what enters as it is, not yet normalised: plain entries of `state` (..., S), `others`."""
+        """Return the plain features (..., K), not yet normalised: plain entries of `state` (..., S), then `others`."""
         xp = state.__array_namespace__()
         return xp.concat([*_runs(state, self.plain), *others], axis=-1)
 
@@ -61,20 +61,20 @@ class Features(eqx.Module):
         size = state.shape[0]
         slots = {entry: size + i for i, entry in enumerate(self.plain)}
         order = tuple(slots.get(entry, entry) for entry in range(size))
-        return reordered(jnp.concatenate([state, values]), order)  # a scatter there is no C for
+        return reordered(jnp.concatenate([state, values]), order)  # there is no C for a scatter
 
     def streams(
         self, state: Float[Array, " S"], plain: Float[Array, " K"]
     ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
-        """Return (odd, even): what changes sign in the mirror and what does not.
+        """Return (odd, even): features that change sign in the mirror, and those that do not.
 
-        Without a mirror symmetry everything is in the odd part, and the even one is empty.
+        Without a mirror symmetry everything is odd, and the even part is empty.
         """
         if not self.angles.shape[0]:
             if self.is_odd:
                 return self._parted(plain)
             return plain, plain[:0]
-        # A sum of products, because it is fused with what follows and `@` is a call of its own.
+        # A sum of products, as it is fused with what follows, whereas `@` is a separate call.
         angle = jnp.sum(self.angles * state, axis=1)
         sine, cosine = sine_cosine(angle)
         if self.is_odd:
@@ -91,14 +91,14 @@ class Features(eqx.Module):
 
 
 def reordered(vector: Float[Array, " K"], order: tuple[int, ...]) -> Float[Array, " M"]:
-    """Return the entries of `vector` in another order, each once: a third of the time of slices put together."""
+    """Return the entries of `vector` in another order, each once: three times as fast as concatenating slices."""
     return vector.at[np.array(order)].get(mode="promise_in_bounds", unique_indices=True)
 
 
 def _runs(
     vector: Float[AnyArray, "... K"], entries: tuple[int, ...]
 ) -> list[Float[AnyArray, "... _"]]:
-    """Return the `entries` of `vector` (..., K) as slices: for a few entries faster than indexing with an array."""
+    """Return the `entries` of `vector` (..., K) as slices: faster for a few entries than indexing with an array."""
     runs: list[list[int]] = []
     for entry in entries:
         if runs and entry == runs[-1][1]:
@@ -109,10 +109,10 @@ def _runs(
 
 
 PI_HIGH = 3.140625
-"""The first part of π; it has so few bits that small multiples of it are exact in float32."""
+"""Leading part of π, with so few bits that small multiples of it are exact in float32."""
 
 PI_LOW = 9.67653589793e-4
-"""The second part of π: what is left of it."""
+"""Remainder of π."""
 
 SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(7))
 """Coefficients of Taylor's series of sin(x) / x in x²."""
@@ -122,7 +122,7 @@ COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(8))
 
 
 def sine_cosine(angle: Float[Array, " P"]) -> tuple[Float[Array, " P"], Float[Array, " P"]]:
-    """Return (sin, cos) to float32 accuracy: the angle is brought within ±π/2, then Taylor's series.
+    """Return (sin, cos) to float32 accuracy: the angle is reduced to ±π/2, then Taylor's series.
 
     A fifth of a super step faster than the library's functions, which take one number at a time.
     """

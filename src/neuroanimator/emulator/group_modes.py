@@ -1,4 +1,4 @@
-"""Modes of a body part by part: where each segment is, and in which ways it deforms on its own."""
+"""Modes of a body by segments: the position of each segment, and its own deformations."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import Group, Structure
 
 Direction = Float[np.ndarray, " D"]
-"""How every mass point moves in a mode (D = 3 N)."""
+"""Displacement of every mass point in a mode (D = 3 N)."""
 
 
 class Owner(NamedTuple):
-    """What a mode belongs to."""
+    """The segment that a mode belongs to."""
 
     group: int
     """Number of the group."""
     is_centre: bool
-    """Whether it moves the segment as a whole."""
+    """Whether the mode moves the segment as a whole."""
 
 
 class GroupedModes(NamedTuple):
-    """Modes, and the segment each belongs to, in the modes' order; no owners where nothing is grouped."""
+    """Modes, and the owner of each, in the modes' order; no owners without groups."""
 
     modes: ShapeModes
     position_owners: list[Owner]
@@ -37,7 +37,7 @@ class GroupedModes(NamedTuple):
 def fit_grouped_modes(
     structure: Structure, states: Float[np.ndarray, "B S"], local: int
 ) -> GroupedModes:
-    """Return modes in which every segment has its centre's three, and `local` more for positions and for velocities."""
+    """Return modes in which every segment has three for its centre, and `local` more for positions and for velocities."""
     assert structure.cloud is not None
     body = view_in_frame(structure.cloud, np.asarray(states, float))
     shapes = without_growth(structure.cloud, body.shape, states)
@@ -50,7 +50,7 @@ def fit_grouped_modes(
 def _grouped(
     structure: Structure, vectors: Float[np.ndarray, "B D"], local: int
 ) -> tuple[Basis, list[Owner]]:
-    """Return the directions in which `vectors` (B, 3N) vary, and whose each is, odd directions first."""
+    """Return the directions in which `vectors` (B, 3N) vary, and the owner of each, odd directions first."""
     mean = vectors.mean(axis=0)
     samples = vectors - mean
     reflect = None
@@ -79,7 +79,7 @@ def _grouped(
 def _group_reflection(
     group: Group, reflect: np.ndarray | None, rows: Int[np.ndarray, " G"]
 ) -> np.ndarray | None:
-    """Return the mirror (G, G) within the group's `rows`; ArgumentError where it leads out of the group."""
+    """Return the mirror (G, G) within the group's `rows`; ArgumentError if it leads out of the group."""
     if reflect is None:
         return None
     within = reflect[np.ix_(rows, rows)]
@@ -95,7 +95,7 @@ def _widened(
     rows: Int[np.ndarray, " G"],
     samples: Float[np.ndarray, "B D"],
 ) -> Direction:
-    """Return the direction of the whole body that moves its `rows` along `direction` and nothing else."""
+    """Return the direction of the whole body that moves only its `rows`, along `direction`."""
     wide = np.zeros(samples.shape[1])
     wide[rows] = direction
     return wide

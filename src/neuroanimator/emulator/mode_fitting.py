@@ -1,4 +1,4 @@
-"""Fitting shape modes: the directions in which the bodies of a data set vary most, and how far they go along them."""
+"""Fitting shape modes: the directions in which the bodies of a dataset vary most, and their ranges along them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from neuroanimator.state.segments import Lag
 from neuroanimator.state.structure import Structure
 
 HARDLY_EXCEEDED = 0.9995
-"""Share of the training states within the limits of the modes."""
+"""Share of training states within the limits of the modes."""
 
 MIN_SPREAD = 1e-9
-"""Least standard deviation of a mode: those that never vary are not divided by zero."""
+"""Minimum standard deviation of a mode, which prevents division by zero."""
 
 
 def fit_modes(
@@ -43,7 +43,7 @@ def fit_modes(
 def without_growth(
     cloud: Cloud, shapes: Float[np.ndarray, "B D"], states: Float[np.ndarray, "B S"]
 ) -> Float[np.ndarray, "B D"]:
-    """Return the `shapes` of `states` less what their parameters make of the shape at rest."""
+    """Return the `shapes` of `states` minus the effect of their parameters on the shape at rest."""
     if not cloud.parameters:
         return shapes
     return shapes - cloud.growth(np.asarray(states[:, -cloud.parameters :], float))
@@ -52,7 +52,7 @@ def without_growth(
 def modes_along(
     structure: Structure, positions: Basis, velocities: Basis, states: Float[np.ndarray, "B S"]
 ) -> ShapeModes:
-    """Return the modes in these directions, with spread and limits of the bodies in `states` (B, S)."""
+    """Return the modes in these directions, with the spread and limits of the bodies in `states` (B, S)."""
     assert structure.cloud is not None
     lags = [segment for segment in structure.segments if isinstance(segment, Lag)]
     time_constant = 0.0
@@ -76,7 +76,7 @@ def modes_along(
 
 
 def _with_limits(modes: ShapeModes, states: Float[np.ndarray, "B S"]) -> ShapeModes:
-    """Return `modes` with spread and limits of the bodies in `states` (B, S)."""
+    """Return `modes` with the spread and limits of the bodies in `states` (B, S)."""
     latent = modes.encode(np.asarray(states, float))
     amounts = modes.layout.part(latent, "modes")
     spread = np.maximum(amounts.std(axis=0), MIN_SPREAD)
@@ -89,7 +89,7 @@ def _with_limits(modes: ShapeModes, states: Float[np.ndarray, "B S"]) -> ShapeMo
 
 
 def with_wider_limits(modes: ShapeModes, latent: Float[np.ndarray, "B I"]) -> ShapeModes:
-    """Return `modes` whose limits take in the bodies in `latent` states (B, I), too."""
+    """Return `modes` with limits that include the bodies in `latent` states (B, I), too."""
     own = _limits_of(modes, latent, np.asarray(modes.spread))
     return replace(modes, limits=as_jax(np.maximum(np.asarray(modes.limits), own)))
 
@@ -97,7 +97,7 @@ def with_wider_limits(modes: ShapeModes, latent: Float[np.ndarray, "B I"]) -> Sh
 def _limits_of(
     modes: ShapeModes, latent: Float[np.ndarray, "B I"], spread: Float[np.ndarray, " K"]
 ) -> Float[np.ndarray, " 4"]:
-    """Return what the bodies in `latent` states (B, I) hardly exceed of what is limited; of modes in their `spread`."""
+    """Return the limits that the bodies in `latent` states (B, I) hardly exceed; those of modes in units of `spread`."""
     velocity = modes.layout.part(latent, "frame.velocity")
     angular_velocity = modes.layout.part(latent, "frame.angular_velocity")
     amounts = modes.layout.part(latent, "modes") / spread

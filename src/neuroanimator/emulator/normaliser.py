@@ -1,4 +1,4 @@
-"""Numbers of order one in, numbers of order one out."""
+"""Normalisation of the network's inputs and outputs to order one."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from jaxtyping import Array, Float
 from neuroanimator.state.arrays import AnyArray
 
 MIN_CHANGE = 1e-6
-"""[of its unit] What changes by less in a super step never moves: rounding would be taken for motion, and learnt."""
+"""Minimum change in a super step, in its unit, of a number that moves: less is rounding, which must not be learnt."""
 
 
 class Normaliser(eqx.Module):
     """Means and standard deviations of the plain features and of the predicted change.
 
-    Where the motion is odd both means are zero, so that the symmetry stays exact. What never moves has a
-    `change_scale` and a `unit` of zero: it changes by its mean, whatever the network says, and makes no error.
+    For odd motions both means are zero, so that the symmetry stays exact. Numbers that never move have a
+    `change_scale` and a `unit` of zero: they change by their mean, whatever the network answers, and add no error.
     """
 
     plain_mean: Float[AnyArray, " K"]

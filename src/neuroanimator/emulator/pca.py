@@ -1,4 +1,4 @@
-"""Principal component analysis with a mirror: the directions in which samples vary most, each odd or even."""
+"""Principal component analysis with a mirror: each direction is odd or even."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from jaxtyping import Float
 from neuroanimator.state.structure import Mirror
 
 LEFT_OUT = 0.04
-"""Share of the variation (rms) that modes leave out if their number is not given: about a good emulator's error."""
+"""Share of the variation (rms) that the default number of modes leaves out: about a good emulator's error."""
 
 
 MAX_MIRRORS = 64
-"""Maximum number of mirrors whose mixing is kept: it is asked for at every rollout, and takes a millisecond."""
+"""Maximum number of mirrors whose mixing is cached: every rollout needs it, and it takes a millisecond."""
 
 
 class Basis(NamedTuple):
@@ -23,9 +23,9 @@ class Basis(NamedTuple):
 
     mean: Float[np.ndarray, " D"]
     directions: Float[np.ndarray, "D K"]
-    """Odd ones first."""
+    """Directions, odd ones first."""
     odd: int
-    """How many are odd."""
+    """Number of odd directions."""
 
 
 def principal(
@@ -33,7 +33,7 @@ def principal(
 ) -> Basis:
     """Return the `count` directions in which `samples` (B, D) vary most; each odd or even under `reflect` (D, D).
 
-    Without a mirror all are odd. A `count` of 0 stands for as many as leave out `LEFT_OUT` of the variation.
+    Without a mirror all are odd. A `count` of 0 means as many as leave out `LEFT_OUT` of the variation.
     """
     size = samples.shape[1]
     signs = np.full(size, -1.0)
@@ -80,7 +80,7 @@ def reflection(mirror: Mirror) -> Float[np.ndarray, "D D"]:
 
 @lru_cache(maxsize=MAX_MIRRORS)
 def mixing(mirror: Mirror) -> tuple[Float[np.ndarray, "C C"], int]:
-    """Return (orthogonal (C, C), how many of its columns are odd): differences of partners, then sums."""
+    """Return (orthogonal matrix (C, C), number of its odd columns): differences of partners, then sums."""
     count = len(mirror.controls)
     units = np.eye(count)
     odd = []

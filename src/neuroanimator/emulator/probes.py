@@ -1,4 +1,4 @@
-"""What a program must do to be an emulator: what JAX does of a thousand states, to the rounding of float32."""
+"""Probes that check a program: JAX's results for a thousand states, to the rounding of float32."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import as_rows
 
 MOTIONS = 40
-"""Random motions whose states are tried."""
+"""Number of random motions whose states are probes."""
 
 STEPS = 25
-"""Super steps of each: a thousand states in all."""
+"""Number of super steps of each motion: a thousand states in all."""
 
 STRETCHES = (1.0, 1.0, 1.5, 3.0)
-"""How far states are taken from rest: beyond the domain's borders, where features are cut off, too."""
+"""Factors by which states are moved away from rest: also beyond the training domain, where features are clipped."""
 
 LARGEST = 1e4
-"""States with larger numbers are no test of anything but rounding."""
+"""Maximum magnitude of numbers in probes: larger ones test nothing but rounding."""
 
 TOLERANCE = 1e-4
-"""Relative to the largest number of each entry: both sum float32 in orders of their own."""
+"""Tolerance relative to the largest number of each entry: C and JAX sum float32 in different orders."""
 
 ROUNDING = 2.0**-22
-"""Share of its size by which an input is changed, at most, to see what rounding does in JAX alone."""
+"""Maximum relative change of an input that shows the effect of rounding in JAX alone."""
 
 DOUBTS = 10
-"""Multiple of what rounding does in JAX alone that is no error: where a state hangs by a hair, it does much."""
+"""Multiple of the effect of rounding in JAX alone that counts as no error: near a kink, rounding has a large effect."""
 
 BORDERLINE = 0.01
-"""Share of answers yes or no that may differ: a number at its border is rounded to either side."""
+"""Share of boolean answers that may differ: a number at its threshold may be rounded to either side."""
 
 
 def rounded(numbers: Float[np.ndarray, "N ..."], draw: int = 0) -> Float[np.ndarray, "N ..."]:
-    """Return `numbers` changed at random in their last places, to see what rounding does in JAX alone.
+    """Return `numbers` changed at random in their last places, to show the effect of rounding in JAX alone.
 
-    Small ones and zeros are changed as the usual number of their column is: what is computed of them has a size of its
-    own, and at a joint's stop or at rest a zero decides on which side of a kink a row lies. Another `draw` changes
-    them otherwise.
+    Small numbers and zeros are changed by as much as the median of their column: results computed from them can be large,
+    and at a joint's stop or at rest a zero decides on which side of a kink a row lies. Each `draw` gives other
+    changes.
     """
     rng = np.random.default_rng(draw)
     sizes = np.abs(numbers)
@@ -57,36 +57,36 @@ def rounded(numbers: Float[np.ndarray, "N ..."], draw: int = 0) -> Float[np.ndar
 
 @dataclass(frozen=True)
 class Expected:
-    """Rows of numbers as JAX computes them, and how nearly a program must."""
+    """Rows of numbers as JAX computes them, and the tolerance for a program."""
 
     rows: Float[np.ndarray, "N M"]
     size: Float[np.ndarray, "N M"]
-    """What an error is compared with."""
+    """Scale of errors."""
     doubt: Float[np.ndarray, "N 1"]
-    """How much rounding changes a row in JAX itself, over each entry's size."""
+    """Effect of rounding on a row in JAX itself, over each entry's size."""
 
     @classmethod
     def of(cls, rows: Float[np.ndarray, "N M"], otherwise: Float[np.ndarray, "N M"]) -> Expected:
-        """Return it from what JAX makes of inputs, and of the same `rounded`."""
+        """Return it from JAX's results for inputs, and for the same inputs `rounded`."""
         size = np.abs(rows) + np.abs(rows).max(axis=0, initial=1e-3)
         doubt = np.abs(otherwise - rows) / size
         return cls(rows, size, doubt.max(axis=1, keepdims=True))
 
     def agrees(self, computed: Float[np.ndarray, "N M"]) -> bool:
-        """Return whether the rows `computed` by a program are these."""
+        """Return whether the rows `computed` by a program agree with these."""
         off = np.abs(computed - self.rows) / self.size
         return bool((off <= TOLERANCE + DOUBTS * self.doubt).all())
 
 
 @dataclass(frozen=True)
 class Probes:
-    """States of random motions, some far beyond what training showed, with what JAX makes of them."""
+    """States of random motions, some far outside the training domain, with JAX's results for them."""
 
     states: Float[np.ndarray, "N S"]
     controls: Float[np.ndarray, "N C"]
-    """Within the bounds and at them."""
+    """Controls within the bounds and at them."""
     expected: Expected
-    """One super step later."""
+    """States one super step later."""
     trust: Expected
 
     @classmethod
@@ -128,11 +128,11 @@ class Probes:
 
 
 _known: Remembered[Probes] = Remembered()
-"""The probes of each emulator: several programs are held against them."""
+"""Probes of each emulator, which several programs are checked with."""
 
 
 _one_at_a_time = threading.Lock()
-"""JAX on a CPU was seen to wait for ever where two threads computed probes: besides, one computes them for both."""
+"""Lock for computing probes: JAX on a CPU was seen to deadlock when two threads did, and one result serves both."""
 
 
 def probes_of(emulator: SuperStep) -> Probes:

@@ -1,4 +1,4 @@
-/* What callers of one emulator use. Numbers are in the units of its state and control; arrays are in C's order. */
+/* Functions for callers of an emulator. Numbers are in the units of its state and control; arrays are in C order. */
 
 /* The state (S,) one super step after `state` (S,) under `control` (C,); returns whether `state` is
    small enough and all else is finite. */
@@ -10,7 +10,7 @@ int step(const float *k, const float *state, const float *control, float *next) 
     return is_given_sound & all_finite(next, STATE);
 }
 
-/* `states` (T+1, S): `state` (S,), and the ones after each of `steps` super steps under `controls` (T, C). Returns
+/* `states` (T+1, S): `state` (S,), and the states after each of `steps` super steps under `controls` (T, C). Returns
    whether `state` is small enough and all else is finite. */
 int rollout(const float *k, const float *state, const float *controls, long steps, float *states) {
     NA_ALIGNED float latent[LATENT];
@@ -21,7 +21,7 @@ int rollout(const float *k, const float *state, const float *controls, long step
     return is_given_sound & all_finite(states, (steps + 1) * STATE);
 }
 
-/* `rollout`, and `scores` (T,): how far each step's state and control lie from what training showed. */
+/* `rollout`, and `scores` (T,): the distance of each step's state and control from training. */
 int rollout_trusted(
     const float *k, const float *state, const float *controls, long steps, float *states, float *scores
 ) {
@@ -34,7 +34,7 @@ int rollout_trusted(
     return is_given_sound & all_finite(states, (steps + 1) * STATE);
 }
 
-/* How far `state` (S,) under `control` (C,) lies from what training showed: 1 is the edge. */
+/* Distance of `state` (S,) under `control` (C,) from training: 1 is the edge. */
 float trust(const float *k, const float *state, const float *control) {
     NA_ALIGNED float latent[LATENT], next[STATE];
     float score;

@@ -1,4 +1,4 @@
-/* Sixteen motions side by side. Numbers are in the units of the emulator's state and control. */
+/* Sixteen motions in parallel. Numbers are in the units of the emulator's state and control. */
 
 /* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C).
    Returns whether all starts are small enough and all else is finite. */
@@ -8,7 +8,7 @@ int rollouts(const float *k, const float *starts, const float *controls, long co
     for (long first = 0; first < count; first += LANES) {
         const long present = count - first < LANES ? count - first : LANES;
         for (long l = 0; l < LANES; l++) {
-            /* Lanes too many repeat the last motion. */
+            /* Surplus lanes repeat the last motion. */
             const float *start = starts + (first + (l < present ? l : present - 1)) * STATE;
             encode(k, start, one);
             for (int i = 0; i < LATENT; i++) latent[i * LANES + l] = one[i];

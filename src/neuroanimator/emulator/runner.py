@@ -1,7 +1,7 @@
-"""How a call of an emulator is run.
+"""Dispatch of calls of an emulator.
 
-Arrays of JAX are run by JAX, and so is everything inside `jax.jit`, `jax.grad` and `jax.vmap`. All other arrays are
-checked and run by the `backend`: in C where there is a program, else in JAX.
+JAX arrays are run by JAX, and so is everything inside `jax.jit`, `jax.grad` and `jax.vmap`. All other arrays are
+checked and run by the `backend`: in C if there is a program, otherwise in JAX.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from neuroanimator.state.layout import Layout
 def program_of(emulator: SuperStep) -> CEmulator | None:
     """Return the program that runs `emulator` in C, if the `backend` is C and there is one.
 
-    Raises ResourceError where nothing but C will do, and there is none.
+    Raises ResourceError if C is required, and there is none.
     """
     asked = backend()
     if asked == "jax":
@@ -43,7 +43,7 @@ def program_of(emulator: SuperStep) -> CEmulator | None:
 
 
 class Step:
-    """A super step to call: from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`."""
+    """A super step that can be called from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`."""
 
     def __init__(self, emulator: SuperStep):
         self._emulator = emulator
@@ -58,9 +58,9 @@ class Step:
     def __call__(self, state: ArrayLike, control: ArrayLike) -> Float[AnyArray, " S"]:
         """Return the state (S,) one super step after `state` (S,) under `control` (C,).
 
-        Of arrays of JAX it is one of JAX, and differentiable; of all else it is one of NumPy, computed by the `backend`.
+        For JAX arrays it is a JAX array, and differentiable; otherwise a NumPy array, computed by the `backend`.
 
-        Raises ArgumentError for wrong shapes, and of arrays that are not JAX's for what `rollout` refuses.
+        Raises ArgumentError for wrong shapes, and for arrays other than JAX's for what `rollout` refuses.
         """
         emulator = self._emulator
         if is_plain(state) and is_plain(control):
@@ -86,7 +86,7 @@ class Step:
     def _checked(self, vector: ArrayLike, layout: Layout, label: str, most: float) -> Any:
         shape = (layout.size,)
         if isinstance(vector, jax.Array) and np.shape(vector) == shape:
-            return vector  # Looking at its numbers would wait for them, and a tracer has none.
+            return vector  # Checking its numbers would wait for them, and a tracer has none.
         if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
             raise ArgumentError(
                 f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
@@ -122,7 +122,7 @@ def run_rollout(
 def _rollout(
     emulator: SuperStep, start: Float[AnyArray, "*B S"], controls: Float[AnyArray, "*B T C"]
 ) -> Float[AnyArray, "*B F S"]:
-    """Return the trajectory from what has been checked, in arrays of the same library."""
+    """Return the trajectory from checked inputs, in arrays of the same library."""
     function = of_rows(quick_rollout) if start.ndim == 2 else quick_rollout
     if isinstance(start, jax.Array):
         return call_compiled(function, emulator, start, controls)
@@ -135,7 +135,7 @@ def _rollout(
 def quick_rollout(
     emulator: SuperStep, state: Float[Array, " S"], controls: Float[Array, "T C"]
 ) -> Float[Array, "T+1 S"]:
-    """Return `rollout`, not unrolled: a tenth slower, but compiled in a third of the time."""
+    """Return `rollout` without unrolling: a tenth slower, but compiled in a third of the time."""
     return rollout(emulator, state, controls, unroll=1)
 
 
@@ -178,7 +178,7 @@ def _run_rows(
     in_jax: Callable[..., Any],
     rows: tuple[Float[np.ndarray, "N ..."], ...],
 ) -> Any:
-    """Return what a function does of each row, by the `backend`: a method of `CEmulator`, or a function of one row."""
+    """Return a function of each row, by the `backend`: a method of `CEmulator`, or a JAX function of one row."""
     program = program_of(emulator)
     if program is not None:
         return in_c(program, *rows)
@@ -188,7 +188,7 @@ def _run_rows(
 def _checked(
     emulator: SuperStep, state: ArrayLike, controls: ArrayLike
 ) -> tuple[Float[np.ndarray, "*B S"], Float[np.ndarray, "*B T C"]]:
-    """Return both in the emulator's own numbers."""
+    """Return both, checked, in the emulator's own number type."""
     dtype = _dtype(emulator)
     start = check_numbers(state, emulator.state, "state", MAX_MAGNITUDE, dtype)
     held = check_numbers(controls, emulator.control, "controls", MAX_CONTROL, dtype)
@@ -197,7 +197,7 @@ def _checked(
 
 
 def _dtype(emulator: SuperStep) -> Any:
-    """Return the type of an emulator's numbers."""
+    """Return the dtype of an emulator's numbers."""
     return emulator.normaliser.change_scale.dtype
 
 

@@ -1,7 +1,7 @@
-"""Shape modes: a deformable body as a rigid frame and how much of each shape seen in training it shows.
+"""Shape modes: a deformable body as a rigid frame plus amounts of the shapes seen in training.
 
 Hundreds of mass points move as one body that bends in a few ways. An emulator of those few numbers is
-smaller, faster and cannot tear the body apart: whatever it predicts is a mixture of shapes seen in training.
+smaller, faster and cannot tear the body apart: every prediction is a combination of shapes seen in training.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from neuroanimator.state.segments import (
 from neuroanimator.state.structure import Mirror, Structure
 
 TINY = 1e-12
-"""Added to squares before their root is divided by: motions that stand still are not divided by zero."""
+"""Offset added to squares before dividing by their root, so that bodies at rest are not divided by zero."""
 
 RECORDED_ROWS = 4096
-"""Number of windows of a dataset that are encoded at once."""
+"""Number of windows of a dataset that are encoded at a time."""
 
 LIMITS = Layout(
     (
@@ -57,43 +57,43 @@ LIMITS = Layout(
         Slice("angular_speed", 1, "rad/s"),
     )
 )
-"""What `ShapeModes.limits` holds, in order; modes in standard deviations, root mean square."""
+"""Entries of `ShapeModes.limits`; modes in standard deviations, root mean square."""
 
 REVERSED_ALONG = (False, True, False)
-"""Which entries of a vector the mirror, which reverses Y, reverses."""
+"""Entries of a vector that the mirror, which reverses Y, reverses."""
 
 REVERSED_ABOUT = (True, False, True)
-"""Which entries of a rotation vector the mirror reverses: rotations about X and Z."""
+"""Entries of a rotation vector that the mirror reverses: rotations about X and Z."""
 
 
 class ShapeModes(Encoding):
     """Positions and velocities of N mass points ↔ (frame, odd modes, even modes, odd and even activations, parameters).
 
-    Odd numbers change sign in the body's mirror, even ones do not; without a mirror all are odd. Modes of
-    positions and of velocities are kept apart, because what bends is not what swings. The mean shape of a family grows with
+    Odd numbers change sign in the body's mirror, even ones do not; without a mirror all are odd. Positions
+    and velocities have separate modes, as deformation and motion differ. The mean shape of a family grows with
     its parameters, so that modes are deformations of any of its bodies.
     """
 
     positions: Float[AnyArray, "D Q"]
-    """Orthonormal; how the shape (D = 3 N) differs from the mean one, per position mode [m]."""
+    """Orthonormal position modes: deviations of the shape (D = 3 N) from the mean one [m]."""
     velocities: Float[AnyArray, "D P"]
-    """Orthonormal; how mass points move besides the frame's motion, per velocity mode [m/s]."""
+    """Orthonormal velocity modes: motions of mass points relative to the frame [m/s]."""
     mean_position: Float[AnyArray, " D"]
     mean_velocity: Float[AnyArray, " D"]
     spread: Float[AnyArray, " K"]
     """Standard deviation of all K = Q + P modes in training, in their order within the latent state."""
     limits: Float[AnyArray, " 4"]
-    """What training hardly exceeded, as `LIMITS` says."""
+    """Limits that training hardly exceeded, as listed in `LIMITS`."""
     cloud: Cloud = eqx.field(static=True)
     """The mass points at rest."""
     mirror: Mirror | None = eqx.field(static=True)
-    """Left and right of the body; None where it has none."""
+    """Left and right of the body; None without a mirror symmetry."""
     odd_positions: int = eqx.field(static=True)
-    """How many position modes are odd; they come first."""
+    """Number of odd position modes, which come first."""
     odd_velocities: int = eqx.field(static=True)
-    """How many velocity modes are odd; they come first."""
+    """Number of odd velocity modes, which come first."""
     muscles: int = eqx.field(static=True)
-    """How many activations belong to the state."""
+    """Number of activations in the state."""
     time_constant: float = eqx.field(static=True)
     """Time constant of the muscles [s]."""
 
@@ -103,7 +103,7 @@ class ShapeModes(Encoding):
 
     @property
     def count(self) -> int:
-        """How many modes there are, of positions and of velocities together."""
+        """Number of modes, of positions and velocities together."""
         return self.positions.shape[1] + self.velocities.shape[1]
 
     @property
@@ -121,12 +121,12 @@ class ShapeModes(Encoding):
 
     @property
     def change_layout(self) -> Layout:
-        """Named parts of a change of the latent state (V,), as `Frame.apply` takes it."""
+        """Named parts of a change of the latent state (V,), for `Frame.apply`."""
         return _change_layout(self.count)
 
     @property
     def feature_layout(self) -> Layout:
-        """Named parts of those raw features that are latent entries as they are; others follow."""
+        """Named parts of the raw features that are unchanged latent entries; others follow."""
         return _feature_layout(self.count, self.muscles, self.cloud.parameters)
 
     @property
@@ -165,7 +165,7 @@ class ShapeModes(Encoding):
         return xp.concat([*frame, *modes, activations, parameters], axis=-1)
 
     def decode(self, latent: Float[AnyArray, "*B I"]) -> Float[AnyArray, "*B S"]:
-        """Return the states (..., S) closest to what `latent` (..., I) says."""
+        """Return the states (..., S) closest to `latent` (..., I)."""
         xp = latent.__array_namespace__()
         layout = self.layout
         centre = layout.part(latent, "frame.position")
@@ -202,7 +202,7 @@ class ShapeModes(Encoding):
         return xp.concat(positions, axis=-1), xp.concat(velocities, axis=-1)
 
     def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        """Return (..., C) what left and right do oppositely, then what they do alike."""
+        """Return (..., C) antisymmetric, then symmetric combinations of left and right controls."""
         if self.mirror is None or not control.shape[-1]:
             return control
         return control @ _like(mixing(self.mirror)[0], control)
@@ -213,7 +213,7 @@ class ShapeModes(Encoding):
         return latent @ _like(mixing(self.mirror)[0], latent).mT
 
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
-        # In double precision a dataset would take many times its memory, and so it goes block by block.
+        # Block by block: in double precision a dataset would take many times its memory.
         latent = np.empty((*states.shape[:-1], self.layout.size), np.float32)
         for first in range(0, len(states), RECORDED_ROWS):
             rows = slice(first, first + RECORDED_ROWS)
@@ -223,9 +223,9 @@ class ShapeModes(Encoding):
     def bounded(
         self, latent: Float[Array, " I"], features: Features, domain: Domain
     ) -> Float[Array, " I"]:
-        """Return `latent` (I,) with shape, flow, speed and spin shrunk to what training showed, if they are beyond it.
+        """Return `latent` (I,) with shape, flow, speed and spin scaled down to the limits of training, if beyond them.
 
-        It keeps a body in shape for ever: see `docs/decisions/0008-bodies-in-few-numbers.md`. The range of
+        This keeps a body in shape for ever: see `docs/decisions/0008-bodies-in-few-numbers.md`. The range of
         single features does not matter here.
         """
         layout = self.layout
@@ -255,7 +255,7 @@ class ShapeModes(Encoding):
         angular_velocity: Float[AnyArray, "*B 3"],
         modes: Float[AnyArray, "*B K"],
     ) -> tuple[Float[AnyArray, "*B"], ...]:
-        """Return the squares (...) of what `LIMITS` names, in its order; `modes` in standard deviations."""
+        """Return the squares (...) of the entries of `LIMITS`, in order; `modes` in standard deviations."""
         xp = modes.__array_namespace__()
         size = modes**2
         is_position = self.is_position_mode()
@@ -267,12 +267,12 @@ class ShapeModes(Encoding):
         )
 
     def is_position_mode(self) -> Bool[np.ndarray, " K"]:
-        """Return which modes, in their order within the latent state, are of positions."""
+        """Return a mask of the position modes, in the order of the latent state."""
         sizes = [part.size for part in self.mode_layout.slices]
         return np.repeat([True, False, True, False], sizes)
 
     def structure(self, body: Structure) -> Structure:
-        """Return what an emulator may exploit of the latent state, given what it may of the body's state."""
+        """Return the structure of the latent state that an emulator may exploit, given that of the body's state."""
         layout = self.layout
         velocity = layout.index("frame.velocity").start
         angular_velocity = layout.index("frame.angular_velocity").start
@@ -301,15 +301,15 @@ class ShapeModes(Encoding):
         return Structure((), (), (), cloud=self.cloud)
 
     def odd_changes(self) -> tuple[bool, ...]:
-        """Return (V,), per number of a change as in `change_layout`, whether the mirror reverses it."""
+        """Return (V,) whether the mirror reverses each number of a change, as in `change_layout`."""
         frame = (*REVERSED_ALONG, *REVERSED_ABOUT, *REVERSED_ALONG, *REVERSED_ABOUT)
         return (*frame, *self._odd_modes())
 
     def odd_features(self, body: Structure) -> tuple[bool, ...]:
-        """Return (K,) per raw feature whether the mirror reverses it.
+        """Return (K,) whether the mirror reverses each raw feature.
 
-        Features are those of `feature_layout`, then the direction of gravity, the velocity, what probes
-        show, and the controls.
+        Features are those of `feature_layout`, then the direction of gravity, the velocity, the probes'
+        features, and the controls.
         """
         assert self.mirror is not None
         odd_controls = mixing(self.mirror)[1]
@@ -359,7 +359,7 @@ class ShapeModes(Encoding):
 
     @classmethod
     def from_json(cls, described: dict[str, Any], states: int, controls: int) -> ShapeModes:
-        """Return the modes `to_json` wrote, arrays zero; ValueError unless they fit `states` and `controls`."""
+        """Return the modes that `to_json` wrote, with zero arrays; ValueError unless they fit `states` and `controls`."""
         cloud = Cloud.from_json(described["cloud"], "modes")
         q, p, odd_q, odd_p = listed(described["counts"], "modes", _count, 4)
         size = 3 * cloud.count
@@ -450,7 +450,7 @@ def _like(numbers: Any, state: AnyArray) -> AnyArray:
 
 
 class BodyInFrame(NamedTuple):
-    """A body's rigid frame, and its mass points as they are seen from there."""
+    """A body's rigid frame, and its mass points relative to it."""
 
     centre: Float[AnyArray, "*B 3"]
     """Position of the centroid [m]."""
@@ -458,11 +458,11 @@ class BodyInFrame(NamedTuple):
     velocity: Float[AnyArray, "*B 3"]
     """Velocity of the centroid in the world [m/s]."""
     angular_velocity: Float[AnyArray, "*B 3"]
-    """Along the body's axes [rad/s]."""
+    """Angular velocity, along the body's axes [rad/s]."""
     shape: Float[AnyArray, "*B D"]
-    """Where mass points are, from the centroid and along the body's axes [m]; D = 3 N."""
+    """Positions of mass points from the centroid, along the body's axes [m]; D = 3 N."""
     flow: Float[AnyArray, "*B D"]
-    """How mass points move besides the frame, along the body's axes [m/s]."""
+    """Velocities of mass points relative to the frame, along the body's axes [m/s]."""
 
 
 def view_in_frame(cloud: Cloud, state: Float[AnyArray, "*B S"]) -> BodyInFrame:

@@ -1,4 +1,4 @@
-"""The fixed facts an emulator carries about its system: names, units, bounds, rest, skeleton. No weights."""
+"""The facts about its system that an emulator carries: names, units, bounds, rest, skeleton. No weights."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_STRIDES = 16
 
 
 class EmulatorSpec(eqx.Module):
-    """What an emulator stands for: fixed facts, no weights."""
+    """The fixed facts about an emulator's system; no weights."""
 
     system: str = eqx.field(static=True)
     """Name of the system."""
@@ -22,20 +22,20 @@ class EmulatorSpec(eqx.Module):
     control: Layout = eqx.field(static=True)
     """Named parts and units of a control (C,)."""
     bounds: Bounds = eqx.field(static=True)
-    """Lowest and highest value of every control."""
+    """Minimum and maximum value of every control."""
     substeps: int = eqx.field(static=True)
-    """Physics steps one super step stands for."""
+    """Number of physics steps in a super step."""
     dt: float = eqx.field(static=True)
-    """Time one super step covers [s]."""
+    """Duration of a super step [s]."""
     skeleton: Skeleton = eqx.field(static=True)
-    """Bones to draw a state with."""
+    """Bones that draw a state."""
     rates: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """(i, j) where state entry j is the time derivative of entry i."""
     rest: tuple[float, ...] = eqx.field(static=True)
-    """A state of rest, where motions begin if nothing else is said."""
+    """State of rest, the default start of motions."""
     definition: str = eqx.field(static=True, default="")
-    """JSON text the system can be made from again; empty for one that comes with the package."""
+    """JSON text from which the system can be rebuilt; empty for a system that ships."""
     gait: Gait | None = eqx.field(static=True, default=None)
-    """How the system moves along if nothing else is said."""
+    """Default gait of the system."""
     strides: int = eqx.field(static=True, default=1)
     """Number of equal strides of the network in a super step: see `Emulator.in_strides`."""

@@ -31,7 +31,7 @@ UNROLL = 4
 
 
 class SuperStep(eqx.Module):
-    """A super step s + change(s, u) (SIGGRAPH 98, eq. 7) as JAX computes it; `Emulator` is one that can be called."""
+    """A super step s + change(s, u) (SIGGRAPH 98, eq. 7) as JAX computes it; `Emulator` adds the calls from Python."""
 
     frame: Frame
     features: Features
@@ -40,15 +40,15 @@ class SuperStep(eqx.Module):
     domain: Domain
     spec: EmulatorSpec
     encoding: Encoding
-    """What the latent state is in which super steps are made."""
+    """Map to the latent state in which super steps are computed."""
     meter: TrustMeter | None = None
-    """Tells how far an input lies from what training showed; None in files from before there was one."""
+    """Meter of an input's distance from training; None in older files."""
     calibration: ErrorBounds | None = None
-    """How far rollouts go astray; None where nobody measured it: see `error_bounds`."""
+    """Error bounds of rollouts; None if not measured: see `error_bounds`."""
     validation: ValidationErrors | None = None
-    """How far one super step goes astray where it was trained; None in files from before training told it."""
+    """Errors of one super step within training; None in older files."""
 
-    # Equinox makes a pytree of every method that is looked up: for tens of microseconds, and `jax.jit` cannot hash it.
+    # Equinox turns every method looked up into a pytree, which takes tens of microseconds and cannot be hashed by `jax.jit`.
     __getattribute__ = object.__getattribute__
 
     @property
@@ -68,32 +68,32 @@ class SuperStep(eqx.Module):
 
     @property
     def bounds(self) -> Bounds:
-        """Lowest and highest value of every control."""
+        """Minimum and maximum value of every control."""
         return self.spec.bounds
 
     @property
     def rest(self) -> Float[np.ndarray, " S"]:
-        """A state of rest, as a new array: motions begin there if nothing else is said."""
+        """State of rest, the default start of motions, as a new array."""
         return np.array(self.spec.rest)
 
     @property
     def dt(self) -> float:
-        """Time one super step covers [s]."""
+        """Duration of a super step [s]."""
         return self.spec.dt
 
     @property
     def substeps(self) -> int:
-        """Physics steps one super step stands for."""
+        """Number of physics steps in a super step."""
         return self.spec.substeps
 
     @property
     def strides(self) -> int:
-        """Number of times the network is asked in a super step: see `in_strides`."""
+        """Number of evaluations of the network in a super step: see `in_strides`."""
         return self.spec.strides
 
     @property
     def skeleton(self) -> Skeleton:
-        """Bones to draw a state with."""
+        """Bones that draw a state."""
         return self.spec.skeleton
 
     @property
@@ -103,30 +103,30 @@ class SuperStep(eqx.Module):
 
     @property
     def gait(self) -> Gait | None:
-        """How the system moves along if nothing else is said; None where it has no such way."""
+        """Default gait of the system; None if it has none."""
         return self.spec.gait
 
     @property
     def definition(self) -> str:
-        """JSON text the system can be made from again; empty for one that comes with the package."""
+        """JSON text from which the system can be rebuilt; empty for a system that ships."""
         return self.spec.definition
 
     @property
     def parameter_entries(self) -> tuple[int, ...]:
-        """State entries that are parameters, which no motion changes; none of an emulator of a single body."""
+        """State entries that are parameters, which no motion changes; none in an emulator of a single body."""
         constant = [one for one in self.frame.segments if isinstance(one, Constant)]
         count = sum(segment.size for segment in constant)
         return tuple(range(self.state.size - count, self.state.size))
 
     @property
     def shown_parameters(self) -> tuple[int, ...]:
-        """Places of the parameters among the plain features."""
+        """Indices of the parameters among the plain features."""
         behind = self.encoding.layout.size - self.state.size
         return tuple(self.features.plain.index(entry + behind) for entry in self.parameter_entries)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What varies over the family of bodies it was trained on: names, units, the ranges of training, nominal values."""
+        """Parameters of the family of bodies it was trained on: names, units, ranges of training, nominal values."""
         found = []
         for entry, shown in zip(self.parameter_entries, self.shown_parameters, strict=True):
             name, unit = self.state.names[entry].split("[0] ")
@@ -142,16 +142,16 @@ class SuperStep(eqx.Module):
 
     @property
     def state_structure(self) -> Structure:
-        """What a pose needs to know of states: their segments, or the mass points they are of."""
+        """Structure of states that poses need: their segments, or their mass points."""
         return self.encoding.state_structure(self.frame.segments)
 
     def step_latent(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
     ) -> Float[Array, " I"]:
-        """Return `step` of a latent state under a latent control: those of `encode` and `encode_control`.
+        """Return `step` of a latent state under a latent control, as from `encode` and `encode_control`.
 
-        A deformable body's shape and speed, and the numbers a network is shown of any other state, are kept within
-        what training showed; a free body sinks no deeper into the ground.
+        A deformable body's shape and speed, and the features of any other state, are kept within the range of
+        training; a free body sinks no deeper into the ground than in training.
         """
         following = self.step_latent_unbounded(latent, control)
         return self._bounded(following)
@@ -159,7 +159,7 @@ class SuperStep(eqx.Module):
     def step_latent_unbounded(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
     ) -> Float[Array, " I"]:
-        """Return what the network makes of `latent`: `step_latent` before anything is kept within bounds."""
+        """Return the network's prediction from `latent`: `step_latent` without bounds."""
         for _ in range(self.strides):
             latent, _, _ = self.stride_and_units(latent, control)
         return latent
@@ -176,10 +176,10 @@ class SuperStep(eqx.Module):
         return self.frame.apply(latent, change, control), units, raw - shown
 
     def _score(self, units: Units, beyond: Float[Array, " K"]) -> Float[Array, ""]:
-        """Return the score of what the network makes of an input, whose features lie `beyond` their ranges.
+        """Return the score of an input with these `units` and with features `beyond` their ranges.
 
-        The network is not shown that, so that it is counted here: in standard deviations of the features, or
-        in margins of their ranges where there is no meter.
+        The network sees clipped features, so the excess is counted here: in standard deviations of the features, or
+        in margins of their ranges without a meter.
         """
         if self.meter is None:
             return _root(jnp.sum((beyond / self.domain.margin) ** 2))
@@ -189,7 +189,7 @@ class SuperStep(eqx.Module):
     def step_latent_trusted(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
     ) -> tuple[Float[Array, " I"], Float[Array, ""]]:
-        """Return (`step_latent`, the score of its input: see `Emulator.trust`); of several strides the highest."""
+        """Return (`step_latent`, the score of its input: see `Emulator.trust`); with strides, their highest score."""
         following, units, beyond = self.stride_and_units(latent, control)
         score = self._score(units, beyond)
         for _ in range(self.strides - 1):
@@ -198,7 +198,7 @@ class SuperStep(eqx.Module):
         return self._bounded(following), score
 
     def _bounded(self, following: Float[Array, " I"]) -> Float[Array, " I"]:
-        """Return a latent state within bounds, but for its parameters: a body outside of the family stays one, and scores so."""
+        """Return a latent state within bounds, except its parameters: a body outside of the family stays so, and scores so."""
         bounded = self.encoding.bounded(following, self.features, self.domain)
         first = len(self.features.plain)
         local = slice(first, first + self.frame.local_size)
@@ -212,7 +212,7 @@ class SuperStep(eqx.Module):
         return jnp.concatenate(parts)
 
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
-        """Return the latent states (..., I) in which super steps are made: of a deformable body few numbers."""
+        """Return the latent states (..., I) in which super steps are computed: few numbers for a deformable body."""
         return self.encoding.encode(state)
 
     def decode(self, latent: Float[AnyArray, "*B I"]) -> Float[AnyArray, "*B S"]:
@@ -220,15 +220,15 @@ class SuperStep(eqx.Module):
         return self.encoding.decode(latent)
 
     def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        """Return the latent controls (..., C), as `step_latent` takes them."""
+        """Return the latent controls (..., C) for `step_latent`."""
         return self.encoding.encode_control(control)
 
     def raw_features(
         self, latent: Float[AnyArray, "*B I"], control: Float[AnyArray, "*B C"]
     ) -> Float[AnyArray, "*B K"]:
-        """Return (..., K) what the network sees besides sines and cosines, not yet normalised.
+        """Return the network's features (..., K) other than sines and cosines, not yet normalised.
 
-        Neither the position nor the heading is among it. `latent` and `control` are encoded.
+        Neither the position nor the heading is among them. `latent` and `control` are encoded.
         """
         local = self.frame.local(latent)
         felt = self.frame.felt_control(latent, control)
@@ -237,12 +237,12 @@ class SuperStep(eqx.Module):
     def raw_features_of(
         self, state: Float[AnyArray, "*B S"], control: Float[AnyArray, "*B C"]
     ) -> Float[AnyArray, "*B K"]:
-        """Return `raw_features` (..., K) of a state (..., S) and a control (..., C) as the system has them."""
+        """Return `raw_features` (..., K) of the system's state (..., S) and control (..., C)."""
         return self.raw_features(self.encode(state), self.encode_control(control))
 
 
 def _root(square: Float[Array, ""]) -> Float[Array, ""]:
-    """Return the square root; its gradient at 0 is 0, not without bounds, so that scores may be penalised."""
+    """Return the square root, with gradient 0 instead of infinity at 0, so that scores can be penalised."""
     is_positive = square > 0
     return jnp.where(is_positive, jnp.sqrt(jnp.where(is_positive, square, 1.0)), 0.0)
 
@@ -296,7 +296,7 @@ def rollout_latent(
 ) -> Float[Array, "T I"]:
     """Return the latent states after `latent`, one for each of the latent `controls`; the start is not included.
 
-    Training follows the network alone (`is_bounded` false): what bounds do to a stray body teaches nothing.
+    Training follows the network alone (`is_bounded` false): the effect of bounds on a stray body teaches nothing.
     """
     make_step = emulator.step_latent if is_bounded else emulator.step_latent_unbounded
 

@@ -1,6 +1,6 @@
-"""The arrays of an emulator by the names that files give them: one table, whatever the fields are called.
+"""The arrays of an emulator by their names in files: one table, whatever the fields are called.
 
-`docs/format.md` has the same table in words. Names in files are for ever; those of fields are not.
+`docs/format.md` has the same table in words. Names in files are permanent; names of fields are not.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ def emulator_leaves(emulator: SuperStep) -> dict[str, Any]:
 
 
 def emulator_tensors(emulator: SuperStep) -> dict[str, np.ndarray]:
-    """Return every array of `emulator` by its name in files, for NumPy."""
+    """Return every array of `emulator` by its name in files, as NumPy arrays."""
     return to_numpy(emulator_leaves(emulator))
 
 
 def to_numpy(leaves: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Return `leaves` as arrays of NumPy."""
+    """Return `leaves` as NumPy arrays."""
     return {name: np.asarray(leaf) for name, leaf in leaves.items()}
 
 
 def with_tensors(
     tree: Any, leaves_of: Callable[[Any], dict[str, Any]], tensors: Mapping[str, np.ndarray]
 ) -> Any:
-    """Return `tree` with its arrays, which `leaves_of` names, replaced by `tensors`.
+    """Return `tree` with its arrays, named by `leaves_of`, replaced by `tensors`.
 
     Raises ValueError unless names, shapes and kinds of number are exactly the same.
     """
@@ -72,7 +72,7 @@ def with_tensors(
 def checked_arrays(
     leaves: Mapping[str, Any], tensors: Mapping[str, np.ndarray]
 ) -> list[np.ndarray]:
-    """Return `tensors` in the order of `leaves`, and in their kinds of number.
+    """Return `tensors` in the order and the dtypes of `leaves`.
 
     Raises ValueError unless names, shapes and kinds of number are exactly those of `leaves`.
     """

@@ -1,4 +1,4 @@
-"""How far an input lies from what an emulator was trained on: 1 is the edge."""
+"""Distance of an input from an emulator's training: 1 is the edge."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from neuroanimator.emulator.networks.network import Units
 from neuroanimator.state.arrays import AnyArray
 
 EDGE = 1.0
-"""Scores up to this are those of training."""
+"""Maximum score that counts as within training."""
 
 
 class TrustMeter(eqx.Module):
     """Distance of the last layer's units from their mean in training, along the directions in which errors grow.
 
-    Answers are linear in these units, so that an ensemble of last layers, each as likely as the others by the data,
-    disagrees by their Mahalanobis distance: it is that ensemble at the cost of a small matrix. How it was
-    chosen is in `docs/decisions/0022-trust.md`.
+    Answers are linear in these units, so an ensemble of last layers, all equally likely given the data, disagrees
+    by their Mahalanobis distance: this is that ensemble at the cost of a small matrix. `docs/decisions/0022-trust.md`
+    tells how it was chosen.
     """
 
     odd: Float[AnyArray, "H P"]
-    """Directions of the units that change sign in the mirror: their mean is zero, and the score the mirror image's."""
+    """Directions of the units that change sign in the mirror: their mean is zero, and a mirror image scores the same."""
     even: Float[AnyArray, "G Q"]
     even_mean: Float[AnyArray, " G"]
 

@@ -1,4 +1,4 @@
-"""How far to believe a whole motion of an emulator, in a line."""
+"""One-line summary of how far to trust a whole motion of an emulator."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from neuroanimator.emulator.trust import EDGE
 from neuroanimator.emulator.verdict import Verdict
 
 UNJUDGED = "how good it is there the file does not tell; 'neuroanimator evaluate' does"
-"""What is said of a file that tells no errors."""
+"""Text for a file without errors."""
 
 NO_METER = "the file is from before there were scores; na.fit_trust(emulator, data) gives it one"
-"""What is said of a file without a meter."""
+"""Text for a file without a meter."""
 
 
 class TrustSummary(NamedTuple):
-    """What is to be said of the scores of a motion's super steps."""
+    """Summary of the scores of a motion's super steps."""
 
     share_within: float
-    """Share of them that score at most 1: those lie within what training showed."""
+    """Share of super steps that score at most 1, which are within training."""
     highest: float
     highest_at: float
-    """When the one with the highest score begins [s]."""
+    """Start time of the super step with the highest score [s]."""
     verdict: Verdict | None = None
-    """Whether the emulator is of any use within training; None where its file tells nothing."""
+    """Whether the emulator is of use within training; None if its file has no errors."""
     has_meter: bool = True
-    """Whether they are scores, and not the ranges that are all that a file from before there were scores knows."""
+    """Whether there are scores of a meter; older files know only ranges."""
 
     def __str__(self) -> str:
-        """Return how much lies within training, and how good the emulator is there."""
+        """Return the share within training, and how good the emulator is there."""
         if self.verdict is None:
             return f"{self._share_in_words}; {UNJUDGED}"
         return f"{self._share_in_words}; there the emulator is {self.verdict}"
@@ -50,7 +50,7 @@ class TrustSummary(NamedTuple):
 
 
 def summary_of(emulator: Emulator, scores: Float[np.ndarray, " T"]) -> TrustSummary:
-    """Return the summary of the `scores` of at least one super step, as `Emulator.rollout_trusted` gives them with a motion."""
+    """Return the summary of the `scores` of at least one super step, as returned by `Emulator.rollout_trusted`."""
     highest = int(np.argmax(scores))
     return TrustSummary(
         share_within=float(np.mean(scores <= EDGE)),

@@ -1,4 +1,4 @@
-"""Whether an emulator is of any use, in one word and with the reasons."""
+"""Verdict on an emulator, in one word and with the reasons."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from neuroanimator.emulator.error_bounds import KINDS, ErrorBounds
 from neuroanimator.state.arrays import AnyArray
 
 NO_CHANGE = "persistence"
-"""The predictor by which nothing changes; it needs no data."""
+"""The predictor that nothing changes; it needs no data."""
 
 CONSTANT_VELOCITY = "constant velocity"
-"""The predictor by which all velocities stay; it needs no data."""
+"""The predictor that all velocities stay; it needs no data."""
 
 USELESS = "useless"
-"""The word for an emulator that is no better than a guess that needs none."""
+"""The word for an emulator that is no better than a guess without one."""
 
 POOR = "poor"
 """The word for an emulator that has learnt something, but not enough, or that often leaves physics."""
@@ -32,36 +32,36 @@ GOOD = "good"
 """The word for an emulator through which controllers are found that hold on the physics."""
 
 USABLE_SHARE = 0.5
-"""An emulator that errs by more than this share of the best cheap predictor's error has learnt less than half of what
-there is."""
+"""Maximum error of a usable emulator as a share of the best cheap predictor's: above it, less than half of the motion
+is learnt."""
 
 GOOD_ERROR = 0.1
-"""Controllers found through emulators with at most this one-step error [the change's standard deviation] held on the
-physics."""
+"""Maximum one-step error of a good emulator [the change's standard deviation]: controllers found through such ones held
+on the physics."""
 
 MANY_DIVERGED = 0.1
-"""Where a larger share of long rollouts leaves physics, an emulator is poor."""
+"""Share of long rollouts that leave physics above which an emulator is poor."""
 
 SOME_DIVERGED = 0.001
-"""Where a larger share of long rollouts leaves physics, an emulator is not good."""
+"""Share of long rollouts that leave physics above which an emulator is not good."""
 
 AT_THE_NOISE = 1.1
-"""Multiple of what noise alone makes below which an error is as small as it can be seen to be."""
+"""Multiple of the noise's error below which an error cannot be told from noise."""
 
 NOISE_TOLD = 0.1
-"""Noise that makes less than this share of an error is not worth a word."""
+"""Minimum share of noise in an error for the noise to be mentioned."""
 
 BOUND_LEVEL = 0.8
-"""Share of motions whose bound is judged where only bounds are known: the one nearest to root mean squares of what ships."""
+"""Level of the bound that is judged if only bounds are known: the nearest to root mean squares for shipped emulators."""
 
 LOST = 1.0
-"""Rollout error, in how far a run gets, at which one may as well say that the run stays where it began."""
+"""Rollout error, relative to how far a run gets, at which predicting no motion is as good."""
 
 LOST_SHARE = 0.15
-"""Error a second, over the body's size, above which a soft body goes its own way: nobody would take it for the physics."""
+"""Error a second, over the body's size, above which a soft body's motion is clearly not the physics'."""
 
 STRAY_SHARE = 0.08
-"""The same above which an emulator of a soft body is poor: folds are others than the physics'."""
+"""The same above which an emulator of a soft body is poor: its folds differ from the physics'."""
 
 FAITHFUL_SHARE = 0.03
 """The same up to which an emulator of a soft body is good."""
@@ -74,16 +74,16 @@ IN_WORDS = {
 
 
 class WindowErrors(eqx.Module):
-    """How far nodes of a soft body are from the physics' after the longest windows where training validated.
+    """Errors of a soft body's nodes after the longest validation windows of training.
 
-    At root mean square, over the body's size.
+    Root mean square, over the body's size.
     """
 
     seconds: Float[AnyArray, ""]
     """Length of the windows [s]."""
     emulator: Float[AnyArray, ""]
     no_change: Float[AnyArray, ""]
-    """Of predicting that it keeps its shape, and goes along with what moves it."""
+    """Error of predicting that it keeps its shape and moves along with its movers."""
 
     def leaves(self) -> dict[str, AnyArray]:
         """Return the numbers by their names in files."""
@@ -91,20 +91,20 @@ class WindowErrors(eqx.Module):
 
     @property
     def in_words(self) -> str:
-        """Half a sentence on the error."""
+        """The error as half a sentence."""
         return (
             f"after {float(self.seconds):.2g} s its nodes are off by {float(self.emulator):.1%} "
             "of the body's size"
         )
 
     def judged(self, verdict: Verdict) -> Verdict:
-        """Return what the windows say; `verdict`, on one super step, if that says useless.
+        """Return the verdict by the windows; `verdict`, on one super step, if it is useless.
 
-        What one step errs by is mostly of the rates of wrinkles, which die out at once.
+        Errors of one step are mostly in the rates of wrinkles, which die out at once.
         """
         if verdict.is_useless:
             return verdict
-        # Errors grow about as time does, up to a second; then they are as large as motions are.
+        # Errors grow about linearly up to a second; then they are as large as motions.
         seconds = min(float(self.seconds), 1.0)
         error = float(self.emulator)
         cheap = float(self.no_change)
@@ -121,21 +121,21 @@ class WindowErrors(eqx.Module):
 
 
 class ValidationErrors(eqx.Module):
-    """Root mean square errors of a super step where training validated, over the change's standard deviation."""
+    """Root mean square validation errors of a super step, over the change's standard deviation."""
 
     emulator: Float[AnyArray, ""]
     no_change: Float[AnyArray, ""]
-    """Of predicting no change."""
+    """Error of predicting no change."""
     constant_velocity: Float[AnyArray, ""]
-    """Of predicting that velocities stay."""
+    """Error of predicting that velocities stay."""
     noise: Float[AnyArray, ""]
-    """What a perfect emulator's would be, by the noise of the recordings; 0 where there is none."""
+    """Error of a perfect emulator due to the noise of the recordings; 0 without noise."""
     window: WindowErrors | None = None
-    """How far a soft body goes astray in longer windows; None of all else."""
+    """Errors of a soft body in longer windows; None for other systems."""
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the emulator is of any use there, and why."""
+        """Whether the emulator is of use within training, and why."""
         cheap = {NO_CHANGE: float(self.no_change), CONSTANT_VELOCITY: float(self.constant_velocity)}
         verdict = judge(float(self.emulator), cheap, noise=float(self.noise))
         if self.window is None:
@@ -156,13 +156,13 @@ class ValidationErrors(eqx.Module):
         return leaves
 
     def check(self) -> None:
-        """Refuse what no error comes to; ValueError says so."""
+        """Refuse values that no error has; raises ValueError."""
         if any(np.asarray(error) < 0 for error in self.leaves().values()):
             raise ValueError("validation: wanted errors of at least 0")
 
 
 def blank_errors(*, has_window: bool) -> ValidationErrors:
-    """Return errors whose numbers a file brings."""
+    """Return blank errors, for a file to fill."""
     window = None
     if has_window:
         window = WindowErrors(zeros(), zeros(), zeros())
@@ -171,16 +171,16 @@ def blank_errors(*, has_window: bool) -> ValidationErrors:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A word for an emulator, and why."""
+    """A word for an emulator, with reasons."""
 
     word: str
     """`useless`, `poor`, `usable` or `good`."""
     reasons: tuple[str, ...]
-    """Half sentences: what spoils it, or what makes it good."""
+    """Half sentences: its faults, or its merits."""
 
     @property
     def is_useless(self) -> bool:
-        """Whether a guess that needs no emulator is as good."""
+        """Whether a guess without an emulator is as good."""
         return self.word == USELESS
 
     def __str__(self) -> str:
@@ -200,10 +200,10 @@ def judge(
 ) -> Verdict:
     """Return the verdict on a one-step `error`, in standard deviations of the change, that may be NaN or infinite.
 
-    `cheap` are the errors of predictors that need no emulator, `diverged` of so many `rollouts` left physics, and
-    `error_after_second` is the rollout error after a second, in how far runs get. `noise` is the error that a perfect
-    emulator would have on the same recordings: what it makes of the error is no fault of the emulator's. `level` is the
-    share of motions whose errors are at most `error`, where that is no root mean square.
+    `cheap` are the errors of predictors that need no emulator; `diverged` of `rollouts` rollouts left physics;
+    `error_after_second` is the rollout error after a second, relative to how far runs get. `noise` is the error that a
+    perfect emulator would have on the same recordings: its part of the error is not the emulator's fault. `level` is the
+    share of motions whose errors are at most `error`, if that is not a root mean square.
     """
     without_data = {name: value for name, value in cheap.items() if name in IN_WORDS}
     reason = _why_useless(error, without_data, noise)
@@ -237,19 +237,19 @@ def judge(
 
 
 def beyond_noise(error: float, noise: float) -> float:
-    """Return what is left of an error without the part that noise makes: they are independent, so their squares add up."""
+    """Return an error without the part due to noise: the two are independent, so their squares add up."""
     return math.sqrt(max(0.0, error**2 - noise**2))
 
 
 def judge_bounds(bounds: ErrorBounds) -> Verdict:
-    """Return the verdict on what `bounds` say of one super step."""
+    """Return the verdict on the `bounds` of one super step."""
     error = bounds.usual(BOUND_LEVEL, KINDS[0])[0]
-    # They are in standard deviations of the change, which is what predicting no change errs by at least.
+    # They are in standard deviations of the change, which is the least error of predicting no change.
     return judge(float(error), {NO_CHANGE: 1.0}, level=BOUND_LEVEL)
 
 
 def _error_in_words(error: float, noise: float, level: float | None) -> str:
-    """Return half a sentence on a one-step error, and what noise makes of it if that is worth a word."""
+    """Return half a sentence on a one-step error, with the part due to noise if that is worth mentioning."""
     told = f"one step is off by {error:.2g} of the change's standard deviation"
     if level is not None:
         told += f" at most, in {level:.0%} of motions"
@@ -259,7 +259,7 @@ def _error_in_words(error: float, noise: float, level: float | None) -> str:
 
 
 def _why_useless(error: float, without_data: dict[str, float], noise: float) -> str:
-    """Return why an emulator is useless; empty if it is not, or if noise hides whether it is."""
+    """Return why an emulator is useless; empty if it is not, or if noise hides it."""
     if not math.isfinite(error):
         return "it does not even give finite numbers"
     if error <= AT_THE_NOISE * noise:

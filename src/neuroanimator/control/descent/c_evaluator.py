@@ -1,8 +1,9 @@
-"""J and its derivatives in generated C: one call of `descent.c` for each thing a method asks for.
+"""J and its derivatives in generated C: one call of `descent.c` for each quantity that a method needs.
 
-    z → controls → chain of super steps → what the objective's terms observe of latent states → residuals r,  J = |r|²/2
+    z → controls → chain of super steps → the terms' observations of latent states → residuals r,  J = |r|²/2
 
-Derivatives go along sixteen tangents of z at a time, or back from sixteen residuals at a time, whichever is less work.
+Derivatives are computed forward for sixteen tangents of z at a time, or backward from sixteen residuals, whichever is
+less work.
 """
 
 from __future__ import annotations
@@ -57,10 +58,10 @@ from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.terminal import warn_once
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
-"""The C that calls the maps of a problem."""
+"""C files that call the maps of a problem."""
 
 CONTROLS = "controls"
-"""What the map of a parametrisation is called in C."""
+"""Name of a parametrisation's map in C."""
 
 
 class ProblemStruct(ctypes.Structure):
@@ -119,7 +120,7 @@ class CEvaluator(Evaluator):
         self._begin_at(problem.start)
 
     def _begin_at(self, state: Float[Array | np.ndarray, " S"]) -> None:
-        """Remember where motions begin, and what the terms observe of that."""
+        """Remember the start of motions, and the terms' observations of it."""
         start = np.array(state, np.float32)
         self._start = start
         self._latent = start
@@ -195,11 +196,11 @@ class CEvaluator(Evaluator):
 
 @contextmanager
 def loading_programs(emulator: Emulator, parametrisation: Parametrisation) -> Iterator[None]:
-    """Load the programs of a descent, but that of its objective, while the block runs.
+    """Load the programs of a descent, except that of its objective, while the block runs.
 
-    On a new machine they are made side by side with the objective's, on all cores. What fails here fails again in
-    `c_evaluator`, which says so. With the backend JAX nothing is loaded, and after the first descent through an emulator no
-    threads are started: they take longer than a rollout.
+    On a new machine they are made in parallel with the objective's, on all cores. What fails here fails again in
+    `c_evaluator`, which reports it. With the backend JAX nothing is loaded, and after the first descent through an emulator
+    no threads are started: they take longer than a rollout.
     """
     if backend() == "jax" or is_link_known(emulator):
         yield
@@ -213,7 +214,7 @@ def loading_programs(emulator: Emulator, parametrisation: Parametrisation) -> It
 
 @cache
 def _library() -> ctypes.CDLL | None:
-    """Return the library of `descent.c`; None where nothing can be compiled."""
+    """Return the library of `descent.c`; None if nothing can be compiled."""
     library = compiled_library(callers(*CALLERS), FLAGS)
     if library is None:
         return None
@@ -231,7 +232,7 @@ def _library() -> ctypes.CDLL | None:
 
 
 def c_evaluator(problem: Problem) -> CEvaluator | None:
-    """Return the evaluator of `problem` in C; None where there is none."""
+    """Return the evaluator of `problem` in C; None if there is none."""
     steps = problem.parametrisation.steps
     scale = as_float32(problem.control_scale)
     objective = c_objective(problem.objective, problem.emulator, steps, scale)
@@ -250,7 +251,7 @@ _known: Remembered[CMap | None] = Remembered()
 
 
 def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | None:
-    """Return z → controls (T, C) in C, and behind them parameters that are varied; None where there is no such program."""
+    """Return z → controls (T, C) in C, followed by varied parameters; None if there is no such program."""
     known = _known.of(parametrisation)
     if known is not UNKNOWN:
         return known
@@ -280,7 +281,7 @@ def _has_code_in_sources(parametrisation: Parametrisation | VariedParameters) ->
 
 
 def controls_definition(parametrisation: Parametrisation | VariedParameters) -> MapDefinition:
-    """Return what the map z → controls (T, C), and what is varied besides, is in JAX."""
+    """Return the map z → controls (T, C), followed by varied parameters, in JAX."""
     return MapDefinition(_controls, parametrisation, parametrisation.size)
 
 
@@ -300,7 +301,7 @@ def _controls(
 
 
 def _controls_reference(definition: MapDefinition) -> MapReference:
-    """Return controls and their derivatives about random z, by JAX."""
+    """Return controls and their derivatives at random z, by JAX."""
     zs = np.random.default_rng(0).normal(size=(WIDTH, definition.inputs)).astype(np.float32)
     (reference,) = map_references([definition.with_numbers(NO_NUMBERS)], [zs])
     return reference
@@ -313,7 +314,7 @@ def _check(reference: MapReference, program: LoadedProgram) -> None:
 def controls_in_c(
     parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
 ) -> Float[np.ndarray, "K T C"] | None:
-    """Return the controls each row of `zs` stands for; None where there is no program for it."""
+    """Return the controls of each row of `zs`; None if there is no program."""
     in_c = controls_map(parametrisation)
     if in_c is None:
         return None

@@ -1,9 +1,9 @@
-"""Defects of multiple shooting: what an emulator gets wrong along a known motion of the physics, added to every super step.
+"""Defects of multiple shooting: an emulator's errors along a known motion of the physics, added to every super step.
 
-`link` is such a super step in C, with its derivatives: (latent state, control) → the latent state after.
+`link` is such a super step in C, with its derivatives: (latent state, control) → the next latent state.
 
-Where the emulated motion bends away from the physics, a descent would follow it. With the defects of a replayed motion
-added, the emulator gives exactly that motion for its controls, and still says how it changes with them.
+Where the emulated motion departs from the physics, a descent would follow it. With the defects of a replayed motion
+added, the emulator reproduces exactly that motion for its controls, and still has the derivatives by them.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 
 LINK = "link"
-"""What the map is called in C."""
+"""Name of the map in C."""
 
 CHECKED_GRADIENTS = 64
-"""Probes whose gradients are compared, sixteen cotangents each: a thousand."""
+"""Number of probes whose gradients are compared, with sixteen cotangents each: a thousand."""
 
 
 def still_frame(emulator: Emulator) -> Frame:
@@ -49,7 +49,7 @@ def still_frame(emulator: Emulator) -> Frame:
 
 
 def no_defects(emulator: Emulator, steps: int) -> Float[np.ndarray, "T V"]:
-    """Return zeros: the emulator as it is."""
+    """Return zeros: the emulator unchanged."""
     changes = emulator.normaliser.change_scale.shape[0]
     return np.zeros((steps, changes), np.float32)
 
@@ -57,9 +57,9 @@ def no_defects(emulator: Emulator, steps: int) -> Float[np.ndarray, "T V"]:
 def find_defects(
     emulator: Emulator, states: ArrayLike, controls: ArrayLike
 ) -> Float[AnyArray, "T V"]:
-    """Return what must be added to every super step for the emulator to go through `states` of the physics.
+    """Return the additions to every super step that make the emulator pass through `states` of the physics.
 
-    `states` (T+1, S) are those that `controls` (T, C) led to. Computed by the `backend`.
+    `states` (T+1, S) are the result of `controls` (T, C). Computed by the `backend`.
     """
     link = link_of(emulator) if backend() != "jax" else None
     if link is None:
@@ -96,7 +96,7 @@ def rollout_with_defects(
     controls: Float[Array, "T C"],
     defects: Float[Array, "T V"],
 ) -> Float[Array, "T+1 I"]:
-    """Return the trajectory from `latent`, it included, with the defects added; in latent states.
+    """Return the trajectory of latent states from `latent`, start included, with the defects added.
 
     Not unrolled, unlike `Emulator.rollout`: its derivatives compile in a third of the time and run as fast.
     """
@@ -120,7 +120,7 @@ def link(
 
 
 def link_definition(emulator: Emulator) -> MapDefinition:
-    """Return what the map `link` of `emulator` is in JAX."""
+    """Return the map `link` of `emulator` in JAX."""
     return MapDefinition(link, emulator, latent_size(emulator) + emulator.control.size)
 
 
@@ -138,14 +138,14 @@ _known: Remembered[CMap | None] = Remembered()
 
 
 def is_link_known(emulator: Emulator) -> bool:
-    """Return whether `link_of` has nothing to do any more."""
+    """Return whether `link_of` has nothing left to do."""
     return _known.of(emulator) is not UNKNOWN
 
 
 def link_of(emulator: Emulator) -> CMap | None:
     """Return the map `link` of `emulator` in C, without defects; remembered as long as the emulator lives.
 
-    None where there is no such program.
+    None if there is no such program.
     """
     known = _known.of(emulator)
     if known is not UNKNOWN:
@@ -161,7 +161,7 @@ def link_of(emulator: Emulator) -> CMap | None:
 
 @dataclass(frozen=True, eq=False)
 class LinkReference:
-    """What the map `link` of an emulator must do: super steps from probes, and with a random defect the gradients of some."""
+    """Reference of the map `link` of an emulator: super steps from probes, and gradients of some with a random defect."""
 
     emulator: Emulator
     probes: Probes
@@ -184,7 +184,7 @@ class LinkReference:
         return cls(emulator, probes, xs, defect, with_defect)
 
     def check(self, program: LoadedProgram) -> None:
-        """Raise WrongProgramError unless the map of `program` does the same."""
+        """Raise WrongProgramError unless the map of `program` agrees."""
         in_c = CMap(program, LINK, _no_defect(self.emulator))
         self.probes.compare(np.asarray(self.emulator.decode(in_c.of_rows(self.xs))))
         replace(in_c, numbers=self.defect).check(self.with_defect)

@@ -46,23 +46,23 @@ class Descent:
 
     method: str
     controls: np.ndarray
-    """(T, C) within the bounds."""
+    """Controls (T, C) within the bounds."""
     cost: float
     """J on the emulator."""
     costs: tuple[float, ...]
-    """The least J at first and after each backward sweep, of the start that ended best."""
+    """Least J initially and after each backward sweep, of the start that ended best."""
     iterations: int
-    """Backward sweeps of the start that ended best."""
+    """Number of backward sweeps of the start that ended best."""
     seconds: float
     """Time taken [s], compilation excluded."""
     candidates: np.ndarray
-    """(K, T, C) what every start came to, the best first."""
+    """Final controls (K, T, C) of every start, the best first."""
     candidate_costs: np.ndarray
-    """(K,) J on the emulator of each."""
+    """J (K,) of each on the emulator."""
     candidate_starts: np.ndarray
-    """(K, S) where the motion of each begins: with the parameters found, if some were varied."""
+    """Initial state (K, S) of each motion, with the parameters found if some were varied."""
     is_diverged: bool = False
-    """Whether J or its slope stopped being finite; the best before that is kept."""
+    """Whether J or its gradient stopped being finite; the best before that is kept."""
 
 
 def descend(
@@ -75,7 +75,7 @@ def descend(
 ) -> Descent:
     """Return the best controls for `steps` super steps from the state `start` (S,), by J on the emulator.
 
-    Raises ArgumentError for an objective that cannot be descended, before anything is tried.
+    Raises ArgumentError for an objective that cannot be descended, before any descent.
     """
     check_steps(steps)
     state = emulator.state.check(start, "state")
@@ -99,9 +99,9 @@ def descend(
 def vary_parameters(
     emulator: Emulator, names: Sequence[str], parametrisation: Parametrisation
 ) -> VariedParameters:
-    """Return how the parameters called `names` are varied beside controls: over the ranges of training.
+    """Return the variation of the parameters called `names` beside controls, over the ranges of training.
 
-    ArgumentError lists those there are.
+    ArgumentError lists the known ones.
     """
     known = {p.name: number for number, p in enumerate(emulator.parameters)}
     for name in names:
@@ -127,7 +127,7 @@ def start_of_body(
     entries: Sequence[int],
     values: Float[np.ndarray, " P"],
 ) -> Float[np.ndarray, " S"]:
-    """Return the `start` (S,) of the body with these parameters, at these state entries, in its own shape."""
+    """Return the `start` (S,) of the body with these parameters, at these state `entries`, in its own shape."""
     changed = np.array(start, float)
     changed[list(entries)] = values
     cloud = emulator.state_structure.cloud
@@ -139,7 +139,7 @@ def start_of_body(
 def guess_parameters(
     varied: VariedParameters, start: Float[np.ndarray, " S"], count: int, seed: int
 ) -> Float[np.ndarray, "K P"]:
-    """Return what stands for the parameters of `count` first guesses: those of `start`, and then random ones."""
+    """Return the numbers w of the parameters of `count` initial guesses: those of `start`, then random ones."""
     values = start[list(varied.entries)]
     shares = (values - np.asarray(varied.middle)) / np.asarray(varied.half)
     others = np.random.default_rng([seed, FIRST_GUESSES]).uniform(-1, 1, (count - 1, len(shares)))
@@ -153,7 +153,7 @@ def pose_problem(
     start: ArrayLike,
     defects: Float[AnyArray, "T V"] | None = None,
 ) -> Problem:
-    """Return J over the numbers of `parametrisation`, from the state `start` (S,)."""
+    """Return J as a function of the numbers of `parametrisation`, from the state `start` (S,)."""
     control_scale = as_parameter(emulator.bounds.magnitude)
     if defects is None:
         defects = no_defects(emulator, parametrisation.steps)
@@ -165,7 +165,7 @@ def pose_problem(
 def first_guesses(
     emulator: Emulator, parametrisation: Parametrisation, options: DescentOptions
 ) -> Float[np.ndarray, "K Z"]:
-    """Return the z to begin with: the given ones, or the first one given and then random ones as training saw them."""
+    """Return the initial z: the given ones, or the given first one and then random ones as in training."""
     first = options.first
     if first is not None and first.ndim == 3:
         return np.stack([parametrisation.guess(controls) for controls in first])
@@ -176,7 +176,7 @@ def first_guesses(
 def random_guesses(
     emulator: Emulator, parametrisation: Parametrisation, count: int, seed: int
 ) -> Float[np.ndarray, "K Z"]:
-    """Return the z of `count` random controls as training saw them."""
+    """Return the z of `count` random controls as in training."""
     spec = emulator.spec
     rng = np.random.default_rng([seed, FIRST_GUESSES])
     guesses = np.empty((count, parametrisation.size))
@@ -187,10 +187,10 @@ def random_guesses(
 
 
 def searched_guesses(problem: Problem, options: DescentOptions) -> Float[np.ndarray, "K Z"]:
-    """Return the z of the best of many guesses, by J of one rollout each: around the first guess, if there is one, or random.
+    """Return the z of the best of many guesses, by J of one rollout each: around the first guess if given, otherwise random.
 
-    Where a motor is too weak to do it at once a body has to pump: then gradients from nearly all guesses lead nowhere,
-    but some of thousands of random motions come near. An animal comes near by what is like its gait.
+    A body whose motor is too weak for a direct motion has to pump: then gradients from nearly all guesses lead nowhere,
+    but some of thousands of random motions come near. An animal comes near by motions like its gait.
     """
     parametrisation = problem.parametrisation
     if options.first is None:
@@ -207,7 +207,7 @@ def searched_guesses(problem: Problem, options: DescentOptions) -> Float[np.ndar
 def guesses_around(
     first: Float[np.ndarray, " Z"], count: int, seed: int
 ) -> Float[np.ndarray, "K Z"]:
-    """Return `count` z around that of the first guess: with noise of every size of `SCATTER`."""
+    """Return `count` z around that of the first guess, with noise over the range of `SCATTER`."""
     rng = np.random.default_rng([seed, FIRST_GUESSES])
     least, greatest = np.log(SCATTER)
     sizes = np.exp(rng.uniform(least, greatest, (count, 1)))
@@ -215,11 +215,11 @@ def guesses_around(
 
 
 SCATTER = (0.05, 2.0)
-"""Least and greatest standard deviation of guesses around the first one: from nearly the same to at the bounds, as a control
-is the hyperbolic tangent of what is varied."""
+"""Minimum and maximum standard deviation in z of guesses around the first one: from nearly equal to at the bounds, as
+controls are hyperbolic tangents of z."""
 
 FIRST_GUESSES = 11
-"""Joins the seed of random first guesses, so that they are not those of something else with the same seed."""
+"""Number joined to the seed of random initial guesses, so that they differ from other random numbers of that seed."""
 
 
 def _descend(
@@ -266,7 +266,7 @@ def _iterate(
     guesses: Float[np.ndarray, "K Z"],
     options: DescentOptions,
 ) -> tuple[list[Progress], list[list[float]]]:
-    """Return the last progress, and the least J of every start at first and after each sweep."""
+    """Return the final progress, and the least J of every start initially and after each sweep."""
     starts = [method.begin(guess) for guess in guesses]
     history: list[list[float]] = []
     for limit in range(1, options.iterations + 1):
@@ -289,7 +289,7 @@ def advance(
 ) -> list[Progress]:
     """Return the progress of all starts once each is done or has taken `limit` backward sweeps."""
     starts = list(starts)
-    # A start may diverge: its numbers show that, and it ends.
+    # A start may diverge: its numbers show it, and it ends.
     with np.errstate(over="ignore", invalid="ignore"):
         while True:
             going = []
@@ -306,7 +306,7 @@ def advance(
 def controls_of(
     parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
 ) -> Float[np.ndarray, "K T C"]:
-    """Return the controls each row of `zs` stands for, by the `backend`."""
+    """Return the controls of each row of `zs`, by the `backend`."""
     single = as_float32(zs)
     if backend() != "jax":
         controls = controls_in_c(parametrisation, single)
@@ -319,12 +319,12 @@ def controls_of(
 def controls_in_jax(
     parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
 ) -> Float[Array, "K T C"]:
-    """Return the controls of each z, in float64 where JAX has it."""
+    """Return the controls of each z, in float64 if JAX has it enabled."""
     return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
 
 
 def evaluator_of(problem: Problem) -> Evaluator:
-    """Return what evaluates `problem`, by the `backend`."""
+    """Return the evaluator of `problem`, by the `backend`."""
     if backend() != "jax":
         in_c = c_evaluator(problem)
         if in_c is not None:

@@ -1,27 +1,27 @@
 /* J of the motion of some z, and its derivatives:
 
-       z -> controls -> chain of super steps, a defect added to each -> what is observed of latent states -> residuals
+       z -> controls -> chain of super steps, a defect added to each -> observations of latent states -> residuals
 
-   Parameters of the body that are varied come from z, too: they are behind the controls, and go into the start's latent state.
-   Residuals may depend on the controls, too, and values that are no squares may be added to J: see `objective.c`.
+   Varied parameters of the body come from z, too: they follow the controls, and go into the start's latent state.
+   Residuals may depend on the controls, too, and unsquared values may be added to J: see `objective.c`.
 
-   A motion is kept in rows, one for each state: the latent state, then the control that leads on from it. */
+   A motion is stored in rows, one for each state: the latent state, then the control applied there. */
 
 typedef struct {
     na_objective objective;
     na_map controls, link;
     long defect;
-    /* How many parameters are varied, and their entries in a latent state. */
+    /* Number of varied parameters, and their entries in a latent state. */
     long varied;
     const long *entries;
 } na_problem;
 
-/* Where motions begin, and what is added to their super steps. */
+/* Start of motions, and the defects added to their super steps. */
 typedef struct {
     const float *latent, *observed, *defects;
 } na_begin;
 
-/* Memory of one call. What ends in 16 is lanes, or has room for them. */
+/* Memory of one call. Names that end in 16 are lanes, or have room for them. */
 typedef struct {
     float *controls, *rows, *observed, *off;
     float *controls_tape, *link_tapes, *term_tapes, *residuals_tape, *efforts_tape;
@@ -64,7 +64,7 @@ static long cut_room(const na_problem *problem, float *memory, na_room *room) {
     room->live = take(&store, off);
     room->lives = (long *)take(&store, residuals->outputs * (long)(sizeof(long) / sizeof(float)));
     room->random = take(&store, (link->outputs + steps + 1) * LANES);
-    /* Elsewhere it never pays to differentiate links one by one. */
+    /* Otherwise it never pays to differentiate links one by one. */
     const int has_small_links = sweeps_of_link(link) < sweeps(controls->inputs);
     room->link_jacobians = take(&store, has_small_links ? steps * link->outputs * link->inputs : 0);
     room->has_link_jacobians = 0;
@@ -72,13 +72,13 @@ static long cut_room(const na_problem *problem, float *memory, na_room *room) {
     return store.used;
 }
 
-/* Floats of memory that each function below needs. */
+/* Number of floats of memory that each function below needs. */
 long room_of_problem(const na_problem *problem) {
     na_room room;
     return cut_room(problem, 0, &room);
 }
 
-/* What the terms observe of the start, `state` (S,), in its place in `observed`. */
+/* The terms' observations of the start, `state` (S,), at their places in `observed`. */
 void observe_start(const na_problem *problem, const float *state, float *observed, float *memory) {
     const na_objective *objective = &problem->objective;
     na_room room;
@@ -94,14 +94,14 @@ static long control_size(const na_problem *problem) { return problem->link.input
 
 static long all_controls(const na_problem *problem) { return problem->objective.steps * control_size(problem); }
 
-/* Into the latent state of the start, `row`, `width` of them side by side: the parameters behind all `controls`. */
+/* Copy the parameters that follow all `controls` into the latent state of the start, `row`, with `width` lanes. */
 static void place_varied(const na_problem *problem, const float *controls, float *row, long width) {
     const float *values = controls + all_controls(problem) * width;
     for (long p = 0; p < problem->varied; p++)
         memcpy(row + problem->entries[p] * width, values + p * width, width * sizeof(float));
 }
 
-/* Behind all `controls`: what is said of the parameters in the latent state of the start, `row`; nothing if there is none. */
+/* Copy the cotangents of the parameters from the latent state of the start, `row`, behind all `controls`; zeros without it. */
 static void gather_varied(const na_problem *problem, const float *row, float *controls, long width) {
     float *values = controls + all_controls(problem) * width;
     memset(values, 0, problem->varied * width * sizeof(float));
@@ -109,7 +109,7 @@ static void gather_varied(const na_problem *problem, const float *row, float *co
         memcpy(values + p * width, row + problem->entries[p] * width, width * sizeof(float));
 }
 
-/* The motion of `z`, and the tapes of it, in the room. */
+/* The motion of `z` and its tapes, in the room. */
 static void move(const na_problem *problem, const na_begin *begin, const float *z, const na_room *room) {
     const na_map *link = &problem->link;
     const long latent = link->outputs, control = control_size(problem);
@@ -127,7 +127,7 @@ static void move(const na_problem *problem, const na_begin *begin, const float *
     }
 }
 
-/* Residuals of the motion of `z`, ones in the place of values, and all tapes, in the room; returns J. */
+/* Residuals of the motion of `z`, with ones in place of values, and all tapes, in the room; returns J. */
 static double judge(const na_problem *problem, const na_begin *begin, const float *z, const na_room *room) {
     const na_objective *objective = &problem->objective;
     const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
@@ -139,15 +139,15 @@ static double judge(const na_problem *problem, const na_begin *begin, const floa
     return sum_up(objective, room->off, 1);
 }
 
-/* Lanes `to` (N,) += `matrix` (N, M) times lanes `from` (M,), where `along` and `across` say how far its rows and its
-   columns are apart. */
+/* Lanes `to` (N,) = `matrix` (N, M) times lanes `from` (M,), where `along` and `across` are the strides of its rows and
+   columns. */
 static void multiply(const float *matrix, long rows, long columns, long along, long across, const float *from, float *to) {
     for (long i = 0; i < rows; i += 4) {
         const na_wide *x = (const na_wide *)from;
         const float *m[4];
         na_wide sums[4];
         for (int n = 0; n < 4; n++) {
-            /* Rows too many repeat the last one. */
+            /* Surplus rows repeat the last one. */
             m[n] = matrix + (i + n < rows ? i + n : rows - 1) * along;
             NA_ZERO(sums[n]);
         }
@@ -161,7 +161,7 @@ static void multiply(const float *matrix, long rows, long columns, long along, l
     }
 }
 
-/* The Jacobian (I, I+C) of every link, by whichever of its inputs and outputs are fewer. */
+/* The Jacobian (I, I+C) of every link, by its inputs or its outputs, whichever are fewer. */
 static void differentiate_links(const na_problem *problem, const na_room *room) {
     const na_map *link = &problem->link;
     const long inputs = link->inputs, outputs = link->outputs;
@@ -189,7 +189,7 @@ static void differentiate_links(const na_problem *problem, const na_room *room) 
     }
 }
 
-/* `result`: what `width` cotangents `of_latent` of a latent state say of the row before it, from which link `t` led there. */
+/* `result`: cotangents of the row before link `t`, for `width` cotangents `of_latent` of the latent state after it. */
 static void link_backward(
     const na_problem *problem, const na_room *room, long t, const float *of_latent, float *result, long width
 ) {
@@ -202,7 +202,7 @@ static void link_backward(
     }
 }
 
-/* Lanes `latent`: how a latent state changes with sixteen tangents `row` of the row before it. */
+/* Lanes `latent`: tangents of the latent state after link `t`, for sixteen tangents `row` of the row before it. */
 static void link_push(const na_problem *problem, const na_room *room, long t, const float *row, float *latent) {
     const na_map *link = &problem->link;
     if (room->has_link_jacobians) {
@@ -213,7 +213,7 @@ static void link_push(const na_problem *problem, const na_room *room, long t, co
     }
 }
 
-/* `z16`: what `width` cotangents `of_off` of the residuals of states say of z. */
+/* `z16`: cotangents of z for `width` cotangents `of_off` of the residuals of states. */
 static void pull_residuals(const na_problem *problem, const na_room *room, const float *of_off, long width) {
     const na_objective *objective = &problem->objective;
     const na_map *link = &problem->link;
@@ -237,7 +237,7 @@ static void pull_residuals(const na_problem *problem, const na_room *room, const
     map_backward(&problem->controls, room->controls_tape, room->controls16, room->z16, width);
 }
 
-/* `z16`: what `width` cotangents `of_off` of the efforts say of z. */
+/* `z16`: cotangents of z for `width` cotangents `of_off` of the efforts. */
 static void pull_efforts(const na_problem *problem, const na_room *room, const float *of_off, long width) {
     map_backward(&problem->objective.efforts, room->efforts_tape, of_off, room->controls16, width);
     gather_varied(problem, 0, room->controls16, width);
@@ -246,8 +246,8 @@ static void pull_efforts(const na_problem *problem, const na_room *room, const f
 
 typedef void (*na_pull)(const na_problem *problem, const na_room *room, const float *of_off, long width);
 
-/* Rows `jacobian` of the `count` residuals `which` (of all of them in turn where that is null), of `all` there are: unit
-   cotangents are pulled back. */
+/* Rows `jacobian` of the `count` residuals `which` out of `all` (the first ones in order if it is null): unit cotangents
+   are pulled back. */
 static void pull_rows(
     const na_problem *problem, const na_room *room, na_pull pull, const long *which, long count, long all, float *jacobian
 ) {
@@ -265,7 +265,7 @@ static void pull_rows(
     }
 }
 
-/* Lanes `off16`: how the residuals of states change with tangents `controls16`, and with those of the latent states, which
+/* Lanes `off16`: tangents of the residuals of states, for tangents `controls16`, and those of the latent states, which
    begin at `rows` and are `stride` lanes apart. */
 static void push_observed(const na_problem *problem, const na_room *room, const float *rows, long stride) {
     const na_objective *objective = &problem->objective;
@@ -277,7 +277,7 @@ static void push_observed(const na_problem *problem, const na_room *room, const 
         const na_map *map = &term->of_latent;
         for (long j = 0; j < term->count; j++, observed += map->outputs * LANES, tapes += map->tape) {
             const float *row = rows + term->rows[j] * stride * LANES;
-            /* The start is as it is. */
+            /* The start does not vary. */
             if (!term->rows[j] || is_zero(row, latent * LANES))
                 memset(observed, 0, map->outputs * LANES * sizeof(float));
             else
@@ -295,14 +295,14 @@ static void randomise(float *numbers, long count, unsigned *bits) {
     }
 }
 
-/* Which residuals of states change at all, `lives`: of a body that stays within its bounds, out of obstacles and upright,
-   few do. Those that sixteen random tangents of every state leave as they are do not. Returns how many there are. */
+/* Residuals of states that vary at all, `lives`: for a body that stays within its bounds, out of obstacles and upright,
+   few do. Those unchanged by sixteen random tangents of every state do not. Returns their number. */
 static long find_lives(const na_problem *problem, const na_room *room) {
     const long residuals = squares_of_states(&problem->objective);
     unsigned bits = 1;
     randomise(room->random, (problem->link.outputs + problem->objective.steps + 1) * LANES, &bits);
     randomise(room->controls16, problem->objective.controls * LANES, &bits);
-    /* Each state begins a number further on in these, so that no two have the same tangents. */
+    /* Each state begins one number further on in these, so that no two have the same tangents. */
     push_observed(problem, room, room->random, 1);
     long lives = 0;
     for (long r = 0; r < residuals; r++)
@@ -310,7 +310,7 @@ static long find_lives(const na_problem *problem, const na_room *room) {
     return lives;
 }
 
-/* Lanes `off16`: how the residuals of states change with tangents `controls16`. */
+/* Lanes `off16`: tangents of the residuals of states, for tangents `controls16`. */
 static void push_residuals(const na_problem *problem, const na_room *room) {
     const na_objective *objective = &problem->objective;
     const na_map *link = &problem->link;
@@ -332,7 +332,7 @@ static void push_residuals(const na_problem *problem, const na_room *room) {
     push_observed(problem, room, room->rows16, link->inputs);
 }
 
-/* Lanes `off16`: how the efforts change with tangents `controls16`. */
+/* Lanes `off16`: tangents of the efforts, for tangents `controls16`. */
 static void push_efforts(const na_problem *problem, const na_room *room) {
     map_push(&problem->objective.efforts, room->efforts_tape, room->controls16, room->off16);
 }
@@ -356,7 +356,7 @@ static void push_columns(
     }
 }
 
-/* Of residuals with the Jacobian `rows` (R, Z): `curvature` (Z, Z), rows' rows, and `slope` (Z,), rows' residuals. */
+/* For residuals with the Jacobian `rows` (R, Z): `curvature` (Z, Z), rows' rows, and `slope` (Z,), rows' residuals. */
 static void sum_squares(
     const float *rows, const float *residuals, long count, long size, float *curvature, float *slope
 ) {
@@ -384,7 +384,7 @@ static void sum_squares(
     }
 }
 
-/* J near `z` (Z,): `curvature` (Z, Z), to which values add nothing, `slope` (Z,), and J itself, which is returned. */
+/* J near `z` (Z,): `curvature` (Z, Z), without the values, and `slope` (Z,); returns J itself. */
 double quadratic_model(
     const na_problem *problem, const na_begin *begin, const float *z, float *curvature, float *slope, float *memory
 ) {
@@ -394,7 +394,7 @@ double quadratic_model(
     const double cost = judge(problem, begin, z, &room);
     const long size = problem->controls.inputs, lives = find_lives(problem, &room);
     const long varied = sweeps(size), pulled = sweeps(lives), fewer = varied < pulled ? varied : pulled;
-    /* Where links take fewer sweeps than that, all others are small. */
+    /* If links take fewer sweeps than that, the rest is products of small matrices. */
     room.has_link_jacobians = sweeps_of_link(&problem->link) < fewer;
     if (room.has_link_jacobians) differentiate_links(problem, &room);
     if (varied < pulled)
@@ -417,7 +417,7 @@ double quadratic_model(
     return cost;
 }
 
-/* J of `z` (Z,), which is returned, and its `slope` (Z,). */
+/* The `slope` (Z,) of J at `z` (Z,); returns J. */
 double gradient(const na_problem *problem, const na_begin *begin, const float *z, float *slope, float *memory) {
     const long residuals = problem->objective.residuals.outputs;
     na_room room;
@@ -430,7 +430,7 @@ double gradient(const na_problem *problem, const na_begin *begin, const float *z
     return cost;
 }
 
-/* `controls` (T, C) of `z` (Z,), and the `latents` (T+1, I) they lead to. */
+/* `controls` (T, C) of `z` (Z,), and the `latents` (T+1, I) of their motion. */
 void motion(
     const na_problem *problem, const na_begin *begin, const float *z, float *controls, float *latents, float *memory
 ) {
@@ -450,7 +450,7 @@ static void costs_in_lanes(
     const na_objective *objective = &problem->objective;
     const na_map *residuals = &objective->residuals, *efforts = &objective->efforts, *link = &problem->link;
     const long latent = link->outputs, control = control_size(problem), size = problem->controls.inputs;
-    /* Lanes too many repeat the last z. */
+    /* Surplus lanes repeat the last z. */
     for (long l = 0; l < LANES; l++)
         for (long i = 0; i < size; i++) room->z16[i * LANES + l] = zs[(l < count ? l : count - 1) * size + i];
     map_lanes(&problem->controls, room->z16, room->controls16);
@@ -479,7 +479,7 @@ static void costs_in_lanes(
     for (long l = 0; l < count; l++) costs[l] = sum_up(objective, room->off16 + l, LANES);
 }
 
-/* Of so few z, one after the other is faster than side by side. */
+/* Maximum number of z that are faster one after the other than in parallel. */
 enum { FEW_COSTS = 6 };
 
 /* J of each of `zs` (K, Z). */

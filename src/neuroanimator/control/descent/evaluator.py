@@ -1,4 +1,4 @@
-"""Evaluators: J of motions, its derivatives and the motions themselves, in NumPy, computed by generated C or by JAX."""
+"""Evaluators: J of motions, its derivatives and the motions themselves, as NumPy arrays, by generated C or by JAX."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from jaxtyping import Float
 
 
 class QuadraticModel(NamedTuple):
-    """J near some z: cost + slope · dz + dz · curvature · dz / 2, with Gauss-Newton's curvature."""
+    """J near some z: cost + slope · dz + dz · curvature · dz / 2, with the Gauss-Newton curvature."""
 
     curvature: Float[np.ndarray, "Z Z"]
-    """JᵀJ of the residuals' Jacobian; costs that are no sum of squares add nothing to it.
+    """JᵀJ of the residuals' Jacobian; costs that are not sums of squares add nothing to it.
 
-    In float32, in which it was computed: in float64 LAPACK would solve with it on several threads, which wait for each
-    other a hundred times as long as they compute where a machine is busy.
+    In float32, as computed: in float64 LAPACK would solve with it on several threads, which on a busy machine wait for
+    each other a hundred times as long as they compute.
     """
     slope: Float[np.ndarray, " Z"]
     """dJ/dz"""
@@ -25,24 +25,24 @@ class QuadraticModel(NamedTuple):
 
 
 class EmulatedMotion(NamedTuple):
-    """What the controls of one z do on the emulator."""
+    """The emulator's motion under the controls of one z."""
 
     states: Float[np.ndarray, "T+1 S"]
     controls: Float[np.ndarray, "T C"]
 
 
 class Evaluator(abc.ABC):
-    """J of motions from one start on the emulator, and its derivatives, for as many z as are asked for side by side.
+    """J of motions from one start on the emulator, and its derivatives, for several z in parallel.
 
-    Numbers come in and go out in float64, unless said otherwise; the emulator computes in float32.
+    Inputs and outputs are float64, unless stated otherwise; the emulator computes in float32.
     """
 
     compile_seconds: float = 0.0
-    """Time taken to compile what was asked for [s]."""
+    """Time taken by compilation [s]."""
 
     @abc.abstractmethod
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
-        """Return J of each z; not finite where the emulator or the objective diverges."""
+        """Return J of each z; not finite if the emulator or the objective diverges."""
 
     @abc.abstractmethod
     def gradients(
@@ -52,7 +52,7 @@ class Evaluator(abc.ABC):
 
     @abc.abstractmethod
     def quadratic_models(self, zs: Float[np.ndarray, "K Z"]) -> list[QuadraticModel]:
-        """Return J near each z."""
+        """Return the quadratic model of J near each z."""
 
     @abc.abstractmethod
     def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
@@ -60,4 +60,4 @@ class Evaluator(abc.ABC):
 
     @abc.abstractmethod
     def at(self, start: Float[np.ndarray, " S"]) -> Evaluator:
-        """Return the evaluator of motions from another start; nothing is compiled anew."""
+        """Return the evaluator of motions from another start; nothing is recompiled."""

@@ -1,4 +1,4 @@
-"""Whether the emulator's gradient of J points where the physics' does: what every descent relies on."""
+"""Check that the emulator's gradient of J points in the direction of the physics', on which every descent relies."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
 WARN_BELOW = 0.5
-"""A cosine below it is warned of: 60° between two gradients; a step along one still wins half as much as along the other."""
+"""Cosine below which there is a warning: 60° between gradients; a step along one still gains half as much as the other."""
 
 DIFFERENCE_STEP = 1e-5
-"""Step of central differences in z, whose numbers are of order one: a tenth of it changes no gradient by a millionth,
-even with contacts."""
+"""Step of central differences in z, whose numbers are of order one: with a tenth of it gradients change by less than a
+millionth, even with contacts."""
 
 Simulate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(starts (B, S), controls (B, T, C)) → states (B, T+1, S) in float64."""
@@ -37,24 +37,24 @@ Simulate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class GradientTrust:
-    """How far the emulator's dJ/dz can be trusted."""
+    """Agreement of the emulator's dJ/dz with the physics'."""
 
     cosine: float
-    """Of the angle between both gradients: 1 the same way, 0 at right angles or one of them zero."""
+    """Cosine of the angle between the gradients: 1 if parallel, 0 if orthogonal or if one of them is zero."""
     emulator_gradient: np.ndarray
-    """(Z,) by back-propagation through the emulator; or (D,), its slopes along the directions asked for."""
+    """Gradient (Z,) by back-propagation through the emulator; or its slopes (D,) along the given directions."""
     physics_gradient: np.ndarray
     """The same by central differences of the true physics."""
 
     @classmethod
     def of(cls, emulator_gradient: np.ndarray, physics_gradient: np.ndarray) -> GradientTrust:
-        """Return the trust that two gradients (Z,) of the same J deserve."""
+        """Return the agreement of two gradients (Z,) of the same J."""
         lengths = np.linalg.norm(emulator_gradient) * np.linalg.norm(physics_gradient)
         cosine = float(emulator_gradient @ physics_gradient / lengths) if lengths else 0.0
         return cls(cosine, emulator_gradient, physics_gradient)
 
     def warning(self) -> str:
-        """Return one line for the user where the emulator misleads; empty where it does not."""
+        """Return one line for the user if the emulator misleads; empty if it does not."""
         if self.cosine >= WARN_BELOW:
             return ""
         return (
@@ -73,15 +73,15 @@ def gradient_trust(
     defects: Float[AnyArray, "T V"] | None = None,
     directions: int | None = None,
 ) -> GradientTrust:
-    """Return how dJ/dz on the emulator compares with that on `system`, at the z of `controls` (T, C).
+    """Return the agreement of dJ/dz on the emulator with that on `system`, at the z of `controls` (T, C).
 
-    `start` (S,) is where the motion begins; no `controls` stand for the middle of the bounds. `defects` are added to
+    `start` (S,) is the initial state; without `controls`, the middle of the bounds is used. `defects` are added to
     the emulator's super steps (see `find_defects`).
-    Ask where a descent begins: at the emulator's own optimum its gradient vanishes, and the angle says nothing.
-    Takes 2Z runs of the physics, in one batch; or two for each of so many random `directions`, in which alone both
-    gradients are then compared: the cosine is then right to about one over the root of their number.
+    Check where a descent begins: at the emulator's own optimum its gradient vanishes, and the angle is meaningless.
+    Takes 2Z runs of the physics, in one batch; or two for each of `directions` random directions, along which alone both
+    gradients are then compared: the cosine is then accurate to about one over the root of their number.
 
-    Raises NeuroAnimatorError where the physics diverges.
+    Raises NeuroAnimatorError if the physics diverges.
     """
     state = emulator.state.check(start, "state")
     z = parametrisation.guess(controls)
@@ -110,7 +110,7 @@ def gradient_trust(
 
 
 def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
-    """Return `count` unit vectors of `size` numbers at right angles to each other; all `size` if there are no more."""
+    """Return `count` orthonormal vectors of `size` numbers, at most `size`."""
     if count >= size:
         return np.eye(size)
     drawn = np.random.default_rng(0).normal(size=(size, count))
@@ -128,11 +128,11 @@ def difference_gradient(
     step: float = DIFFERENCE_STEP,
     along: Float[np.ndarray, "D Z"] | None = None,
 ) -> Float[np.ndarray, " D"]:
-    """Return dJ/dz (Z,) by central differences of what `simulate` does from `start` (S,), J in float64.
+    """Return dJ/dz (Z,) by central differences of `simulate` from `start` (S,), with J in float64.
 
     With unit vectors `along` (D, Z), the slopes in these directions.
 
-    `bounds` are those effort is counted in, `dt` [s] the super step.
+    `bounds` give the scale of effort, `dt` [s] the super step.
     """
     shifts = step * (np.eye(len(z)) if along is None else along)
     starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
@@ -148,7 +148,7 @@ def _precise_controls(
     parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
 ) -> Float[np.ndarray, "K T C"]:
     """Return the controls of each z in float64."""
-    # The package's own are written for NumPy too.
+    # The package's own parametrisations also work with NumPy.
     if has_code_in_sources(parametrisation):
         return np.stack([parametrisation.controls(z) for z in zs])
     with jax.enable_x64(True):

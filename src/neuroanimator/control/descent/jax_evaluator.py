@@ -1,4 +1,4 @@
-"""`Problem` as NumPy callers ask for it: compiled by JAX once for all problems that differ in numbers alone."""
+"""`Problem` for NumPy callers, compiled by JAX once for all problems that differ only in numbers."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from neuroanimator.terminal import phase
 
 
 class JaxEvaluator(Evaluator):
-    """The definition of what evaluators return, compiled."""
+    """The definition of evaluators, compiled by JAX."""
 
     def __init__(self, problem: Problem):
         self._problem = problem
         self._start: Array | np.ndarray = problem.start
         self._programs: dict[Callable[..., Any], Compiled] = {}
         self._most: dict[Callable[..., Any], int] = {}
-        """How many z each function was asked for at most."""
+        """Maximum number of z in calls of each function so far."""
 
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
         return _as_float64(self._batch(_costs, zs))[: len(zs)]
@@ -57,7 +57,7 @@ class JaxEvaluator(Evaluator):
         return other
 
     def _batch(self, function: Callable[..., Any], zs: Float[np.ndarray, "K Z"]) -> Any:
-        """Return `function` of at least all rows of `zs`; the last is repeated so that one program serves fewer, too."""
+        """Return `function` of all rows of `zs`, padded by repeating the last, so that one program serves fewer rows, too."""
         count = len(zs)
         most = max(count, self._most.get(function, 0))
         self._most[function] = most
@@ -67,7 +67,7 @@ class JaxEvaluator(Evaluator):
     def _run(self, function: Callable[..., Any], numbers: Float[np.ndarray, " ..."]) -> Any:
         """Return `function` of the problem, the start and `numbers`.
 
-        The start goes in apart: planners change it all the time, and taking a problem apart takes as long as a rollout.
+        The start is a separate argument: planners change it all the time, and flattening a problem takes as long as a rollout.
         """
         program = self._programs.get(function)
         if program is None:
@@ -128,7 +128,7 @@ def _motion(
 def _for_each(function: Callable[[Array], Any], zs: Float[Array, "K Z"]) -> Any:
     """Return `function` of each row, stacked.
 
-    One row goes without vmap: traced and compiled in about half the time, and a first controller has one start.
+    One row needs no vmap: it traces and compiles in about half the time, and a first controller has one start.
     """
     if len(zs) > 1:
         return jax.vmap(function)(zs)

@@ -1,4 +1,4 @@
-"""The step along a direction: steps are tried until one meets the Wolfe conditions, bracketed by those that do not.
+"""Line search: steps along a direction are tried until one meets the Wolfe conditions, bracketed by those that do not.
 
 The bracketing is that of Lewis and Overton (Mathematical Programming 141, 2013); within it the next step is the
 minimum of a parabola, Nocedal and Wright's eq. 3.58.
@@ -9,23 +9,23 @@ from __future__ import annotations
 import math
 
 SUFFICIENT_FALL = 1e-4
-"""J must fall by this share of what its first slope promises: Nocedal and Wright's c1."""
+"""Minimum decrease of J as a share of that predicted by its initial slope: Nocedal and Wright's c1."""
 
 FLATTENED = 0.9
-"""The slope must flatten to this share of the first one: Nocedal and Wright's c2 for quasi-Newton directions."""
+"""Maximum slope as a share of the initial one: Nocedal and Wright's c2 for quasi-Newton directions."""
 
 WIDENING = 2.0
-"""Factor by which a step grows after which J still falls steeply."""
+"""Growth factor of the step while J still falls steeply."""
 
 MARGIN = 0.1
-"""The next step keeps this share of the bracket from either end."""
+"""Minimum distance of the next step from either end of the bracket, as a share of it."""
 
 
 class LineSearch:
-    """One search: try `step`, `learn` what came of it, until `is_met`."""
+    """One search: try `step`, pass its result to `learn`, until `is_met`."""
 
     def __init__(self, cost: float, slope: float, step: float):
-        """`cost` is J where the search begins, `slope` how it changes along the direction, `step` the first to try."""
+        """`cost` is J at the beginning of the search, `slope` its derivative along the direction, `step` the first step."""
         self.step = step
         self.is_met = False
         self._cost = cost
@@ -37,7 +37,7 @@ class LineSearch:
         self._high_cost = math.inf
 
     def learn(self, cost: float, slope: float) -> bool:
-        """Return whether J falls enough at `step`, where it is `cost` with `slope`; and choose the next step if need be."""
+        """Return whether J falls enough at `step`, where it is `cost` with `slope`; choose the next step if necessary."""
         promised = SUFFICIENT_FALL * self.step * self._slope
         falls = math.isfinite(slope) and cost <= self._cost + promised
         if not falls:

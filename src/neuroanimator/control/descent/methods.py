@@ -1,4 +1,4 @@
-"""Methods of descent: what one iteration of each does, for several starts side by side."""
+"""Methods of descent: one iteration of each, for several starts in parallel."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from neuroanimator.control.descent.evaluator import Evaluator, QuadraticModel
 from neuroanimator.control.descent.line_search import LineSearch
 
 CONVERGED = 1e-2
-"""Relative fall of J below which Gauss-Newton ends."""
+"""Relative decrease of J below which Gauss-Newton ends."""
 
 SETTLED = CONVERGED * 1e-1
-"""Relative fall of J below which L-BFGS ends: its falls are smaller and more than those of Gauss-Newton."""
+"""Relative decrease of J below which L-BFGS ends: its decreases are smaller and more numerous than Gauss-Newton's."""
 
 MOMENTUM = 0.9
-"""Share of the last step that the method of 1998 goes on with."""
+"""Momentum of the method of 1998: share of the last step that is kept."""
 
 MOMENTUM_STEP = 0.1
 """Step of the method of 1998 in z, along the gradient's direction, since J's gradient spans four decades."""
@@ -31,52 +31,52 @@ ADAM_STEP = 0.1
 """Step of Adam in z, whose numbers are of order one."""
 
 ADAM_DECAYS = (0.9, 0.999)
-"""Shares of the averages of slopes and of their squares that Adam keeps (Kingma and Ba, ICLR 2015)."""
+"""Decay rates of Adam's averages of gradients and of their squares (Kingma and Ba, ICLR 2015)."""
 
 TINY_SLOPE = 1e-8
-"""Slopes far below it make no step: it keeps from dividing by zero."""
+"""Slope far below which there is no step: it prevents division by zero."""
 
 MEMORY = 10
-"""Number of gradients L-BFGS remembers."""
+"""Number of gradients that L-BFGS remembers."""
 
 LINE_SEARCH = 8
-"""Maximum number of gradients an iteration of L-BFGS takes to find its step."""
+"""Maximum number of gradients in the line search of an L-BFGS iteration."""
 
 FIRST_DAMPING = 1e-2
-"""Gauss-Newton begins with this damping, a share of the mean curvature."""
+"""Initial damping of Gauss-Newton, as a share of the mean curvature."""
 
 DAMPINGS = (0.01, 0.1, 1.0, 10.0, 100.0)
-"""Gauss-Newton tries these times the last good damping, side by side: a batch of rollouts costs little more than one."""
+"""Multiples of the last good damping that Gauss-Newton tries in parallel: a batch of rollouts costs little more than one."""
 
 MIN_DAMPING = 1e-6
-"""Damping below it makes no difference to a step in float32."""
+"""Minimum damping: less makes no difference to a step in float32."""
 
 MAX_DAMPING = 1e6
-"""Damping above it leaves no step: a descent that finds nothing better with it is stuck."""
+"""Maximum damping: more leaves no step, and a descent that finds no improvement with it is stuck."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far one start has come."""
+    """Progress of the descent from one start."""
 
     z: np.ndarray
-    """(Z,)"""
+    """Current z (Z,)."""
     best: np.ndarray
-    """(Z,)"""
+    """Best z so far (Z,)."""
     memory: Any
-    """What the method remembers."""
+    """Memory of the method."""
     least: float = math.inf
     """J of `best`; infinite before the first iteration."""
     first: float = math.inf
-    """J of the first guess: the first iteration finds it, for it needs it anyway."""
+    """J of the initial guess: the first iteration sets it, since it needs it anyway."""
     sweeps: int = 0
-    """Backward sweeps through the chain of emulators: gradients, or Jacobians, all columns of which are one batch."""
+    """Number of backward sweeps through the chain of emulators: gradients, or Jacobians with all columns in one batch."""
     is_done: bool = False
     is_diverged: bool = False
 
     @property
     def is_first(self) -> bool:
-        """Whether no iteration was taken yet."""
+        """Whether there was no iteration yet."""
         return self.sweeps == 0
 
 
@@ -85,7 +85,7 @@ class Method(abc.ABC):
 
     @abc.abstractmethod
     def memory(self, z: Float[np.ndarray, " Z"]) -> Any:
-        """Return what the method remembers at first."""
+        """Return the initial memory of the method."""
 
     def begin(self, z: Float[np.ndarray, " Z"]) -> Progress:
         """Return the progress before any iteration."""
@@ -93,13 +93,13 @@ class Method(abc.ABC):
 
     @abc.abstractmethod
     def iterate(self, evaluator: Evaluator, starts: Sequence[Progress]) -> list[Progress]:
-        """Return where one more iteration leads each start."""
+        """Return the progress of each start after one more iteration."""
 
 
 class GaussNewton(Method):
     """Levenberg-Marquardt: J is a sum of squares, so its curvature comes for free.
 
-    Terms that are no squares join with their slope alone. Several dampings are tried side by side.
+    Terms that are not squares contribute only their gradient. Several dampings are tried in parallel.
     """
 
     def memory(self, z: Float[np.ndarray, " Z"]) -> float:
@@ -136,7 +136,7 @@ class GaussNewton(Method):
         least = model.cost if start.is_first else start.least
         is_better = cost < least
         is_finite = bool(np.isfinite(model.slope).all())
-        # The first step finds the damping's scale; small falls after it, or none at any damping, are the end.
+        # The first step finds the scale of the damping; after it, a small decrease, or none at any damping, is the end.
         is_small = is_better and least - cost < CONVERGED * least and not start.is_first
         is_stuck = not is_better and float(dampings[-1]) >= MAX_DAMPING
         following = replace(
@@ -161,7 +161,7 @@ def damped_steps(
 ) -> Float[np.ndarray, "K Z"]:
     """Return -(curvature + damping · its mean diagonal)⁻¹ slope for each damping, in the precision of `curvature`.
 
-    A step is not finite where there is no inverse.
+    A step is not finite if there is no inverse.
     """
     (solve,) = get_lapack_funcs(("posv",), (curvature,))
     mean_curvature = np.trace(curvature) / len(slope) + np.finfo(np.float32).tiny
@@ -192,7 +192,7 @@ class Momentum(Method):
 
 
 class Averages(NamedTuple):
-    """What Adam remembers."""
+    """Memory of Adam."""
 
     slope: Float[np.ndarray, " Z"]
     square: Float[np.ndarray, " Z"]
@@ -229,7 +229,7 @@ class Adam(Method):
 def _moved(
     start: Progress, cost: float, following: Float[np.ndarray, " Z"], memory: Any
 ) -> Progress:
-    """Return the progress from `start`, where J was found to be `cost`, to `following`, where it is not known yet."""
+    """Return the progress from `start`, where J is `cost`, to `following`, where J is not known yet."""
     is_finite = math.isfinite(cost) and bool(np.isfinite(following).all())
     is_better = start.is_first or cost < start.least
     return replace(
@@ -246,22 +246,22 @@ def _moved(
 
 
 class Change(NamedTuple):
-    """How a step changed the slope."""
+    """A step and its change of the gradient."""
 
     step: Float[np.ndarray, " Z"]
     of_slope: Float[np.ndarray, " Z"]
 
 
 class Curvature(NamedTuple):
-    """What L-BFGS remembers."""
+    """Memory of L-BFGS."""
 
     slope: Float[np.ndarray, " Z"] | None = None
     """dJ/dz at z; None before the first iteration."""
     changes: tuple[Change, ...] = ()
-    """The latest last."""
+    """Changes, the latest last."""
 
     def newton_step(self) -> Float[np.ndarray, " Z"]:
-        """Return the step to where the slope would vanish: Nocedal and Wright's algorithm 7.4, the two-loop recursion."""
+        """Return the quasi-Newton step: Nocedal and Wright's algorithm 7.4, the two-loop recursion."""
         assert self.slope is not None
         step = -self.slope
         if not self.changes:
@@ -279,7 +279,7 @@ class Curvature(NamedTuple):
         return step
 
     def after(self, step: Float[np.ndarray, " Z"], slope: Float[np.ndarray, " Z"]) -> Curvature:
-        """Return what is remembered after `step`, which led to `slope`."""
+        """Return the memory after `step`, which led to `slope`."""
         change = Change(step, slope - self.slope)
         is_convex = change.step @ change.of_slope > 0
         changes = (*self.changes, change) if is_convex else self.changes
@@ -287,7 +287,7 @@ class Curvature(NamedTuple):
 
 
 class LBFGS(Method):
-    """L-BFGS: Newton's method, with the curvature of the last steps, and a line search along its steps."""
+    """L-BFGS: a quasi-Newton method with the curvature of the last steps, and a line search along its steps."""
 
     def memory(self, z: Float[np.ndarray, " Z"]) -> Curvature:
         return Curvature()
@@ -310,7 +310,7 @@ class LBFGS(Method):
         return following
 
     def _with_slopes(self, evaluator: Evaluator, starts: Sequence[Progress]) -> list[Progress]:
-        """Return the starts, those without an iteration so far with J and its slope at their first guess."""
+        """Return the starts; those before their first iteration get J and its gradient at their initial guess."""
         if not any(start.is_first for start in starts):
             return list(starts)
         costs, slopes = evaluator.gradients(np.stack([start.z for start in starts]))
@@ -347,17 +347,17 @@ class _Search:
 
     @property
     def goes_on(self) -> bool:
-        """Whether a step is still looked for."""
+        """Whether the search still needs a step."""
         is_over = self._start.is_done or self._line.is_met
         return not is_over and self._tries < LINE_SEARCH
 
     @property
     def trial(self) -> Float[np.ndarray, " Z"]:
-        """Where J and its slope are to be found next."""
+        """The z at which J and its gradient are evaluated next."""
         return self._start.z + self._line.step * self._direction
 
     def learn(self, cost: float, slope: Float[np.ndarray, " Z"]) -> None:
-        """Go on by what J and its slope are at `trial`."""
+        """Continue with J and its gradient at `trial`."""
         trial = self.trial
         self._tries += 1
         falls = self._line.learn(cost, float(slope @ self._direction))
@@ -366,7 +366,7 @@ class _Search:
             self._found = replace(self._start, z=trial, best=trial, least=cost, memory=memory)
 
     def progress(self, settles: bool) -> Progress:
-        """Return where the search led; where `settles`, a small fall is the end, and where no step was found that is."""
+        """Return the result of the search; it is the end if no step was found, or if `settles` and the decrease is small."""
         fall = self._start.least - self._found.least
         is_settled = settles and fall < SETTLED * self._start.least
         is_stuck = self._found is self._start

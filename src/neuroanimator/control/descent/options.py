@@ -1,4 +1,4 @@
-"""How to descend: method, iterations, first guesses and what is varied, checked where they are made."""
+"""Options of a descent: method, iterations, initial guesses and parametrisation, checked when they are made."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds
 
 DEFAULT_METHOD = "gauss-newton"
-"""The method that measures best: `benchmarks/control.py descents`."""
+"""Default method, which measures best: `benchmarks/control.py descents`."""
 
 SCREENING = 0.15
 """Share of the iterations after which only finalists go on."""
 
 DEFAULT_ITERATIONS = 18
-"""Backward sweeps of a descent: with the two of a correction they are the 20 of 1998."""
+"""Default number of backward sweeps of a descent: with the two of a correction they are the 20 of 1998."""
 
 
 @dataclass(frozen=True)
 class DescentOptions:
-    """How to descend. Raises ArgumentError for an unknown method, numbers below 1 and first guesses that do not fit."""
+    """Options of a descent. Raises ArgumentError for an unknown method, numbers below 1 and initial guesses that do not fit."""
 
     method: str = DEFAULT_METHOD
     """One of `adam`, `gauss-newton`, `lbfgs`, `momentum`."""
     iterations: int = DEFAULT_ITERATIONS
-    """Backward sweeps through the emulators, at most."""
+    """Maximum number of backward sweeps through the emulators."""
     starts: int = 1
-    """First guesses descended from side by side; memory grows with them."""
+    """Number of initial guesses to descend from in parallel; memory grows with it."""
     first: np.ndarray | None = None
-    """(T, C) the first guess, the middle of the bounds if None, after which the others are random; or (starts, T, C) all."""
+    """First guess (T, C), by default the middle of the bounds, followed by random ones; or all guesses (starts, T, C)."""
     seed: int = 0
-    """Of the random first guesses."""
+    """Seed of the random initial guesses."""
     bounds: Bounds | None = None
-    """May be tighter than the emulator's own, which they are if None; a `parametrisation` brings its own."""
+    """Bounds of the controls; by default the emulator's, which may be tightened; a `parametrisation` has its own."""
     parametrisation: Parametrisation | None = None
-    """What is varied; one value per super step and control if None."""
+    """Parametrisation of the controls; by default one value per super step and control."""
     defects: Float[AnyArray, "T V"] | None = None
-    """Added to the emulator's super steps, see `find_defects`; none if None."""
+    """Defects added to the emulator's super steps, see `find_defects`; None for none."""
     searched: int = 0
-    """Number of guesses tried by a rollout each, of which the best are descended from: random controls, or around `first`
-    where one guess is given. None if 0."""
+    """Number of guesses tried by a rollout each, the best of which become starts: random controls, or around `first`
+    if one guess is given; 0 for none."""
     finalists: int = 0
-    """Number of starts that go on after the first `SCREENING` of the iterations: the best by then. All of them if 0."""
+    """Number of starts, the best, that go on after the first `SCREENING` of the iterations; 0 for all."""
     varied: tuple[str, ...] = ()
     """Names of the body's parameters that are varied beside its controls."""
     on_iteration: Callable[[int, float], None] | None = None
-    """Told the iteration and the least J so far, as the descent goes."""
+    """Called with the iteration and the least J so far, as the descent goes on."""
 
     def __post_init__(self) -> None:
         check_method(self.method)
@@ -67,7 +67,7 @@ class DescentOptions:
             )
 
     def parametrisation_of(self, emulator: Emulator, steps: int) -> Parametrisation:
-        """Return what is varied in a motion of so many super steps."""
+        """Return the parametrisation of a motion of `steps` super steps."""
         check_driven(emulator)
         check_steps(steps)
         if self.parametrisation is not None:
@@ -84,7 +84,7 @@ def check_steps(steps: object) -> None:
 
 
 def check_driven(emulator: Emulator) -> None:
-    """Raise ArgumentError where nothing drives the emulator's system, so that there are no controls to find."""
+    """Raise ArgumentError if the emulator's system has no controls."""
     if not emulator.control.size:
         raise ArgumentError(
             f"{emulator.system} has nothing to control: its recordings have no control column. 'animate' shows how it moves."
@@ -92,6 +92,6 @@ def check_driven(emulator: Emulator) -> None:
 
 
 def check_method(name: str) -> None:
-    """Raise ArgumentError where there is no method of this name; it lists them."""
+    """Raise ArgumentError, which lists the methods, if there is none of this name."""
     if name not in METHODS:
         raise ArgumentError(f"No method called '{name}'. Methods: {', '.join(sorted(METHODS))}.")

@@ -1,4 +1,4 @@
-"""What a descent may vary: numbers z from which controls within their bounds are made."""
+"""Parametrisations: the numbers z that a descent varies, and the controls within bounds that they give."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
 
 NEARLY_ALL = 0.999
-"""A first guess is brought within this share of the bounds: z is infinite at the bounds."""
+"""Share of the bounds to which initial guesses are clipped: z is infinite at the bounds."""
 
 FASTEST = 2.0
-"""Maximum ratio of a pattern's frequency to its first."""
+"""Maximum ratio of a pattern's frequency to its initial one."""
 
 SLOWEST = 0.5
-"""Minimum ratio of a pattern's frequency to its first."""
+"""Minimum ratio of a pattern's frequency to its initial one."""
 
 CUBIC = 3
 """Degree of the splines."""
@@ -38,15 +38,15 @@ class Parametrisation(eqx.Module):
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """How many numbers z has."""
+        """Length of z."""
 
     @abc.abstractmethod
     def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
-        """Return the controls z stands for."""
+        """Return the controls of `z`."""
 
     @abc.abstractmethod
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
-        """Return the z (Z,) whose controls are closest to `controls` (T, C), in the middle of the bounds for None."""
+        """Return the z (Z,) whose controls are closest to `controls` (T, C), or to the middle of the bounds for None."""
 
 
 class EachStep(Parametrisation):
@@ -54,7 +54,7 @@ class EachStep(Parametrisation):
 
     @classmethod
     def of(cls, steps: int, bounds: Bounds) -> EachStep:
-        """Return the parameters of a motion of so many super steps."""
+        """Return the parametrisation of a motion of `steps` super steps."""
         return cls(*_bounds(bounds), steps)
 
     @property
@@ -77,8 +77,8 @@ class Spline(Parametrisation):
 
     @classmethod
     def of(cls, steps: int, knots: int, bounds: Bounds) -> Spline:
-        """Return the parameters of splines with so many knots over so many super steps."""
-        # A quarter of a second that most descents need not wait for.
+        """Return the parametrisation by splines with `knots` knots over `steps` super steps."""
+        # Imported here: it takes a quarter of a second, and most descents do not need it.
         from scipy.interpolate import BSpline
 
         if not 4 <= knots <= steps:
@@ -106,34 +106,34 @@ class Spline(Parametrisation):
 
 
 WIDEST_TEMPO = 3.0
-"""Largest number of a frequency that a guess is tried at: nearly the slowest and the fastest there are."""
+"""Maximum magnitude of the frequency's number that a guess tries: nearly the slowest and the fastest."""
 
 TEMPOS = 24
 """Number of frequencies tried in each round of a guess."""
 
 TEMPO_ROUNDS = 4
-"""Number of rounds, each about the best of the one before."""
+"""Number of rounds, each around the best of the previous one."""
 
 MISFIT_DIGITS = 9
-"""Digits of the share of controls that a wave leaves: less is rounding."""
+"""Number of digits of the misfit of a wave: more would be rounding."""
 
 TINY = 1e-12
-"""Added to the squares of controls: idle ones are met by any wave."""
+"""Offset added to the squares of controls: idle ones fit any wave."""
 
 
 class Periodic(Parametrisation):
-    """A pattern as animals move by: per control an offset and a wave, all of one frequency.
+    """A periodic pattern like animals' gaits: per control an offset and a wave, all of one frequency.
 
-    z holds the frequency, then per control offset, sine and cosine of the wave: amplitude and phase.
+    z holds the frequency, then for each control offset, sine and cosine of the wave: amplitude and phase.
     """
 
     period: Float[AnyArray, ""]
-    """[s] Of the first guess."""
+    """Period of the initial guess [s]."""
     dt: float = eqx.field(static=True)
 
     @classmethod
     def of(cls, steps: int, dt: float, period: float, bounds: Bounds) -> Periodic:
-        """Return the parameters of patterns whose frequency is near that of `period` [s]."""
+        """Return the parametrisation by patterns whose frequency is near that of `period` [s]."""
         if not 2 * dt < period < np.inf:
             raise ArgumentError(
                 f"period: wanted more than two super steps of {dt:g} s, came {period:g} s."
@@ -152,13 +152,13 @@ class Periodic(Parametrisation):
         return self.middle + xp.tanh(raw) * self.half
 
     def phases(self, number: Float[AnyArray, " *K"]) -> Float[AnyArray, " *K T"]:
-        """Return where in its pattern each super step's middle is [rad], for the `number` its frequency comes from."""
+        """Return the phase of each super step's middle [rad], for the `number` that gives the frequency."""
         xp = number.__array_namespace__()
         rate = 2 * math.pi * self._tempo(number) / self.period
         return rate[..., None] * (xp.arange(self.steps) + 0.5) * self.dt
 
     def _tempo(self, number: Float[AnyArray, " *K"]) -> Float[AnyArray, " *K"]:
-        """Return times the first frequency: 1 for a number of zero."""
+        """Return the ratio to the initial frequency: 1 for a number of zero."""
         xp = number.__array_namespace__()
         return SLOWEST + (FASTEST - SLOWEST) / (1 + (FASTEST - 1) / (1 - SLOWEST) * xp.exp(-number))
 
@@ -169,7 +169,7 @@ class Periodic(Parametrisation):
         number = 0.0
         width = WIDEST_TEMPO
         for _ in range(TEMPO_ROUNDS):
-            # The middle comes first, and stays where no other is better.
+            # The middle comes first, and stays if no other is better.
             numbers = number + width * np.concatenate([[0.0], np.linspace(-1, 1, TEMPOS)])
             number = float(numbers[np.argmin(self._misfits(numbers, raw))])
             width *= 2 / TEMPOS
@@ -177,21 +177,21 @@ class Periodic(Parametrisation):
         return np.concatenate([[number], weights.ravel()])
 
     def _waves(self, numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K T 3"]:
-        """Return what offset, sine and cosine are at the frequency that each of `numbers` stands for."""
+        """Return offset, sine and cosine at the frequency of each of `numbers`."""
         phases = np.asarray(self.phases(numbers))
         return np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=-1)
 
     def _misfits(
         self, numbers: Float[np.ndarray, " K"], raw: Float[np.ndarray, "T C"]
     ) -> Float[np.ndarray, " K"]:
-        """Return the share of the squares of `raw` that waves of each frequency leave; rounding counts as nothing."""
+        """Return the share of the squares of `raw` that waves of each frequency do not fit; rounding counts as zero."""
         waves = self._waves(numbers)
         products = waves.mT @ raw
         met = np.sum(products * np.linalg.solve(waves.mT @ waves, products), axis=(1, 2))
         return np.round(1 - met / (np.sum(raw**2) + TINY), MISFIT_DIGITS)
 
     def gait(self, z: np.ndarray) -> Gait:
-        """Return the pattern of z as a gait; offsets and the rounding of strong waves are left out."""
+        """Return the pattern of z as a gait; offsets and the saturation of strong waves are left out."""
         sine, cosine = np.asarray(z[1:], float).reshape(3, -1)[1:]
         heights = np.tanh(np.hypot(sine, cosine))
         period = float(self.period / self._tempo(np.asarray(z[0])))
@@ -200,9 +200,9 @@ class Periodic(Parametrisation):
 
 
 class Steered(Parametrisation):
-    """A pattern as `Periodic`'s with offsets that change slowly, on splines: to swim, and to turn and leap meanwhile.
+    """A pattern as in `Periodic` with offsets that change slowly, by splines: to swim, and to turn and leap meanwhile.
 
-    z holds the frequency, then per control sine and cosine of the wave, then the splines' knots (K, C).
+    z holds the frequency, then for each control sine and cosine of the wave, then the splines' knots (K, C).
     """
 
     wave: Periodic
@@ -210,7 +210,7 @@ class Steered(Parametrisation):
 
     @classmethod
     def of(cls, steps: int, dt: float, period: float, knots: int, bounds: Bounds) -> Steered:
-        """Return the parameters of patterns near `period` [s], steered by splines with so many knots."""
+        """Return the parametrisation by patterns near `period` [s], steered by splines with `knots` knots."""
         wave = Periodic.of(steps, dt, period, bounds)
         return cls(wave.middle, wave.half, steps, wave, Spline.of(steps, knots, bounds))
 
@@ -257,7 +257,7 @@ def _tanh(numbers: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
 
 
 def _raw(parametrisation: Parametrisation, controls: np.ndarray) -> np.ndarray:
-    """Return (T, C) the numbers of which tanh makes `controls`."""
+    """Return the numbers (T, C) whose tanh gives `controls`."""
     middle = np.asarray(parametrisation.middle)
     share = (np.asarray(controls) - middle) / np.asarray(parametrisation.half)
     return np.arctanh(np.clip(share, -NEARLY_ALL, NEARLY_ALL))
@@ -266,6 +266,6 @@ def _raw(parametrisation: Parametrisation, controls: np.ndarray) -> np.ndarray:
 def _least_squares(
     columns: Float[np.ndarray, "T K"], values: Float[np.ndarray, "T C"]
 ) -> Float[np.ndarray, "K C"]:
-    """Return the weights with which `columns` come nearest to `values`."""
+    """Return the weights of `columns` that best fit `values`."""
     weights, *_ = np.linalg.lstsq(columns, values, rcond=None)
     return weights

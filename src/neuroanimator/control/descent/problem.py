@@ -1,4 +1,4 @@
-"""J as a function of the numbers a descent varies."""
+"""J as a function of the numbers that a descent varies."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ BACKWARD_COST = 3
 
 
 class Linearised(NamedTuple):
-    """J near some z: half the sum of squares of residuals that change in proportion, and a rest that does so."""
+    """J linearised near some z: half the sum of squares of linear residuals, and a linear rest."""
 
     residuals: Float[Array, " R"]
     jacobian: Float[Array, "R Z"]
-    """How the residuals change with z."""
+    """Jacobian of the residuals by z."""
     slope: Float[Array, " Z"]
-    """Of the rest, which is no sum of squares."""
+    """Gradient of the rest, which is not a sum of squares."""
     cost: Float[Array, ""]
     """J at z."""
 
@@ -43,13 +43,13 @@ class VariedParameters(eqx.Module):
     entries: tuple[int, ...] = eqx.field(static=True)
     """State entries of the parameters."""
     latent_entries: tuple[int, ...] = eqx.field(static=True)
-    """Entries of a latent state, where they are as they are."""
+    """Entries of the latent state that hold them unchanged."""
     middle: Float[AnyArray, " P"]
     half: Float[AnyArray, " P"]
 
     @property
     def size(self) -> int:
-        """Numbers of z."""
+        """Length of z."""
         return self.parametrisation.size + len(self.entries)
 
     def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
@@ -70,18 +70,18 @@ class Problem(eqx.Module):
     parametrisation: Parametrisation
     start: Float[AnyArray, " S"]
     defects: Float[AnyArray, "T V"]
-    """Added to the super steps: see `find_defects`."""
+    """Defects added to the super steps: see `find_defects`."""
     control_scale: Float[AnyArray, " C"]
     varied: VariedParameters | None = None
-    """What of the body is varied, too: the last numbers of z; None if nothing is.
+    """Parameters of the body that are varied, too, by the last numbers of z; None for none.
 
-    What terms see of the start is that of `start`: a body of other parameters begins where it is, in its own shape.
+    Terms that look at the start see `start`: a body of other parameters begins there, in its own shape.
     """
 
     def trajectory(self, z: Float[Array, " Z"]) -> Trajectory:
         """Return the emulated motion under the controls of z."""
         controls = self._controls(z)
-        # Traced once, however often a program follows the emulator.
+        # Traced once, however many times a program follows the emulator.
         latent = self.emulator.encode(self.start)
         if self.varied is not None:
             entries = np.array(self.varied.latent_entries)
@@ -100,7 +100,7 @@ class Problem(eqx.Module):
         return self.objective(self.trajectory(z))
 
     def linearised(self, z: Float[Array, " Z"]) -> Linearised:
-        """Return J and how it changes near `z`."""
+        """Return J linearised near `z`."""
         of_states, of_controls = self.objective.apart()
 
         def of_motion(z: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What a recording tells of parameters and what it does not: those it never shows, and those it cannot tell apart."""
+"""Identifiability: which parameters a recording determines, which it never shows, and which it cannot tell apart."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from jaxtyping import Float
 from neuroanimator.control.identification.unknowns import Unknowns
 
 KNOWN_SHARE = 0.5
-"""A parameter is known if its standard deviation is at most this share of what its range alone says."""
+"""Maximum standard deviation of a known parameter, as a share of that from its range alone."""
 
 PART = 0.3
-"""Least weight of a parameter in a combination that is not known for it to be named."""
+"""Minimum weight of a parameter in an unknown combination for it to be named."""
 
 AT_END = 1e-3
-"""Share of its range from its end within which a value lies at it."""
+"""Distance from the end of its range, as a share of it, within which a value counts as at the end."""
 
 
 class Findings(NamedTuple):
-    """What is known of the unknowns."""
+    """Knowledge about the unknowns."""
 
     deviations: Float[np.ndarray, " G"]
-    """Standard deviation of each."""
+    """Standard deviation of each unknown."""
     is_known: tuple[bool, ...]
-    """Whether the recording says more of it than its range does."""
+    """Whether the recording determines each better than its range."""
     not_shown: tuple[str, ...]
-    """Names of those that no motion in the recording depends on enough."""
+    """Names of unknowns on which no motion in the recording depends enough."""
     confused: tuple[tuple[str, ...], ...]
-    """Names of those of which only a combination is known."""
+    """Names of unknowns of which only a combination is known."""
     at_end: tuple[str, ...]
-    """Names of those whose best value lies at an end of its range that is not zero, beyond which there may be nothing."""
+    """Names of unknowns whose best value is at an end of its range; zero does not count, as nothing may be beyond it."""
 
 
 def findings_of(
     covariance: Float[np.ndarray, "G G"], values: Float[np.ndarray, " G"], unknowns: Unknowns
 ) -> Findings:
-    """Return what `covariance` says of the unknowns, whose values were found to be `values`.
+    """Return the findings from the `covariance` of the unknowns at the fitted `values`.
 
-    In units of what ranges alone say, directions of a large variance are combinations that the recording does not show.
+    In units of the ranges' deviations, directions of a large variance are combinations that the recording does not show.
     """
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scaled = covariance / np.outer(unknowns.spread, unknowns.spread)

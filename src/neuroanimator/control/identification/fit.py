@@ -1,9 +1,9 @@
-"""The fit itself: Gauss-Newton through the emulator, then on the physics with the emulator's slopes.
+"""The fit: Gauss-Newton through the emulator, then on the physics with the emulator's slopes.
 
     measurements → predictions (emulator) → residuals → robust weights → step of all unknowns → … → noise
       ⤷ predictions (physics) → residuals → the same step with the emulator's slopes → …
 
-The second half is what controllers get as well: where the physics says otherwise than the emulator, it is believed.
+The second half is as for controllers: where physics and emulator disagree, the physics is right.
 """
 
 from __future__ import annotations
@@ -35,46 +35,46 @@ FIRST_DAMPING = 1e-3
 LESS_DAMPING = 0.1
 MORE_DAMPING = 8.0
 MAX_DAMPING = 1e4
-"""Damping of steps (Levenberg and Marquardt): what it begins with, its factors after a step that helped and after one
-that did not, and where a fit ends."""
+"""Damping of steps (Levenberg and Marquardt): its initial value, its factors after a step that helped and after one
+that did not, and its maximum, at which a fit ends."""
 
 TOLERANCE = 1e-4
-"""Share of the cost by which a step that counts lowers it, or promised to if it did not help."""
+"""Minimum relative decrease of the cost by a step that counts, or predicted decrease if it did not help."""
 
 PATIENCE = 3
-"""Number of steps in a row that may do less: the first ones are damped, and go slowly where much is uncertain."""
+"""Number of consecutive steps that may do less: the first are damped, and slow where much is uncertain."""
 
 NOISE_ROUNDS = 3
-"""Number of times that the noise is estimated anew, and the fit taken up with it."""
+"""Number of times that the noise is estimated again and the fit continued with it."""
 
 FIRST_NOISE = 0.05
-"""Noise that a fit begins with, as a share of the spread of each number that was measured."""
+"""Initial noise of a fit, as a share of the spread of each measured number."""
 
 LEAST_NOISE = 1e-5
-"""Least noise, as such a share: rounding."""
+"""Minimum noise, as such a share: rounding."""
 
 MEDIAN_TO_DEVIATION = 1.4826
 """Ratio of a normal distribution's standard deviation to the median of its absolute values."""
 
 Predict = Callable[[Float[np.ndarray, "W I"], Float[np.ndarray, " G"]], Float[np.ndarray, "W F S"]]
-"""Returns what sensors show, of starts and shared unknowns."""
+"""Function from starts and shared unknowns to the sensors' readings."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Unknowns that explain measurements best."""
+    """Unknowns that explain the measurements best."""
 
     values: Float[np.ndarray, " G"]
     starts: Float[np.ndarray, "W I"]
     residuals: Float[np.ndarray, "W F S"]
-    """Measurements less predictions; NaN where nothing was measured."""
+    """Measurements minus predictions; NaN where nothing was measured."""
     noise: Float[np.ndarray, " S"]
-    """Standard deviation of residuals; 1 of what was not measured."""
+    """Standard deviation of residuals; 1 for numbers that were not measured."""
     iterations: int
 
 
 SlopesAt = Callable[[Fit], Slopes]
-"""Returns predictions at a fit with their derivatives."""
+"""Function from a fit to predictions with their derivatives."""
 
 
 class Fitter:
@@ -97,22 +97,22 @@ class Fitter:
         self.spread = np.where(spread > 0, spread, 1.0)
 
     def taken_up(self, fit: Fit) -> Fit:
-        """Return where to begin from a `fit` with windows of half the length: its values, and every other start of its."""
+        """Return the initial guess from a `fit` of windows of half the length: its values, and every other of its starts."""
         starts = fit.starts[::2]
         residuals = self._residuals(self.predictor.by_emulator, starts, fit.values)
         return replace(fit, starts=starts, residuals=residuals)
 
     def first_guess(self) -> Fit:
-        """Return the nominal values and the starts as they were measured, with the noise that a fit begins with."""
+        """Return the nominal values and the measured starts, with the initial noise."""
         starts = self.predictor.starts_at(self.measurements.guess[:, 0])
         values = self.unknowns.nominal.copy()
         residuals = self._residuals(self.predictor.by_emulator, starts, values)
         return Fit(values, starts, residuals, FIRST_NOISE * self.spread, 0)
 
     def fitted(self, guess: Fit, predict: Predict, slopes: SlopesAt | None = None) -> Fit:
-        """Return the fit of `predict`'s motions, from `guess` on; the noise is estimated between rounds of it.
+        """Return the fit of `predict`'s motions, starting from `guess`; the noise is estimated between rounds.
 
-        The `slopes` are the emulator's if no others are given.
+        The `slopes` are the emulator's by default.
         """
         fit = guess
         for _ in range(NOISE_ROUNDS):
@@ -128,7 +128,7 @@ class Fitter:
         return self.predictor.slopes(fit.starts, fit.values)
 
     def _round(self, fit: Fit, predict: Predict, slopes_at: SlopesAt) -> Fit:
-        """Return the fit with the noise as it is: damped Gauss-Newton steps, as long as they help."""
+        """Return the fit with fixed noise: damped Gauss-Newton steps, as long as they help."""
         residuals = self._residuals(predict, fit.starts, fit.values)
         cost = self._cost(residuals, fit.noise, fit.values)
         fit = replace(fit, residuals=residuals)
@@ -169,7 +169,7 @@ class Fitter:
         starts: Float[np.ndarray, "W I"],
         values: Float[np.ndarray, " G"],
     ) -> Float[np.ndarray, "W F S"]:
-        """Return measurements less predictions: infinite where a prediction is not finite."""
+        """Return measurements minus predictions: infinite where a prediction is not finite."""
         measured = self.measurements.measured
         shown = predict(starts, values)
         residuals = measured - np.where(np.isfinite(shown), shown, np.inf)
@@ -184,9 +184,9 @@ class Fitter:
         return robust_cost(residuals, noise, values, self.unknowns)
 
     def _noise_of(self, residuals: Float[np.ndarray, "W F S"]) -> Float[np.ndarray, " S"]:
-        """Return the standard deviation of the noise of each number, of whose residuals a few outliers do not matter.
+        """Return the standard deviation of the noise of each number, robust against outliers.
 
-        Residuals are less than the noise by what the unknowns took up of it.
+        Residuals are smaller than the noise, since the unknowns absorb part of it.
         """
         noise = np.ones(residuals.shape[-1])
         seen = self.is_measured

@@ -31,18 +31,18 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
 SURE = 5.0
-"""A delay or offset that was not asked for is told of from this many standard deviations on."""
+"""Number of standard deviations from which an unrequested delay or offset is reported."""
 
 NOTEWORTHY = 0.5
-"""… and if what it explains is at least this share of the noise."""
+"""Minimum unrequested offset that is reported, as a share of the noise."""
 
 LATE = 0.1
-"""… or of a delay this share of a super step."""
+"""Minimum unrequested delay that is reported, as a share of a super step."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One number as it was found."""
+    """One identified number."""
 
     name: str
     unit: str
@@ -53,9 +53,9 @@ class Estimate:
     low: float
     high: float
     is_known: bool
-    """Whether the recording says more of it than its range does."""
+    """Whether the recording determines it better than its range."""
     is_parameter: bool
-    """Whether it is of the body; a delay and offsets are of its sensors."""
+    """Whether it belongs to the body; a delay and offsets belong to its sensors."""
 
 
 @dataclass(frozen=True)
@@ -65,16 +65,16 @@ class Identification:
     estimates: tuple[Estimate, ...]
     """Parameters, the delay and offsets of sensors."""
     confused: tuple[tuple[str, ...], ...]
-    """Names of those that the recordings cannot tell apart: only a combination is known."""
+    """Names of parameters that the recordings cannot tell apart: only a combination is known."""
     notes: tuple[str, ...]
-    """What a user should know of the result, a line each."""
+    """Remarks on the result for the user, a line each."""
     measurements: Measurements
     nominal: Fit
-    """Residuals with nominal values, on the physics if there is any."""
+    """Residuals at nominal values, on the physics if available."""
     emulated: Fit
     """The fit by the emulator alone."""
     proven: Fit | None
-    """The fit on the physics; None of a system that cannot be simulated."""
+    """The fit on the physics; None for a system that cannot be simulated."""
     seconds_of_emulator: float
     """Wall time of the fit by the emulator [s]."""
     seconds_of_physics: float
@@ -82,12 +82,12 @@ class Identification:
 
     @property
     def final(self) -> Fit:
-        """The fit on the physics, or the emulator's where there is none."""
+        """The fit on the physics, or the emulator's if there is none."""
         return self.proven or self.emulated
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The value of each parameter, as `Emulator.at` and `System.at` take them."""
+        """Value of each parameter, for `Emulator.at` and `System.at`."""
         return {
             estimate.name: estimate.value for estimate in self.estimates if estimate.is_parameter
         }
@@ -105,8 +105,8 @@ def identify(
     """Return the parameters of the body in `recordings` (CSV or NPZ files), of the family that `emulator` was trained on.
 
     The state at the start of every window of `window` seconds is found as well, so that noise in it does no harm and
-    velocities need not be measured. With `delay` it is also found by how much sensors are late, with `offsets` by how
-    much each is off. Unless told otherwise, the result is corrected and proved on the `physics`, if that is at hand.
+    velocities need not be measured. `delay` also finds the sensors' common delay, `offsets` the offset of
+    each sensor. By default the result is corrected and proved on the `physics`, if available.
 
     Raises ArgumentError for an emulator without parameters, BadFileError for recordings that do not fit it.
     """
@@ -158,9 +158,9 @@ def identify(
 
 
 def _stages(emulator: Emulator, measurements: Measurements, unknowns: Unknowns) -> list[Fitter]:
-    """Return fitters of the same motions, from short windows to the whole ones, each twice as long as those before.
+    """Return fitters of the same motions, from short windows to the whole ones, doubling the length each time.
 
-    Short windows lead from far away to where long ones have no other minimum.
+    Short windows lead from far away into the basin where long ones have a single minimum.
     """
     parts = 1
     while measurements.steps % (2 * parts) == 0 and measurements.steps // (2 * parts) >= SHORTEST:
@@ -174,7 +174,7 @@ def _stages(emulator: Emulator, measurements: Measurements, unknowns: Unknowns) 
 
 
 def _by_emulator(fitters: list[Fitter]) -> list[Fit]:
-    """Return the fit of each stage by the emulator."""
+    """Return the emulator's fit of each stage."""
     fits: list[Fit] = []
     for fitter in fitters:
         guess = fitter.taken_up(fits[-1]) if fits else fitter.first_guess()
@@ -183,7 +183,7 @@ def _by_emulator(fitters: list[Fitter]) -> list[Fit]:
 
 
 def _at_nominal(fitter: Fitter, emulated: Fit, system: System) -> Fit:
-    """Return the residuals of the physics with nominal parameters, the starts as they were found."""
+    """Return the residuals of the physics with nominal parameters and the identified starts."""
     values = fitter.unknowns.nominal
     shown = fitter.predictor.by_physics(system, emulated.starts, values)
     residuals = fitter.measurements.measured - shown
@@ -191,10 +191,10 @@ def _at_nominal(fitter: Fitter, emulated: Fit, system: System) -> Fit:
 
 
 def _on_physics(fitters: list[Fitter], first: Fit, system: System) -> Fit:
-    """Return the fit of true motions through all stages from `first` on.
+    """Return the fit of true motions through all stages, starting from `first`.
 
-    By the emulator's slopes over short windows, where they are good; over longer ones by differences of the physics
-    itself, so that what is left of the emulator's errors moves neither the result nor its standard deviations.
+    It uses the emulator's slopes over short windows, where they are good, and differences of the physics itself over
+    longer ones, so that the emulator's remaining errors affect neither the result nor its standard deviations.
     """
     fit = fitters[0].fitted(first, _true_motions(fitters[0], system))
     for fitter in fitters[1:]:
@@ -243,14 +243,14 @@ def _estimates(fit: Fit, findings: Findings, unknowns: Unknowns) -> tuple[Estima
 
 
 def _unproven(system: System | None) -> list[str]:
-    """Return why nothing was proved, where the physics is missing."""
+    """Return why nothing was proved, if the physics is missing."""
     if system is None or not system.missing:
         return []
     return [f"not proved: {system.missing} Parameters are as good as the emulator."]
 
 
 def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
-    """Return what the recordings do not say, a line each."""
+    """Return notes on what the recordings leave open, a line each."""
     notes = []
     for name in findings.not_shown:
         notes.append(
@@ -273,7 +273,7 @@ def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
 
 
 def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
-    """Return notes on a delay or offsets that nobody asked for and the residuals show: one more step with these unknown."""
+    """Return notes on an unrequested delay or offsets that the residuals show, by one more step with these unknown."""
     asked = fitter.unknowns
     if asked.has_delay and asked.offsets:
         return []

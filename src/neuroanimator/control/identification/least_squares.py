@@ -1,6 +1,6 @@
-"""Gauss-Newton steps for unknowns that all windows share and starts that each window has for itself.
+"""Gauss-Newton steps for unknowns shared by all windows and starts of single windows.
 
-The starts are eliminated window by window (Schur complement), so that a step costs as much as its predictions.
+The starts are eliminated window by window (Schur complement), so that a step costs no more than its predictions.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from neuroanimator.control.identification.predictions import Slopes
 from neuroanimator.control.identification.unknowns import Unknowns
 
 HUBER = 2.5
-"""Residual beyond which it counts linearly, in standard deviations (Huber, 1964)."""
+"""Residual beyond which the cost is linear, in standard deviations (Huber, 1964)."""
 
 PRIOR = 1e-4
-"""Weight of staying at nominal values, where a whole range counts as one standard deviation's residual: it keeps
-what a recording does not show where it was."""
+"""Weight of staying at nominal values, where a whole range counts as a residual of one standard deviation: it keeps
+unknowns that a recording does not show at their values."""
 
 LEAST = 1e-12
-"""Least diagonal of the starts' normal equations, relative to the largest."""
+"""Minimum diagonal entry of the starts' normal equations, relative to the largest."""
 
 
 class Step(NamedTuple):
@@ -32,14 +32,14 @@ class Step(NamedTuple):
     values: Float[np.ndarray, " G"]
     starts: Float[np.ndarray, "W V"]
     gain: float
-    """How much the change of the shared unknowns lowers the cost, if motions are as linear as their slopes say."""
+    """Predicted decrease of the cost by the change of the shared unknowns, if motions are linear."""
 
 
 class Normal(NamedTuple):
     """Normal equations with the starts eliminated."""
 
     matrix: Float[np.ndarray, "G G"]
-    """Information on the shared unknowns, that the starts are unknown too taken into account."""
+    """Information on the shared unknowns, given that the starts are unknown, too."""
     right: Float[np.ndarray, " G"]
     starts_matrix: Float[np.ndarray, "W V V"]
     starts_right: Float[np.ndarray, "W V"]
@@ -49,7 +49,7 @@ class Normal(NamedTuple):
 def robust_weights(
     residuals: Float[np.ndarray, "W F S"], noise: Float[np.ndarray, " S"]
 ) -> Float[np.ndarray, "W F S"]:
-    """Return the weight of each residual: one over the noise's variance, less of outliers, none of what was not measured."""
+    """Return the weight of each residual: one over the noise's variance, less for outliers, zero if not measured."""
     scaled = np.abs(residuals) / noise
     with np.errstate(invalid="ignore", divide="ignore"):
         weights = np.minimum(1.0, HUBER / scaled)
@@ -64,7 +64,7 @@ def robust_cost(
 ) -> float:
     """Return Huber's cost of the residuals, half a square each within `HUBER` deviations, and of leaving nominal values.
 
-    Infinite where a prediction of something measured is not finite.
+    Infinite if a prediction of a measured number is not finite.
     """
     scaled = np.abs(residuals) / noise
     if np.isinf(scaled).any():
@@ -83,7 +83,7 @@ def normal_equations(
     unknowns: Unknowns,
     damping: float,
 ) -> Normal:
-    """Return the damped normal equations at `values`; `residuals` are measurements less predictions."""
+    """Return the damped normal equations at `values`; `residuals` are measurements minus predictions."""
     known = np.where(weights > 0, residuals, 0.0)
     count, _, _, shared = slopes.by_unknowns.shape
     by_values = slopes.by_unknowns.reshape(count, -1, shared)
@@ -136,6 +136,6 @@ def bounded_step(normal: Normal, values: Float[np.ndarray, " G"], unknowns: Unkn
 
 
 def covariance(normal: Normal) -> Float[np.ndarray, "G G"]:
-    """Return the covariance of the shared unknowns, given undamped normal equations with weights of one over the variance."""
+    """Return the covariance of the shared unknowns, from undamped normal equations with inverse variances as weights."""
     identity = np.eye(len(normal.matrix))
     return cho_solve(cho_factor((normal.matrix + normal.matrix.T) / 2), identity)

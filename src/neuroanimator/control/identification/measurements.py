@@ -1,6 +1,6 @@
-"""Recorded motions as identification needs them: on the grid of an emulator's super steps, cut into windows.
+"""Recorded motions for identification: on the grid of an emulator's super steps, cut into windows.
 
-A recording holds some of the state's numbers, at its own rate; what it does not hold is NaN here.
+A recording holds some of the state's numbers, at its own rate; all others are NaN here.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from neuroanimator.systems.recorded.recording import Recording, open_recording
 from neuroanimator.text import did_you_mean, listed
 
 WINDOW_STEPS = 16
-"""Number of super steps in a window: long enough that parameters show, short enough that errors have not grown wild."""
+"""Number of super steps in a window: long enough that parameters show, short enough that errors stay small."""
 
 MIN_STEPS = 3
-"""Minimum number of super steps in a window: with fewer its start explains everything."""
+"""Minimum number of super steps in a window: with fewer, its start explains everything."""
 
 SHORTEST = 4
-"""Number of super steps in the windows that a fit begins with, where longer ones are a multiple of it."""
+"""Number of super steps in the first windows of a fit, if longer ones are a multiple of it."""
 
 MAX_WINDOWS = 4096
-"""Maximum number of windows: each has a start of its own to be found."""
+"""Maximum number of windows: each has its own start to be found."""
 
 DEGREES = 180 / np.pi
 
 UNIT_ERROR = 0.2
-"""Share by which the ratio of a velocity to the change of its position may be off the one that is suspected."""
+"""Relative tolerance of the ratio of a velocity to the change of its position, in a check of units."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Measurements:
     controls: Float[np.ndarray, "W T C"]
     """Mean control of each super step."""
     guess: Float[np.ndarray, "W F S"]
-    """First guess of the whole states: as measured, and velocities from positions."""
+    """Initial guess of the whole states: as measured, with velocities from positions."""
     names: tuple[str, ...]
-    """Names and units of the numbers of the state that were measured."""
+    """Names and units of the measured numbers of the state."""
     entries: tuple[int, ...]
     """State entries that were measured."""
     files: tuple[str, ...]
@@ -59,7 +59,7 @@ class Measurements:
         return self.controls.shape[1]
 
     def split(self, parts: int) -> Measurements:
-        """Return the same motions in windows of one of so many `parts` of the length: the first is where a whole one began."""
+        """Return the same motions in windows split into `parts` equal parts, in order."""
         frames = self.steps // parts
         firsts = frames * np.arange(parts)
         shown = firsts[:, None] + np.arange(frames + 1)
@@ -73,7 +73,7 @@ class Measurements:
 
 
 def _joined(windows: Float[np.ndarray, "W P F N"]) -> Float[np.ndarray, "Q F N"]:
-    """Return the parts of all windows one behind the other."""
+    """Return the parts of all windows concatenated."""
     return windows.reshape(-1, *windows.shape[2:])
 
 
@@ -89,10 +89,10 @@ class _Grid:
 def read_measurements(
     paths: Sequence[str | Path], emulator: Emulator, window: float | None = None
 ) -> Measurements:
-    """Return the recordings in CSV or NPZ files as windows of `window` seconds (usually `WINDOW_STEPS` super steps).
+    """Return the recordings in CSV or NPZ files as windows of `window` seconds (by default `WINDOW_STEPS` super steps).
 
-    Columns are parts of the state, not all of which need be there, and all controls; without any column of a control
-    the body was free. Raises BadFileError naming the file and what is wrong with it, ArgumentError for a window that
+    Columns are parts of the state, not necessarily all, and all controls; without any control column
+    the body was free. Raises BadFileError with the file and what is wrong with it, ArgumentError for a window that
     is too short.
     """
     if not paths:
@@ -160,7 +160,7 @@ def _on_grid(recording: Recording, emulator: Emulator) -> tuple[tuple[int, ...],
 
 
 def _entry(recording: Recording, vector: str, names: list[str], column: tuple[str, str]) -> int:
-    """Return which number of a state or control a column holds."""
+    """Return the index of a column in the state or control."""
     name, unit = column
     wanted = f"{name} {unit}"
     if wanted in names:
@@ -177,7 +177,7 @@ def _entry(recording: Recording, vector: str, names: list[str], column: tuple[st
 
 
 def _control_order(recording: Recording, emulator: Emulator) -> list[int]:
-    """Return the column of each control; none where the recording has no controls at all."""
+    """Return the column of each control; none if the recording has no controls at all."""
     if not recording.control:
         return []
     names = column_names(emulator.control)
@@ -193,7 +193,7 @@ def _control_order(recording: Recording, emulator: Emulator) -> list[int]:
 def _refuse_degrees(
     recording: Recording, emulator: Emulator, measured: Float[np.ndarray, "N S"]
 ) -> None:
-    """Raise BadFileError where a velocity is the change of its position times the degrees in a radian, or a part of it."""
+    """Raise BadFileError if a velocity is the change of its position times, or divided by, the degrees in a radian."""
     for position, velocity in emulator.rates:
         rate = measured[:, velocity]
         change = np.gradient(measured[:, position], recording.step)
@@ -221,7 +221,7 @@ def _resampled(
     held: Float[np.ndarray, "N C"],
     emulator: Emulator,
 ) -> _Grid:
-    """Return a run at the super steps' own times."""
+    """Return a run resampled at the times of super steps."""
     dt = emulator.dt
     guess = _guessed(measured, recording.step, emulator)
     samples = round(dt / recording.step)
@@ -248,7 +248,7 @@ def _interpolated(
     values: Float[np.ndarray, "N S"],
     frames: Float[np.ndarray, " F"],
 ) -> Float[np.ndarray, "F S"]:
-    """Return `values` at other times, by cubic splines; columns that were not measured stay so."""
+    """Return `values` at other times, by cubic splines; columns that were not measured stay NaN."""
     result = np.full((len(frames), values.shape[1]), np.nan)
     known = np.isfinite(values).all(axis=0)
     result[:, known] = CubicSpline(times, values[:, known])(frames)
@@ -262,7 +262,7 @@ def _sparse(
     held: Float[np.ndarray, "N C"],
     dt: float,
 ) -> _Grid:
-    """Return a run sampled less often than every super step: NaN at the super steps between."""
+    """Return a run sampled less often than every super step: NaN at the super steps in between."""
     every = round(recording.step / dt)
     if abs(every * dt - recording.step) > MAX_TIME_ERROR * dt:
         raise BadFileError(
@@ -280,7 +280,7 @@ def _sparse(
 def _guessed(
     measured: Float[np.ndarray, "N S"], step: float, emulator: Emulator
 ) -> Float[np.ndarray, "N S"]:
-    """Return the whole states as far as they can be guessed: a velocity that was not measured from its position."""
+    """Return guesses of the whole states: velocities that were not measured come from positions."""
     guess = measured.copy()
     for position, velocity in emulator.rates:
         if np.isnan(guess[:, velocity]).any() and len(guess) > 1:
@@ -295,7 +295,7 @@ def _cut(
     emulator: Emulator,
     files: tuple[str, ...],
 ) -> Measurements:
-    """Return windows of `steps` super steps, one behind the other in each run; of very many, some evenly taken."""
+    """Return consecutive windows of `steps` super steps of each run; if there are too many, an evenly spaced selection."""
     measured = []
     guess = []
     controls = []

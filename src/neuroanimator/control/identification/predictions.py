@@ -1,4 +1,4 @@
-"""What sensors would show of motions from given starts with given unknowns, by an emulator or by the physics, and its slopes."""
+"""Predicted sensor readings of motions with given starts and unknowns, by an emulator or by the physics, and their slopes."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Scheme, System
 
 DIFFERENCE = 1e-4
-"""Distance of two values of an unknown between which motions are compared, as a share of its range."""
+"""Step of finite differences in an unknown, as a share of its range."""
 
 START_DIFFERENCE = 1e-5
-"""Likewise of the numbers of a start [rad, m, rad/s or m/s]."""
+"""Step of finite differences in the numbers of a start [rad, m, rad/s or m/s]."""
 
 
 class Slopes(NamedTuple):
     """Predictions and their derivatives."""
 
     shown: Float[np.ndarray, "W F S"]
-    """Numbers of the state as sensors show them."""
+    """Numbers of the state as read by sensors."""
     by_unknowns: Float[np.ndarray, "W F S G"]
     by_starts: Float[np.ndarray, "W F S V"]
-    """Derivatives in a change of the start, as the body's frame counts it."""
+    """Derivatives by changes of the start in the body's frame."""
 
 
 class Predictor:
-    """Predictions of windows of measurements, from starts as the emulator has them: latent states."""
+    """Predictions of windows of measurements, from starts as latent states."""
 
     def __init__(self, emulator: Emulator, measurements: Measurements, unknowns: Unknowns):
         self.emulator = emulator
@@ -50,7 +50,7 @@ class Predictor:
             has_delay=unknowns.has_delay,
             offsets=unknowns.offsets,
         )
-        # Starts move at once, not with what they coast by.
+        # Starts change directly, without coasting.
         self._still = replace(emulator.frame, dt=0.0)
         self.start_size = self._still.change_size(latent_size(emulator))
 
@@ -61,13 +61,13 @@ class Predictor:
     def moved(
         self, starts: Float[np.ndarray, "W I"], change: Float[np.ndarray, "W V"]
     ) -> Float[np.ndarray, "W I"]:
-        """Return the starts after a change as the body's frame counts it."""
+        """Return the starts after a change in the body's frame."""
         return np.asarray(self._still.apply(starts, change), float)
 
     def by_emulator(
         self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
     ) -> Float[np.ndarray, "W F S"]:
-        """Return what sensors show of the emulator's motions from `starts`, with `values` of the unknowns."""
+        """Return the sensor readings of the emulator's motions from `starts`, with `values` of the unknowns."""
         shown = _shown_by_emulator(
             self.emulator, self._places, _single(starts), _single(values), self.controls
         )
@@ -92,7 +92,7 @@ class Predictor:
         starts: Float[np.ndarray, "W I"],
         values: Float[np.ndarray, " G"],
     ) -> Float[np.ndarray, "W F S"]:
-        """Return what sensors show of the true motions from `starts`; NaN where the physics diverges."""
+        """Return the sensor readings of the true motions from `starts`; NaN where the physics diverges."""
         return self._by_physics(system, starts[None], values[None], system.truth)[0]
 
     def _by_physics(
@@ -102,7 +102,7 @@ class Predictor:
         values: Float[np.ndarray, "N G"],
         scheme: Scheme,
     ) -> Float[np.ndarray, "N W F S"]:
-        """Return `by_physics` of several starts and values by steps of `scheme`, simulated all at once."""
+        """Return `by_physics` for several starts and values with steps of `scheme`, all simulated at once."""
         count, windows, _ = starts.shape
         latents = starts.copy()
         latents[..., self._places.moving :] = values[:, None, : self._places.parameters]
@@ -127,7 +127,7 @@ class Predictor:
     ) -> Slopes:
         """Return the physics' motions with their derivatives, by differences; the emulator's where the physics diverges.
 
-        By the system's own step, which is cheaper than the one of `by_physics`: slopes of a fit need not be as exact.
+        Uses the system's own step, which is cheaper than that of `by_physics`: slopes need not be as exact.
         """
         emulated = self.slopes(starts, values)
         count = 1 + len(values) + self.start_size
@@ -155,7 +155,7 @@ class Predictor:
 
 
 class MeasuredStartPredictor:
-    """Predictions of windows whose starts are known: states as they were measured. The emulator's alone."""
+    """Predictions, by the emulator alone, of windows whose starts are known measured states."""
 
     start_size = 0
     """Number of unknowns of a start."""
@@ -165,13 +165,13 @@ class MeasuredStartPredictor:
         self.controls = _single(emulator.encode_control(measurements.controls))
 
     def starts_at(self, states: Float[np.ndarray, "W S"]) -> Float[np.ndarray, "W S"]:
-        """Return the starts of motions that begin at `states`: these."""
+        """Return `states` as the starts of motions."""
         return states
 
     def moved(
         self, starts: Float[np.ndarray, "W S"], change: Float[np.ndarray, "W V"]
     ) -> Float[np.ndarray, "W S"]:
-        """Return the starts as they are: no change of theirs is unknown."""
+        """Return `starts` unchanged: they are known."""
         return starts
 
     def by_emulator(
@@ -197,10 +197,10 @@ def _where_finite(
 
 
 class _Places(eqx.Module):
-    """Where each kind of unknown lies."""
+    """Indices of each kind of unknown."""
 
     moving: int = eqx.field(static=True)
-    """Entries of a latent state before its parameters."""
+    """Number of entries of a latent state before its parameters."""
     parameters: int = eqx.field(static=True)
     has_delay: bool = eqx.field(static=True)
     offsets: tuple[int, ...] = eqx.field(static=True)
@@ -226,10 +226,10 @@ def _motion(
 def _observed(
     places: _Places, dt: float, states: Float[AnyArray, "... F S"], values: Float[AnyArray, " G"]
 ) -> Float[AnyArray, "... F S"]:
-    """Return what sensors with that delay and those offsets show of a motion.
+    """Return the readings of a motion by sensors with a delay and offsets.
 
-    Between super steps states are interpolated by a parabola through three of them; before the first they are
-    extrapolated by it.
+    States between super steps are interpolated by a parabola through three of them, and extrapolated by it
+    before the first.
     """
     if places.has_delay:
         states = _delayed(states, values[places.parameters] / dt)
@@ -300,7 +300,7 @@ def _motion_from_measured(
     values: Float[Array, " P"],
     controls: Float[Array, "T C"],
 ) -> Float[Array, "F S"]:
-    """Return the emulator's motion from the state `start` with other parameters, of which shapes are seen, too."""
+    """Return the emulator's motion from the state `start` with other parameters, with which its shape is encoded, too."""
     moving = start.shape[0] - values.shape[0]
     state = jnp.concatenate([start[:moving], values])
     following = rollout_latent(emulator, emulator.encode(state), controls, is_bounded=False)

@@ -1,4 +1,4 @@
-"""The report of an identification: the recordings, the motions that explain them, and what is left over, as one page."""
+"""The report of an identification as one page: the recordings, the motions that explain them, and the residuals."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from neuroanimator.evaluation.page import write_page
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET
 
 MAX_SHOWN = 12
-"""Maximum number of measured numbers that a report draws."""
+"""Maximum number of measured numbers drawn in a report."""
 
 MAX_WINDOWS_SHOWN = 24
-"""Maximum number of windows of each that it draws."""
+"""Maximum number of windows drawn for each."""
 
 
 def write_identification_report(
     path: Path, result: Identification, rows: Sequence[tuple[str, object]]
 ) -> None:
-    """Write `path`: facts in `rows`, the estimates, and curves of what was measured beside what explains it."""
+    """Write the report to `path`: facts in `rows`, the estimates, and curves of measured and explained motions."""
     measurements = result.measurements
     curves = [
         Curve(name, entry, result)
@@ -54,7 +54,7 @@ def estimate_row(estimate: Estimate) -> dict[str, object]:
 
 
 def fit_rows(result: Identification) -> list[dict[str, object]]:
-    """Return how far each fit is off what was measured, root mean square, a row for each number."""
+    """Return the root mean square residuals of each fit, a row for each number."""
     rows: list[dict[str, object]] = []
     for name, entry in zip(result.measurements.names, result.measurements.entries, strict=True):
         row: dict[str, object] = {"measured": name}
@@ -71,7 +71,7 @@ def _off(residuals: np.ndarray) -> str:
 
 
 class Curve:
-    """One measured number of an identification, to be drawn."""
+    """One measured number of an identification to draw."""
 
     def __init__(self, name: str, entry: int, result: Identification):
         shown = slice(MAX_WINDOWS_SHOWN)
@@ -83,14 +83,14 @@ class Curve:
 
     @property
     def frames(self) -> np.ndarray:
-        """Number of super steps from the first window's start, of every frame of each window."""
+        """Time of every frame of each window, in super steps from the first window's start."""
         windows, frames = self.measured.shape
         firsts = (frames - 1) * np.arange(windows)
         return firsts[:, None] + np.arange(frames)
 
 
 def draw_motion(axes: Axes, curve: Curve) -> None:
-    """Draw what was measured as points, and windows of motion with nominal and with identified parameters as lines."""
+    """Draw measurements as points, and windows of motion with nominal and with identified parameters as lines."""
     colour = PHYSICS if curve.is_physics else EMULATOR
     for number, frames in enumerate(curve.frames):
         is_first = number == 0

@@ -1,4 +1,4 @@
-"""The numbers that identification looks for besides the starts of windows: parameters, a delay, offsets of sensors."""
+"""Unknowns of identification besides the starts of windows: parameters, a delay, offsets of sensors."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.parameters import Parameter
 
 DELAY = "delay"
-"""Name of the time by which what is measured lags behind the motion."""
+"""Name of the time by which measurements lag behind the motion."""
 
 MAX_DELAY_STEPS = 2
-"""Largest delay that is looked for, in super steps."""
+"""Maximum delay in the search [super steps]."""
 
 OFFSET_RANGE = 0.5
-"""Largest offset that is looked for, as a share of the range of what was measured."""
+"""Maximum offset in the search, as a share of the range of the measurements."""
 
 INSIDE = 1e-6
-"""Share of its range by which a parameter stays within: at the very end an emulator's inputs are cut off."""
+"""Margin within its range that a parameter keeps, as a share of it: at the very end an emulator's inputs are clipped."""
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The unknowns that all windows share, in this order: parameters, the delay if asked for, offsets if asked for."""
+    """The unknowns shared by all windows, in this order: parameters, the delay if requested, offsets if requested."""
 
     parameters: tuple[Parameter, ...]
     has_delay: bool
@@ -34,14 +34,14 @@ class Unknowns:
     """State entries whose measurements have an unknown offset."""
     low: Float[np.ndarray, " G"]
     high: Float[np.ndarray, " G"]
-    """Between which each is looked for: within its range by a little."""
+    """Upper bound of each in the search, slightly inside its range, as is the lower."""
     nominal: Float[np.ndarray, " G"]
     names: tuple[str, ...]
     units: tuple[str, ...]
 
     @property
     def ends(self) -> list[tuple[float, float]]:
-        """Least and largest value of each, as people gave them."""
+        """Minimum and maximum value of each, as users gave them."""
         ends = [(parameter.low, parameter.high) for parameter in self.parameters]
         others = slice(len(ends), None)
         return ends + list(zip(self.low[others].tolist(), self.high[others].tolist(), strict=True))
@@ -53,14 +53,14 @@ class Unknowns:
 
     @property
     def spread(self) -> Float[np.ndarray, " G"]:
-        """Standard deviation of each unknown, if nothing but its range is known."""
+        """Standard deviation of each unknown from its range alone."""
         return (self.high - self.low) / np.sqrt(12)
 
 
 def unknowns_of(
     emulator: Emulator, measurements: Measurements, *, delay: bool = False, offsets: bool = False
 ) -> Unknowns:
-    """Return the unknowns of `emulator`'s family, with a common delay and with offsets of all that was measured if asked for."""
+    """Return the unknowns of `emulator`'s family, with a common delay and offsets of all measured numbers if requested."""
     parameters = emulator.parameters
     margins = [INSIDE * (parameter.high - parameter.low) for parameter in parameters]
     low = [p.low + margin for p, margin in zip(parameters, margins, strict=True)]

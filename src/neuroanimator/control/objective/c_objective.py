@@ -1,8 +1,8 @@
-"""An objective in generated C: what its costs observe of single states, the residuals of that, and those of the controls.
+"""An objective in generated C: its costs' observations of single states, their residuals, and those of the controls.
 
-A cost of whole motions observes the entries of states it computes with. The program is known by the objective's form:
-its numbers (weights, goals, tolerances) go in with every call, so that another goal of the same kind needs no other
-program. The package's costs are known by their names, all others by what they compute.
+A cost of whole motions observes the entries of states it computes with. The program is identified by the objective's
+form: its numbers (weights, goals, tolerances) are arguments of every call, so that another goal of the same kind needs no
+other program. The package's costs are identified by their names, all others by what they compute.
 """
 
 from __future__ import annotations
@@ -57,29 +57,29 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import warn_once
 
 CALLER = ("neuroanimator.control.objective", "objective.c")
-"""The C that calls the maps of an objective."""
+"""C file that calls the maps of an objective."""
 
 NOISE = 0.1
-"""Distance from rest, in every number, of the states at which maps are compared with JAX."""
+"""Standard deviation around rest, in every number, of the states at which maps are compared with JAX."""
 
 FORMS = 64
 """Maximum number of forms whose programs are remembered."""
 
 START = 0
-"""The row of a motion that is its start."""
+"""Row of a motion's start."""
 
 
 @dataclass(frozen=True)
 class MotionShape:
-    """What the motions are that an objective judges."""
+    """Sizes of the motions that an objective judges."""
 
     steps: int
     state: int
-    """Numbers of a state."""
+    """Length of a state."""
     control: int
-    """Numbers of a control."""
+    """Length of a control."""
     dt: float
-    """[s]"""
+    """Duration of a super step [s]."""
 
 
 class TermStruct(ctypes.Structure):
@@ -110,17 +110,17 @@ class ObjectiveStruct(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class CTerm:
-    """What one cost observes of states."""
+    """Observations of states by one cost."""
 
     of_latent: CMap
-    """(Numbers, latent state) → what it observes of that."""
+    """(Numbers, latent state) → observation."""
     of_state: CMap
-    """The same of a state as it is."""
+    """(Numbers, state) → observation."""
     rows: np.ndarray
-    """Which states of a motion it looks at, as C's `long`."""
+    """States of a motion that it looks at, as C's `long`."""
 
     def struct(self) -> TermStruct:
-        """Return what C calls it by."""
+        """Return the struct for C."""
         return TermStruct(
             self.of_latent.struct(), self.of_state.struct(), self.rows.ctypes.data, len(self.rows)
         )
@@ -131,19 +131,19 @@ class CObjective:
     """The program of an objective's form with one objective's numbers; threads may share it."""
 
     library: ctypes.CDLL
-    """Of `objective.c`."""
+    """Library of `objective.c`."""
     shape: MotionShape
     encoding: Encoding | None
-    """Of the latent states that are observed; None where these are the states themselves."""
+    """Encoding of the observed latent states; None if these are the states themselves."""
     terms: tuple[CTerm, ...]
     residuals: CMap
-    """(Numbers, what all costs observed, perhaps controls) → residuals of what looks at states, then values of functions."""
+    """(Numbers, all observations, perhaps controls) → residuals of costs of states, then values of functions."""
     efforts: CMap
-    """(Numbers, controls) → residuals of the terms that look at controls alone."""
+    """(Numbers, controls) → residuals of the terms of controls alone."""
     controls: int
-    """How many controls `residuals` looks at."""
+    """Number of controls that `residuals` looks at."""
     values: int
-    """How many values of functions are among what `residuals` returns."""
+    """Number of values of functions among the outputs of `residuals`."""
 
     @property
     def looks_at_start(self) -> bool:
@@ -152,7 +152,7 @@ class CObjective:
 
     @cached_property
     def struct(self) -> ObjectiveStruct:
-        """What C calls it by; it points into this objective, which must live as long."""
+        """The struct for C; it points into this objective, which must outlive it."""
         return ObjectiveStruct(
             ctypes.addressof(self._terms),
             len(self.terms),
@@ -182,7 +182,7 @@ class CObjective:
     def cost_and_slopes(
         self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]
     ) -> tuple[float, tuple[Float[np.ndarray, "T1 S"], Float[np.ndarray, "T C"]]]:
-        """Return (J, (how it changes with the states, how it changes with the controls))."""
+        """Return (J, (its gradient by the states, its gradient by the controls))."""
         slopes = (np.empty_like(states), np.empty_like(controls))
         arrays = [array.ctypes.data for array in (states, controls, *slopes)]
         with self._workspaces.acquire() as workspace:
@@ -192,7 +192,7 @@ class CObjective:
 
 @cache
 def _library() -> ctypes.CDLL | None:
-    """Return the library of `objective.c`; None where nothing can be compiled."""
+    """Return the library of `objective.c`; None if nothing can be compiled."""
     library = compiled_library(callers(CALLER), FLAGS)
     if library is None:
         return None
@@ -207,14 +207,14 @@ def _library() -> ctypes.CDLL | None:
 
 
 class View(NamedTuple):
-    """The part of a motion that one cost looks at."""
+    """Part of a motion that one cost looks at."""
 
     rows: Int[np.ndarray, " K"]
     """States of the motion."""
     entries: Int[np.ndarray, " O"] | None = None
     """Entries of these states, for a cost of whole motions; None for a term that observes states itself."""
     has_controls: bool = False
-    """Whether it looks at the controls too."""
+    """Whether it also looks at the controls."""
 
 
 Cost = CostTerm | CostFunction
@@ -224,16 +224,16 @@ Cost = CostTerm | CostFunction
 class ObjectiveForm:
     """An objective without its numbers, and the motions it judges; forms are equal if their programs are.
 
-    The costs that look at states are the terms but for those of controls alone, then the functions.
+    The costs of states are the terms except those of controls alone, then the functions.
     """
 
     objective: Objective = field(compare=False)
-    """One of this form."""
+    """An objective of this form."""
     emulator: Emulator = field(compare=False)
-    """One whose motions are of this shape."""
+    """An emulator whose motions have this shape."""
     shape: MotionShape
     identity: Hashable
-    """What the costs and the encoding are in this process."""
+    """Identity of the costs and the encoding in this process."""
 
     @classmethod
     def of(cls, objective: Objective, emulator: Emulator, steps: int) -> ObjectiveForm:
@@ -244,23 +244,23 @@ class ObjectiveForm:
 
     @property
     def encoding(self) -> Encoding | None:
-        """The encoding of latent states; None where these are the states themselves."""
+        """The encoding of latent states; None if these are the states themselves."""
         return None if self.emulator.encoding.is_identity else self.emulator.encoding
 
     @property
     def sizes(self) -> list[int]:
-        """How many numbers each array of the terms has; then how many controls have a scale."""
+        """Sizes of the terms' arrays, then the number of controls with a scale."""
         return [np.size(array) for array in numbers_of(self.objective)] + [self.shape.control]
 
     def numbers(
         self, objective: Objective, scale: Float[np.ndarray, " C"]
     ) -> Float[np.ndarray, " P"]:
-        """Return what goes in with every call: the arrays of an objective of this form, then the `scale` of controls."""
+        """Return the numbers for every call: the arrays of an objective of this form, then the `scale` of controls."""
         flat = [np.ravel(array) for array in numbers_of(objective)]
         return aligned(np.concatenate([*flat, scale]).astype(np.float32))
 
     def with_numbers(self, numbers: Float[AnyArray, " P"]) -> Objective:
-        """Return the objective of this form that has these `numbers`."""
+        """Return the objective of this form with these `numbers`."""
         used = 0
 
         def placed(leaf: Any) -> Any:
@@ -274,7 +274,7 @@ class ObjectiveForm:
         return replace(self.objective, terms=jax.tree.map(placed, self.objective.terms))
 
     def about(self) -> str:
-        """Return all that the program depends on."""
+        """Return everything that the program depends on."""
         facts = ["objective", str(self.shape)]
         if is_known_by_name(self.objective):
             shapes = [np.shape(array) for array in numbers_of(self.objective)]
@@ -287,14 +287,14 @@ class ObjectiveForm:
         return "\n".join(facts)
 
     def _costs(self, numbers: Float[AnyArray, " P"]) -> list[Cost]:
-        """Return the costs that look at states, with these `numbers`."""
+        """Return the costs of states, with these `numbers`."""
         objective = self.with_numbers(numbers)
         of_states, _ = objective.apart()
         return [*of_states.terms, *objective.functions]
 
     @cached_property
     def views(self) -> list[View]:
-        """What each cost looks at."""
+        """Parts of a motion that each cost looks at."""
         costs = self._costs(np.zeros(sum(self.sizes), np.float32))
         return [self._view(number, cost) for number, cost in enumerate(costs)]
 
@@ -304,7 +304,7 @@ class ObjectiveForm:
         return self._view_of_motion(number)
 
     def _view_of_motion(self, number: int) -> View:
-        """Return what a cost of whole motions computes with."""
+        """Return the part of a motion that a cost of whole motions computes with."""
         shape = self.shape
 
         def judge(_: None, numbers: Array, states: Array, controls: Array) -> Array:
@@ -313,7 +313,7 @@ class ObjectiveForm:
 
         inputs = ((sum(self.sizes),), (shape.steps + 1, shape.state), (shape.steps, shape.control))
         _, of_states, of_controls = trace(judge, None, *map(Input, inputs)).read()
-        # One number at least: of none there is no map.
+        # At least one number: there is no map of none.
         of_states[START, 0] |= not of_states.any()
         rows = np.flatnonzero(of_states.any(axis=1))
         entries = np.flatnonzero(of_states.any(axis=0))
@@ -321,7 +321,7 @@ class ObjectiveForm:
 
     @cached_property
     def observed_sizes(self) -> list[int]:
-        """How many numbers each cost observes of a state."""
+        """Number of observations of a state by each cost."""
         inputs = ((sum(self.sizes),), (self.shape.state,))
         arrays = [jax.ShapeDtypeStruct(shape, np.float32) for shape in inputs]
         sizes = []
@@ -335,12 +335,12 @@ class ObjectiveForm:
 
     @property
     def controls(self) -> int:
-        """Numbers of the controls of a motion, if a cost of states looks at them too; 0 otherwise."""
+        """Count of all controls of a motion, if a cost of states also looks at them; 0 otherwise."""
         has_controls = any(view.has_controls for view in self.views)
         return self.shape.steps * self.shape.control * has_controls
 
     def definitions(self) -> dict[str, MapDefinition]:
-        """Return every map by its name."""
+        """Return every map by name."""
         result = {}
         observed = 0
         for number, view in enumerate(self.views):
@@ -376,7 +376,7 @@ class ObjectiveForm:
     def _residuals(
         self, _: None, numbers: Float[Array, " P"], observed: Float[Array, " N"]
     ) -> Float[Array, " R"]:
-        """Return the residuals of the terms that look at states, then the values of the functions."""
+        """Return the residuals of the terms of states, then the values of the functions."""
         shape = self.shape
         controls = jnp.zeros((shape.steps, shape.control))
         if self.controls:
@@ -401,7 +401,7 @@ class ObjectiveForm:
     def _efforts(
         self, _: None, numbers: Float[Array, " P"], controls: Float[Array, " N"]
     ) -> Float[Array, " Q"]:
-        """Return the residuals of the terms that look at controls alone."""
+        """Return the residuals of the terms of controls alone."""
         still = jnp.zeros((self.shape.steps + 1, self.shape.state))
         held = controls.reshape(self.shape.steps, self.shape.control)
         motion = Trajectory(still, held, self._scale(numbers), self.shape.dt)
@@ -412,7 +412,7 @@ class ObjectiveForm:
         return program_of_maps(self.definitions(), sum(self.sizes))
 
     def refer(self) -> dict[str, MapReference]:
-        """Return what each map does in JAX: at states about rest, what is observed of them, and random controls."""
+        """Return JAX's reference of each map: at states near rest, their observations, and random controls."""
         rng = np.random.default_rng(0)
         noise = rng.normal(size=(WIDTH, self.shape.state))
         states = (self.emulator.rest + NOISE * noise).astype(np.float32)
@@ -433,7 +433,7 @@ class ObjectiveForm:
         return references | self._references({"residuals": residuals, "efforts": efforts})
 
     def _references(self, points: dict[str, Float[np.ndarray, "16 _"]]) -> dict[str, MapReference]:
-        """Return what the maps of these names do in JAX at their `points`."""
+        """Return JAX's references of the maps of these names at their `points`."""
         definitions = self.definitions()
         functions = [definitions[name].with_numbers(self._typical) for name in points]
         references = map_references(functions, list(points.values()))
@@ -441,17 +441,17 @@ class ObjectiveForm:
 
     @property
     def _typical(self) -> Float[np.ndarray, " P"]:
-        """Numbers that the maps are checked with."""
+        """Numbers with which the maps are checked."""
         return self.numbers(self.objective, as_float32(self.emulator.bounds.magnitude))
 
     def check(self, references: dict[str, MapReference], program: LoadedProgram) -> None:
-        """Raise WrongProgramError unless every map does what it does in JAX."""
+        """Raise WrongProgramError unless every map agrees with JAX."""
         numbers = self._typical
         for name, reference in references.items():
             CMap(program, name, numbers).check(reference)
 
     def load(self, program: LoadedProgram, numbers: Float[np.ndarray, " P"]) -> CObjective | None:
-        """Return the objective that calls `program` with these numbers; None where its caller cannot be compiled."""
+        """Return the objective that calls `program` with these numbers; None if its caller cannot be compiled."""
         library = _library()
         if library is None:
             return None
@@ -477,7 +477,7 @@ class ObjectiveForm:
 
 
 def observes_states(cost: Cost) -> TypeGuard[StateTerm]:
-    """Return whether a cost looks at single states, each for itself, and not at whole motions."""
+    """Return whether a cost looks at single states, independently, rather than at whole motions."""
     return isinstance(cost, StateTerm) and type(cost).residuals is StateTerm.residuals
 
 
@@ -489,24 +489,24 @@ def _judged(cost: Cost, motion: Trajectory) -> Float[Array, " R"]:
 
 
 def is_number(leaf: Any) -> bool:
-    """Return whether a leaf of a term goes in with every call; all else is part of the program."""
+    """Return whether a leaf of a term is an argument of every call; all others are part of the program."""
     return isinstance(leaf, float) or getattr(leaf, "dtype", np.dtype(object)).kind == "f"
 
 
 def numbers_of(objective: Objective) -> list[Any]:
-    """Return the arrays of the terms that are their numbers."""
+    """Return the arrays of the terms that hold their numbers."""
     return [leaf for leaf in jax.tree.leaves(objective.terms) if is_number(leaf)]
 
 
 def is_known_by_name(objective: Objective) -> bool:
-    """Return whether the names of all costs say what they compute, for their code is the package's."""
+    """Return whether the names of all costs determine what they compute, as their code is the package's."""
     has_numbers_alone = all(map(is_number, jax.tree.leaves(objective.terms)))
     is_ours = all(map(has_code_in_sources, objective.terms))
     return is_ours and has_numbers_alone and not objective.functions
 
 
 def _identity(objective: Objective) -> Hashable:
-    """Return what an objective is but for its numbers, in this process."""
+    """Return the identity of an objective in this process, apart from its numbers."""
     shapes = []
     for leaf in jax.tree.leaves(objective.terms):
         shapes.append(np.shape(leaf) if is_number(leaf) else id(leaf))
@@ -523,13 +523,13 @@ _known: Remembered[CObjective | None] = Remembered()
 def c_objective(
     objective: Objective, emulator: Emulator, steps: int, scale: Float[np.ndarray, " C"]
 ) -> CObjective | None:
-    """Return `objective` in C for motions of so many super steps, whose controls count as full effort at `scale`.
+    """Return `objective` in C for motions of `steps` super steps, whose controls count as full effort at `scale`.
 
-    None where there is no such program: without a compiler, without a cost that looks at states, and, which is said
-    once, for costs there is no C for and where the program does not do what JAX does about the emulator's rest.
+    None if there is no such program: without a compiler, without a cost of states, and, reported
+    once, for costs without C and for a program that differs from JAX near the emulator's rest.
     """
     encoding = None if emulator.encoding.is_identity else emulator.encoding
-    # What is remembered holds the encoding, so that no other one comes by its address.
+    # The remembered program holds the encoding, so that no other one can get its address.
     key = (steps, emulator.state.size, emulator.dt, scale.tobytes(), id(encoding))
     known = _known.of(objective, *key)
     if known is not UNKNOWN:
@@ -544,7 +544,7 @@ def c_objective(
 
 @lru_cache(maxsize=FORMS)
 def _prepared(form: ObjectiveForm) -> tuple[ObjectiveForm, LoadedProgram] | None:
-    """Return (the first form equal to this one, its program); None where there is none."""
+    """Return (the first form equal to this one, its program); None if there is no program."""
     try:
         if not form.views:
             return None

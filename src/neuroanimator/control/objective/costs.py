@@ -1,4 +1,4 @@
-"""Cost terms: each a class with its residuals, in JAX and NumPy alike, then the functions by which users make it.
+"""Cost terms: for each a class with its residuals, in JAX and NumPy alike, then the functions that make it.
 
 A function's name is a name of `neuroanimator` and a kind of cost in objective files, both through `__all__`.
 """
@@ -54,13 +54,13 @@ __all__ = [
 ]
 
 SHORTEST_LEG = 1e-9
-"""Share of a path; between points that coincide there is a leg of no length, which nothing can be divided by."""
+"""Minimum length of a leg, as a share of the path: coinciding points would lead to division by zero."""
 
 NEARLY_UPRIGHT = 1e-3
-"""[rad] Less counts as this much, so that an upright body has a finite slope."""
+"""Minimum angle of leaning [rad]: smaller ones count as this, so that an upright body has a finite gradient."""
 
 PATH_SHARE = 0.1
-"""Share of a path's length by which straying from it is an error of one, if nothing else is said."""
+"""Default distance from a path that is an error of one, as a share of its length."""
 
 
 class Effort(CostTerm):
@@ -79,7 +79,7 @@ def effort(weight: float = 1.0) -> Effort:
 
 
 class Smoothness(CostTerm):
-    """∫ |du/dt / scale|² dt in [s²]: controls that do not jump."""
+    """∫ |du/dt / scale|² dt in [s²]: penalises jumps of the controls."""
 
     of_controls: ClassVar[bool] = True
 
@@ -95,10 +95,10 @@ def smoothness(weight: float = 0.01) -> Smoothness:
 
 
 class NearTerm(TimedTerm):
-    """A term that wants what it observes to be near some numbers: to be off by `within` is an error of one."""
+    """A term that wants its observations near given numbers: a deviation of `within` is an error of one."""
 
     wanted: Float[AnyArray, "*K A"]
-    """One row for all moments, or one for each."""
+    """Wanted numbers: one row for all moments, or one for each."""
     within: Float[AnyArray, ""]
 
     def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
@@ -106,7 +106,7 @@ class NearTerm(TimedTerm):
 
 
 class NearPose(NearTerm):
-    """Have a position, a velocity or a direction: of the root, or of a deformable body as a whole."""
+    """Term for a position, a velocity or a direction of the root, or of a deformable body as a whole."""
 
     structure: Structure = eqx.field(static=True)
     quantity: str = eqx.field(static=True)
@@ -128,9 +128,9 @@ def reach_position(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearPose:
-    """Return the cost of not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
+    """Return the cost of not being at `position` [m] at the end, at `at` [s], or from `since` [s] on.
 
-    `axes` says which of x, y, z it gives.
+    `axes` lists which of x, y, z it gives.
     """
     positions = as_numbers(position, "position")[None]
     term = reach_positions(system, positions, None, within=within, axes=axes, weight=weight)
@@ -168,7 +168,7 @@ def keep_velocity(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearPose:
-    """Return the cost of not moving with `velocity` (A,) [m/s] in the world `since` a time [s]."""
+    """Return the cost of not moving with `velocity` (A,) [m/s] in the world from `since` [s] on."""
     which = _axes(axes)
     wanted = _numbers("velocity", velocity, len(which))
     when = Moments.of(None, since)
@@ -178,7 +178,7 @@ def keep_velocity(
 def keep_heading(
     system: System, direction: ArrayLike, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> NearPose:
-    """Return the cost of not pointing along `direction` (3,) in the world, `within` [rad], `since` a time [s]."""
+    """Return the cost of not pointing along `direction` (3,) in the world, within `within` [rad], from `since` [s] on."""
     wanted = _unit_vector("direction", direction)
     return _near_pose(system, "forward", wanted, within, weight, Moments.of(None, since))
 
@@ -191,7 +191,7 @@ def reach_heading(
     at: float | None = None,
     weight: float = 1.0,
 ) -> NearPose:
-    """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
+    """Return the cost of not pointing along `direction` (3,), within `within` [rad], at the end or at `at` [s]."""
     wanted = _unit_vector("direction", direction)
     return _near_pose(system, "forward", wanted, within, weight, Moments.of(at))
 
@@ -199,7 +199,7 @@ def reach_heading(
 def stand_up(
     system: System, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> NearPose:
-    """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
+    """Return the cost of the body's Z not pointing up, within `within` [rad], at the end or at `at` [s]."""
     up = as_parameter([0.0, 0.0, 1.0])
     return _near_pose(system, "upward", up, within, weight, Moments.of(at))
 
@@ -225,7 +225,7 @@ def _near_pose(
 
 
 class NearSpeed(NearTerm):
-    """Move forward, where the body points, at a speed."""
+    """Term for moving at a speed in the direction the body points."""
 
     structure: Structure = eqx.field(static=True)
 
@@ -238,7 +238,7 @@ class NearSpeed(NearTerm):
 def keep_speed(
     system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> NearSpeed:
-    """Return the cost of not going forward at `speed` [m/s] `since` a time [s]."""
+    """Return the cost of not moving forward at `speed` [m/s] from `since` [s] on."""
     return NearSpeed(
         weight=as_parameter(weight),
         when=Moments.of(None, since),
@@ -249,12 +249,12 @@ def keep_speed(
 
 
 class NearPoint(NearTerm):
-    """Be somewhere with a point of the body, such as a hand."""
+    """Term for the position of a point of the body, such as a hand."""
 
     chain: tuple[Link, ...] = eqx.field(static=True)
-    """From the world to the body the point lies on."""
+    """Links from the world to the point's body."""
     offset: tuple[float, ...] = eqx.field(static=True)
-    """[m] In that body's frame."""
+    """Position of the point in that body's frame [m]."""
     axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
@@ -273,9 +273,9 @@ def reach_point(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearPoint:
-    """Return the cost of a point of `body` not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
+    """Return the cost of a point of `body` not being at `position` [m] at the end, at `at` [s], or from `since` [s] on.
 
-    The point lies at `offset` (3,) [m] in the frame of the body, as MuJoCo has it: a hand, a mouth, the tip of a tool.
+    The point is at `offset` (3,) [m] in MuJoCo's frame of the body: a hand, a mouth, the tip of a tool.
     """
     which = _axes(axes)
     place = _numbers("offset", offset, 3)
@@ -291,16 +291,16 @@ def reach_point(
 
 
 class NearNode(NearTerm):
-    """Be somewhere with a node of a soft body: a flag's corner."""
+    """Term for the position of a node of a soft body, such as a flag's corner."""
 
     place: Float[AnyArray, " 3"]
-    """In the anchor's frame, if all amplitudes are zero [m]."""
+    """Position in the anchor's frame if all amplitudes are zero [m]."""
     modes: Float[AnyArray, "R 3"]
-    """Displacement of the node by each amplitude: no other node is put together."""
+    """Displacement of the node per amplitude: no other node need be computed."""
     first: int = eqx.field(static=True)
     """State entry of the first amplitude."""
     placement: Placement = eqx.field(static=True)
-    """State entries of the frame that all nodes go and turn with."""
+    """State entries of the frame that all nodes move with."""
     axes: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
@@ -321,9 +321,9 @@ def reach_node(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> NearNode:
-    """Return the cost of a soft body's node not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
+    """Return the cost of a soft body's node not being at `position` [m] at the end, at `at` [s], or from `since` [s] on.
 
-    Nodes are numbered from 0 in the order of the mesh. Raises ArgumentError if the body is none, or has no such node.
+    Nodes are numbered from 0 in the order of the mesh. Raises ArgumentError if the body is not soft, or has no such node.
     """
     which = _axes(axes)
     shapes = system.skeleton.shapes
@@ -347,11 +347,11 @@ def reach_node(
 
 
 class ReachHeight(TimedTerm):
-    """Be up with all of the body at given times: the rms of how far mass points are below a height."""
+    """Term for the whole body being above a height at given times: rms of the mass points' distances below it."""
 
     structure: Structure = eqx.field(static=True)
     height: Float[AnyArray, ""]
-    """[m]"""
+    """Height to reach [m]."""
     within: Float[AnyArray, ""]
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B N"]:
@@ -366,10 +366,10 @@ class ReachHeight(TimedTerm):
 def reach_height(
     system: System, height: float, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> ReachHeight:
-    """Return the cost of any of the body being less than `height` [m] up at the end, or `at` [s].
+    """Return the cost of any part of the body being below `height` [m] at the end, or at `at` [s].
 
-    All of a deformable body are its mass points: a leap takes its tail out of the water too. Of a rigid body it is
-    the root's position.
+    For a deformable body the parts are its mass points, so that a leap lifts its tail out of the water, too; for a rigid
+    body it is the root's position.
     """
     return ReachHeight(
         weight=as_parameter(weight),
@@ -381,7 +381,7 @@ def reach_height(
 
 
 class FollowPath(TimedTerm):
-    """Be where a path says all along, passed at a steady pace."""
+    """Term for following a path at a steady pace."""
 
     structure: Structure = eqx.field(static=True)
     points: Float[AnyArray, "K A"]
@@ -396,7 +396,7 @@ class FollowPath(TimedTerm):
     def compare(self, observed: Float[AnyArray, "T A"], dt: float) -> Float[AnyArray, " R"]:
         xp = observed.__array_namespace__()
         share = xp.arange(1, len(observed) + 1) / len(observed)
-        # Leg by leg, not by interpolation, which looks up where it is: for that there is no C.
+        # Leg by leg instead of by interpolation, whose lookup has no C.
         lengths = xp.maximum(xp.diff(self.shares), SHORTEST_LEG)
         passed = xp.clip((share[:, None] - self.shares[:-1]) / lengths, 0, 1)
         wanted = self.points[0] + passed @ xp.diff(self.points, axis=0)
@@ -411,9 +411,9 @@ def follow_path(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> FollowPath:
-    """Return the cost of straying from a path through `points` (K, A) [m], passed at a steady pace, the last one at the end.
+    """Return the cost of straying from a path through `points` (K, A) [m], followed at a steady pace to its last point.
 
-    To be off by `within` [m] is an error of one; a tenth of the path's length if not given.
+    A distance of `within` [m] is an error of one; by default a tenth of the path's length.
     """
     which = _axes(axes)
     points = _numbers("points", points, len(which), rows=True)
@@ -437,7 +437,7 @@ def follow_path(
 
 
 class TravelTerm(TimedTerm):
-    """Come `distance` [m] forward along `direction`; further than possible means as far as possible."""
+    """Term for travelling `distance` [m] along `direction`; an impossible distance means as far as possible."""
 
     direction: Float[AnyArray, " 3"]
     distance: Float[AnyArray, ""]
@@ -452,7 +452,7 @@ class TravelTerm(TimedTerm):
 
 
 class Travel(TravelTerm):
-    """Come forward with the root, or with a deformable body's centroid."""
+    """Term for the travel of the root, or of a deformable body's centroid."""
 
     structure: Structure = eqx.field(static=True)
 
@@ -461,10 +461,10 @@ class Travel(TravelTerm):
 
 
 class TravelPoint(TravelTerm):
-    """Come forward with one body of many."""
+    """Term for the travel of one of several bodies."""
 
     chain: tuple[Link, ...] = eqx.field(static=True)
-    """From the world to that body."""
+    """Links from the world to that body."""
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         return point_of_chain(self.chain, (0.0, 0.0, 0.0), state)
@@ -480,11 +480,11 @@ def travel(
     since: float | None = None,
     weight: float = 1.0,
 ) -> TravelTerm:
-    """Return the cost of not coming `distance` [m] forward along `direction` (3,) by the end, or `since` [s] all along.
+    """Return the cost of not travelling `distance` [m] along `direction` (3,) by the end, or from `since` [s] on.
 
-    A distance somewhat beyond what is possible means as far as possible: by the end, or in closed loop as soon as possible,
-    `since` 0 s, for what is wanted by the end of every plan may be put off at every plan.
-    What comes forward is the origin of `body`, as MuJoCo has it, or the root if not given, which is to be free, or a
+    A distance slightly beyond what is possible means as far as possible by the end. In closed loop use `since` 0 s, for as
+    soon as possible: what is wanted by the end of every plan may be postponed at every plan.
+    The travelling point is MuJoCo's origin of `body`; by default the root, which must be free, or a
     deformable body's centroid.
     """
     when = Moments.of(None, since)
@@ -505,13 +505,13 @@ def travel(
 
 
 class StayUpright(TimedTerm):
-    """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
+    """Term for staying upright from a given time on: ∫ of the angle beyond a tolerance."""
 
     structure: Structure = eqx.field(static=True)
     tolerance: Float[AnyArray, ""]
-    """[rad] Leaning that costs nothing."""
+    """Angle of leaning that costs nothing [rad]."""
     within: Float[AnyArray, ""]
-    """[rad]"""
+    """Angle beyond it that is an error of one [rad]."""
     may_pitch: bool = eqx.field(static=True)
     """Whether only rolling counts, so that the body may dive and leap."""
 
@@ -533,10 +533,10 @@ def stay_upright(
     since: float = 0.0,
     weight: float = 1.0,
 ) -> StayUpright:
-    """Return the cost of the body's Z leaning more than `tolerance` [rad] from the vertical, `since` a time [s].
+    """Return the cost of the body's Z leaning more than `tolerance` [rad] from the vertical, from `since` [s] on.
 
-    `within` [rad] beyond it, kept up for a second, count as an error of one. A body that `may_pitch`, to dive or to
-    leap, is kept from rolling over only.
+    An excess of `within` [rad] for a second is an error of one. A body that `may_pitch`, to dive or to
+    leap, is only kept from rolling over.
     """
     return StayUpright(
         weight=as_parameter(weight),
@@ -549,7 +549,7 @@ def stay_upright(
 
 
 def _lean(pose: Pose, *, may_pitch: bool) -> Float[AnyArray, "*B"]:
-    """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
+    """Return the angle by which bodies lean [rad]: 0 upright, π upside down; the roll alone if they `may_pitch`."""
     xp = pose.upward.__array_namespace__()
     if may_pitch:
         aside = cross(pose.upward, pose.forward)[..., 2] ** 2
@@ -562,7 +562,7 @@ def _lean(pose: Pose, *, may_pitch: bool) -> Float[AnyArray, "*B"]:
 
 
 class StayWithin(TimedTerm):
-    """Keep state entries between bounds, such as joints: ∫ of what is beyond."""
+    """Term for keeping state entries, such as joints, between bounds: ∫ of the excess."""
 
     low: Float[AnyArray, " E"]
     high: Float[AnyArray, " E"]
@@ -589,7 +589,7 @@ def stay_within(
     within: float,
     weight: float = 1.0,
 ) -> StayWithin:
-    """Return the cost of the state's `part`, such as a joint, leaving what is between `low` and `high`, in its unit."""
+    """Return the cost of the state's `part`, such as a joint, leaving the range from `low` to `high`, in its unit."""
     where = system.state.index(part)
     entries = tuple(range(where.start, where.stop))
     lows = _numbers("low", np.atleast_1d(low), None)
@@ -616,7 +616,7 @@ def stay_within(
 
 
 def _structure(system: System) -> Structure:
-    """Return the structure of `system`; ArgumentError where a state says nothing of a position."""
+    """Return the structure of `system`; ArgumentError if states do not contain a position."""
     read_pose(system.structure, system.rest)
     return system.structure
 

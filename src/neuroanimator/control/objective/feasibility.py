@@ -1,4 +1,4 @@
-"""Goals no motion the emulator knows can reach: said before any descent."""
+"""Feasibility of goals: refuse those beyond the emulator's training before any descent."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import read_pose
 
 MARGIN = 1.2
-"""Maximum ratio of the speed a goal asks for to the fastest in training: starts may be faster, and domains have soft ends."""
+"""Maximum ratio of the speed a goal needs to the fastest in training: starts may be faster, and domains have soft ends."""
 
 MIN_TIME = 1e-9
-"""[s] Stands for a time of zero, by which nothing can be divided."""
+"""Stand-in for a time of zero, to prevent division by it [s]."""
 
 
 def check_reachable(
     objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
 ) -> None:
-    """Raise ArgumentError where a term wants a position too far off, or a speed training never came near."""
+    """Raise ArgumentError if a term wants a position too far away, or a speed far beyond training."""
     fastest = fastest_speed(emulator)
     for term in objective.terms:
         if isinstance(term, ReachState):
@@ -33,7 +33,7 @@ def check_reachable(
 
 
 def fastest_speed(emulator: Emulator) -> float | None:
-    """Return the greatest speed [m/s] training showed; None where nothing moves freely."""
+    """Return the maximum speed in training [m/s]; None if nothing moves freely."""
     max_speed = emulator.encoding.max_speed
     if math.isfinite(max_speed):
         return max_speed
@@ -69,7 +69,7 @@ def _check_speed(term: CostTerm, fastest: float, start: np.ndarray, seconds: flo
 
 
 def _wanted_speed(term: CostTerm, start: np.ndarray, seconds: float) -> float:
-    """Return the speed [m/s] it takes to do what `term` wants from `start` (S,) in so many seconds; 0 for any other."""
+    """Return the speed [m/s] needed to fulfil `term` from `start` (S,) in `seconds`; 0 for terms that need none."""
     if isinstance(term, NearSpeed):
         return abs(float(term.wanted[0]))
     if not isinstance(term, NearPose):

@@ -1,4 +1,4 @@
-"""Goals a system names, as cost terms and as verdicts, and states said in the words of a system."""
+"""Goals of a system as cost terms and as verdicts."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from neuroanimator.systems.system import System
 from neuroanimator.text import did_you_mean
 
 ERRORS_PER_TOLERANCE = 3
-"""A third of a goal's tolerance counts as an error of one in a cost, so that a descent ends well within it."""
+"""Error of a cost per tolerance of its goal: a third of the tolerance is an error of one, to end well within it."""
 
 
 class ReachState(TimedTerm):
-    """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
+    """Term for a state, or part of one, relative to the goal: for a parking bay, lengthwise and sideways."""
 
     frame: Frame
     goal: Float[AnyArray, " S"]
     judged: Float[AnyArray, "R V"]
-    """Turns the difference from the goal into numbers of which one is a sizeable error."""
+    """Matrix that maps the difference from the goal to numbers where one is a sizeable error."""
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B R"]:
         xp = state.__array_namespace__()
@@ -55,7 +55,7 @@ def goal(
     since: float | None = None,
     weight: float = 1.0,
 ) -> ReachState:
-    """Return the cost of not being in the state the system calls `name` at the end, `at` a time or several [s], or `since` one.
+    """Return the cost of not being at the system's goal `name` at the end, at times `at` [s], or from `since` [s] on.
 
     Raises ArgumentError with the names of the system's goals.
     """
@@ -71,9 +71,9 @@ def reach_state(
     since: float | None = None,
     weight: float = 1.0,
 ) -> ReachState:
-    """Return the cost of parts of the state not having the values `reach` at the end, `at` [s], or `since` [s] all along.
+    """Return the cost of parts of the state not having the values `reach` at the end, at `at` [s], or from `since` [s] on.
 
-    `within` says how far off each of them may be, in its unit; 0.1 if not said.
+    `within` gives the tolerance of each part, in its unit; 0.1 by default.
     """
     wanted = state_goal(system, reach, within or {})
     return reach_goal(system, wanted, when=Moments.of(at, since), weight=weight)
@@ -82,7 +82,7 @@ def reach_state(
 def reach_goal(
     system: System, goal: Goal, *, when: Moments = AT_THE_END, weight: float = 1.0
 ) -> ReachState:
-    """Return the cost of not being at a `goal` of `system`, at the end or at other moments; what it does not name is free."""
+    """Return the cost of not being at a `goal` of `system`, at the end or at other moments; parts it does not name are free."""
     frame = Frame.of(system.structure, 0.0)
     rows, tolerances = judged_numbers(system, goal)
     if goal.scales:
@@ -102,7 +102,7 @@ def reach_goal(
 def state_goal(
     system: System, reach: Mapping[str, Sequence[float]], within: Mapping[str, float]
 ) -> Goal:
-    """Return the goal that parts of the state have the values `reach`, `within` some tolerances."""
+    """Return the goal that parts of the state have the values `reach`, `within` given tolerances."""
 
     if not reach:
         raise ArgumentError("reach: wanted at least one part of the state and its values.")
@@ -113,7 +113,7 @@ def state_goal(
 def goal_objective(
     system: System, name: str, effort_weight: float = 1.0, since: float | None = None
 ) -> Objective:
-    """Return the objective 'be at the goal called `name` at the end, or `since` [s] all along, with little effort'.
+    """Return the objective of being at the goal `name` at the end, or from `since` [s] on, with little effort.
 
     J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11. Raises ArgumentError for a weight below 0.
     """
@@ -125,14 +125,14 @@ def goal_objective(
 
 
 def steps_in(seconds: float, dt: float, longest: float) -> int:
-    """Return how many super steps of `dt` [s] are in `seconds`; ArgumentError for less than one, or more than `longest`."""
+    """Return the number of super steps of `dt` [s] in `seconds`; ArgumentError for less than one, or more than `longest`."""
     if not dt <= seconds <= longest:
         raise ArgumentError(f"seconds: wanted between {dt:g} and {longest:g}, came {seconds:g}.")
     return round(seconds / dt)
 
 
 def goal_state(system: System, goal: Goal) -> Float[np.ndarray, " S"]:
-    """Return the state of rest with the goal's entries in their places."""
+    """Return the state of rest with the goal's entries set."""
     target = np.array(system.rest, dtype=float)
     for entry, value in goal.values:
         target[entry] = value
@@ -140,7 +140,7 @@ def goal_state(system: System, goal: Goal) -> Float[np.ndarray, " S"]:
 
 
 def goal_start(system: System, name: str) -> Float[np.ndarray, " S"]:
-    """Return the state the goal called `name` is to be reached from, if nothing else is said."""
+    """Return the default start of motions to the goal called `name`."""
     goal = system.goals.get(name)
     if goal is None or not goal.start:
         return np.array(system.rest, float)
@@ -148,14 +148,14 @@ def goal_start(system: System, name: str) -> Float[np.ndarray, " S"]:
 
 
 def is_reached(system: System, goal: Goal | str, state: ArrayLike) -> bool:
-    """Return whether `state` (S,) is within the tolerances of `goal`, one of the system's by name or any other."""
+    """Return whether `state` (S,) is within the tolerances of `goal`, the name of one of the system's or any other goal."""
     if isinstance(goal, str):
         goal = find_goal(system, goal)
     return bool((np.abs(errors_over_tolerances(system, goal, state)) <= 1).all())
 
 
 def errors_over_tolerances(system: System, goal: Goal, state: ArrayLike) -> Float[np.ndarray, " R"]:
-    """Return how far `state` (S,) is off in each of `judged_numbers`, over the tolerance of each."""
+    """Return the error of `state` (S,) in each of `judged_numbers`, over its tolerance."""
     frame = Frame.of(system.structure, 0.0)
     rows, tolerances = judged_numbers(system, goal)
     off = rows @ frame.difference(goal_state(system, goal), np.asarray(state, float))
@@ -169,7 +169,7 @@ def errors_over_tolerances(system: System, goal: Goal, state: ArrayLike) -> Floa
 def judged_numbers(
     system: System, goal: Goal
 ) -> tuple[Float[np.ndarray, "R V"], Float[np.ndarray, " R"]]:
-    """Return (rows that pick or sum what of a difference of states is judged, the tolerance of each)."""
+    """Return (rows that pick or sum the judged numbers of a difference of states, the tolerance of each)."""
     if goal.sums:
         return np.array(goal.sums, float), np.array(goal.tolerances, float)
     entries = _judged_entries(system, goal)
@@ -180,7 +180,7 @@ def judged_numbers(
 
 
 def judged_parts(system: System, goal: Goal) -> list[tuple[str, float]]:
-    """Return for each of `judged_numbers` what it is of, such as `root.position`, and its tolerance."""
+    """Return the part of the state, such as `root.position`, and the tolerance of each of `judged_numbers`."""
     if goal.sums:
         parts = [_part_of(system, row.index(max(row, key=abs))) for row in goal.sums]
         return list(zip(parts, goal.tolerances, strict=True))
@@ -195,9 +195,9 @@ def _part_of(system: System, entry: int) -> str:
 
 
 def _judged_entries(system: System, goal: Goal) -> list[tuple[int, int, float]]:
-    """Return (state entry, number of the difference, tolerance) of all that `goal` names; of a quaternion three.
+    """Return (state entry, number of the difference, tolerance) for each entry that `goal` names; three for a quaternion.
 
-    Raises ArgumentError for what follows the controls exactly: no difference tells of it.
+    Raises ArgumentError for entries that follow the controls exactly: they are in no difference.
     """
     frame = Frame.of(system.structure, 0.0)
     wanted = {}
@@ -219,7 +219,7 @@ def _judged_entries(system: System, goal: Goal) -> list[tuple[int, int, float]]:
 
 
 def find_goal(system: System, name: str) -> Goal:
-    """Return the goal the system calls `name`; ArgumentError lists the names it knows."""
+    """Return the system's goal called `name`; ArgumentError lists the known names."""
     if name in system.goals:
         return system.goals[name]
     if not system.goals:
@@ -232,7 +232,7 @@ def find_goal(system: System, name: str) -> Goal:
 
 
 def usual_goal(system: System) -> str:
-    """Return the name of the one goal of `system`; ArgumentError where there is none, or a choice."""
+    """Return the name of the only goal of `system`; ArgumentError if there is none, or several."""
     names = sorted(system.goals)
     if not names:
         raise ArgumentError(explain_costs(system))
@@ -244,7 +244,7 @@ def usual_goal(system: System) -> str:
 
 
 def explain_costs(system: System) -> str:
-    """Return one line on how to ask something of a system that names no goals."""
+    """Return one line on how to state a goal for a system that has none."""
     part = system.state.slices[0]
     values = ", ".join(["1.0"] * part.size)
     cost = f'[[costs]], kind = "reach_state", reach = {{ "{part.name}" = [{values}] }}'

@@ -1,7 +1,7 @@
-/* J of a motion. Each term observes single states, at its `rows` of the motion. Of what all of them observed, one behind
-   the other, and perhaps of the controls behind that, `residuals` are made; of the controls alone, `efforts`. J is half the
-   sum of all their squares; but the last of the `residuals` may be values that are added as they are.
-   Arrays are in C's order; those of lanes have sixteen numbers for each one. */
+/* J of a motion. Each term observes single states, at its `rows` of the motion. `residuals` are a function of all
+   observations, concatenated, perhaps followed by the controls; `efforts` are a function of the controls alone. J is half
+   the sum of all their squares, but the last of the `residuals` may be values that are added unsquared.
+   Arrays are in C order; those of lanes have sixteen numbers for each one. */
 
 typedef struct {
     na_map of_latent, of_state;
@@ -13,11 +13,11 @@ typedef struct {
     const na_term *terms;
     long count;
     na_map residuals, efforts;
-    /* `controls`: how many of them `residuals` looks at; `values`: how many of its outputs are added as they are. */
+    /* `controls`: number of controls that `residuals` looks at; `values`: number of its outputs that are added unsquared. */
     long steps, state, controls, values;
 } na_objective;
 
-/* Cuts rooms of whole registers from one piece of memory; from none, it measures how much is needed. */
+/* Allocates whole registers from one piece of memory; without memory, it measures how much is needed. */
 typedef struct {
     float *memory;
     long used;
@@ -31,11 +31,11 @@ static float *take(na_store *store, long count) {
 
 static long observed_size(const na_objective *objective) { return objective->residuals.inputs - objective->controls; }
 
-/* How many residuals of states there are: outputs of `residuals` that are squared. */
+/* Number of residuals of states: outputs of `residuals` that are squared. */
 static long squares_of_states(const na_objective *objective) { return objective->residuals.outputs - objective->values; }
 
-/* J of what `residuals` and then `efforts` made, `off`, of which there is one number in every `stride`. The values, which are
-   no squares, become ones: `off` is then what J says of each of these numbers. */
+/* J of `off`, the outputs of `residuals` and then of `efforts`, `stride` floats apart. The values, which are not squared,
+   are set to one: `off` is then the gradient of J by these numbers. */
 static double sum_up(const na_objective *objective, float *off, long stride) {
     const long squares = squares_of_states(objective), all = objective->residuals.outputs;
     double sum = 0.0, values = 0.0;
@@ -56,7 +56,7 @@ static int is_zero(const float *numbers, long count) {
 
 static const na_map *map_of(const na_term *term, int whole) { return whole ? &term->of_state : &term->of_latent; }
 
-/* Floats of the tapes of all that is observed of whole states, or else of latent ones. */
+/* Number of floats on the tapes of all observations of whole states, or else of latent ones. */
 static long tapes_of_terms(const na_objective *objective, int whole) {
     long count = 0;
     for (long i = 0; i < objective->count; i++)
@@ -64,8 +64,8 @@ static long tapes_of_terms(const na_objective *objective, int whole) {
     return count;
 }
 
-/* `observed` of the rows of a motion, `stride` floats apart, and the tapes of it. What is known of the start is taken
-   from `of_start`, unless that is null. */
+/* Observations `observed` of the rows of a motion, `stride` floats apart, and their tapes. Those of the start are taken
+   from `of_start`, unless it is null. */
 static void observe(
     const na_objective *objective, int whole, const float *of_start, const float *rows, long stride, float *tapes,
     float *observed
@@ -85,8 +85,8 @@ static void observe(
     }
 }
 
-/* Add to the rows `of_rows`, `stride` numbers apart, what `width` cotangents `of_observed` say of them. Rows of zeros are
-   not written to before they are touched, which `touched` then says of each. Returns the last one touched. */
+/* Add the cotangents of the rows for `width` cotangents `of_observed` to `of_rows`, `stride` numbers apart. Only rows with
+   contributions are written, which `touched` marks. Returns the last one touched. */
 static long observe_backward(
     const na_objective *objective, int whole, const float *tapes, const float *of_observed, long stride, float *of_row,
     float *of_rows, char *touched, long width
@@ -98,7 +98,7 @@ static long observe_backward(
         const na_map *map = map_of(term, whole);
         for (long j = 0; j < term->count; j++, of_observed += map->outputs * width, tapes += map->tape) {
             const long row = term->rows[j];
-            /* The start is as it is. */
+            /* The start does not vary. */
             if ((!whole && !row) || is_zero(of_observed, map->outputs * width)) continue;
             float *target = of_rows + row * stride * width;
             if (touched[row]) {
@@ -114,13 +114,13 @@ static long observe_backward(
     return last;
 }
 
-/* What judging a motion of states needs. */
+/* Memory for judging a motion of states. */
 typedef struct {
     float *tapes, *residuals_tape, *efforts_tape, *observed, *off, *of_observed, *of_row;
     char *touched;
 } na_judging;
 
-/* Cut `judging` from memory, and return how many floats that takes. */
+/* Allocate `judging` from memory, and return the number of floats it takes. */
 static long cut_judging(const na_objective *objective, float *memory, na_judging *judging) {
     const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
     na_store store = {memory, 0};
@@ -135,7 +135,7 @@ static long cut_judging(const na_objective *objective, float *memory, na_judging
     return store.used;
 }
 
-/* Floats of memory that the next two functions need. */
+/* Number of floats of memory that the next two functions need. */
 long room_of_objective(const na_objective *objective) {
     na_judging judging;
     return cut_judging(objective, 0, &judging);
@@ -153,7 +153,7 @@ double cost_of_states(const na_objective *objective, const float *states, const 
     return sum_up(objective, room.off, 1);
 }
 
-/* J, and how it changes with the states, `by_states` (T+1, S), and with the controls, `by_controls` (T, C). */
+/* J and its gradients by the states, `by_states` (T+1, S), and by the controls, `by_controls` (T, C). */
 double slopes_of_states(
     const na_objective *objective, const float *states, const float *controls, float *by_states, float *by_controls,
     float *memory

@@ -1,6 +1,6 @@
-"""What a motion should achieve: an objective J, the sum of weighted cost terms (the seminar paper's eqs. 9 to 11).
+"""The objective J of a motion, a sum of weighted cost terms (the seminar paper's eqs. 9 to 11).
 
-Terms of the package, and so J, are written once for arrays of NumPy and JAX alike; other costs are functions of JAX.
+The package's terms, and so J, work with NumPy and JAX arrays alike; other costs are JAX functions.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from neuroanimator.state.arrays import AnyArray
 
 
 class Trajectory(NamedTuple):
-    """States and the controls that led from each to the next, on emulator or physics: all arrays of JAX, or of NumPy."""
+    """States and the controls that led from each to the next, on emulator or physics: all JAX arrays, or all NumPy's."""
 
     states: Float[AnyArray, "T+1 S"]
     controls: Float[AnyArray, "T C"]
     control_scale: Float[AnyArray, " C"]
     """Magnitude of each control that counts as full effort."""
     dt: float
-    """[s] From one state to the next."""
+    """Time from one state to the next [s]."""
 
     def beside(self, numbers: Iterable[Any]) -> Trajectory:
-        """Return it in arrays of JAX if any of its own, or any of `numbers`, is one."""
+        """Return it with JAX arrays if any of its own arrays, or any of `numbers`, is one."""
         arrays = (self.states, self.controls, self.control_scale)
         if not any(isinstance(array, jax.Array) for array in (*arrays, *numbers)):
             return self
@@ -41,34 +41,34 @@ class Trajectory(NamedTuple):
 
 
 class CostTerm(eqx.Module):
-    """One thing a motion should do. It costs half the sum of squares of its residuals, times its weight."""
+    """One requirement on a motion. It costs half the sum of squares of its residuals, times its weight."""
 
     weight: Float[AnyArray, ""]
     of_controls: ClassVar[bool] = False
-    """Whether residuals depend on nothing but the controls: they can be differentiated without the emulator."""
+    """Whether residuals depend on the controls alone: they can then be differentiated without the emulator."""
 
     @abc.abstractmethod
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
-        """Return numbers that are zero where the motion does it, and one where it is off by a sizeable error."""
+        """Return numbers that are zero if the requirement is met, and one at a sizeable error."""
 
 
 class StateTerm(CostTerm):
-    """A term that looks at single states of a motion: it observes each for itself, and compares what it saw.
+    """A term that looks at single states of a motion: it observes each one separately, and compares the observations.
 
-    So generated C observes states as it goes, and whole states, which are hundreds of numbers, need not be made.
+    So generated C observes states as it goes, and whole states, which are hundreds of numbers, need not be computed.
     """
 
     @abc.abstractmethod
     def rows(self, steps: int, dt: float) -> Sequence[int]:
-        """Return the states it looks at, of a motion of `steps` super steps of `dt` [s]; 0 is the start, -1 the end."""
+        """Return the states it looks at in a motion of `steps` super steps of `dt` [s]; 0 is the start, -1 the end."""
 
     @abc.abstractmethod
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B O"]:
-        """Return what it looks at in a state (S,), or in each of many (..., S)."""
+        """Return the observation of a state (S,), or of each of several (..., S)."""
 
     @abc.abstractmethod
     def compare(self, observed: Float[AnyArray, "K O"], dt: float) -> Float[AnyArray, " R"]:
-        """Return the residuals of what was `observed` of the states at `rows`, `dt` [s] apart."""
+        """Return the residuals of the observations at `rows`; states are `dt` [s] apart."""
 
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
         rows = checked_rows(self, len(trajectory.states) - 1, trajectory.dt)
@@ -81,7 +81,7 @@ class StateTerm(CostTerm):
 
 
 def checked_rows(term: StateTerm, steps: int, dt: float) -> Int[np.ndarray, " K"]:
-    """Return the `rows` of a term, counted from the start; ArgumentError for states a motion does not have."""
+    """Return the `rows` of a term, counted from the start; ArgumentError for states that a motion does not have."""
     rows = np.array(term.rows(steps, dt), int)
     beyond = rows[(rows < -steps - 1) | (rows > steps)]
     if len(beyond):
@@ -94,16 +94,16 @@ def checked_rows(term: StateTerm, steps: int, dt: float) -> Int[np.ndarray, " K"
 
 @dataclass(frozen=True)
 class Moments:
-    """Which states of a motion a term looks at: those at some times, the last one if there are none, or all since one."""
+    """States of a motion that a term looks at: those at given times, the last one without any, or all since a time."""
 
     times: tuple[float, ...] = ()
-    """[s]"""
+    """Times [s]."""
     lasts: bool = False
-    """Whether all states count from the one time on, so that what is compared is a sum over time."""
+    """Whether all states from the one time on count, so that residuals are a sum over time."""
 
     @classmethod
     def of(cls, at: float | tuple[float, ...] | None = None, since: float | None = None) -> Moments:
-        """Return the moments `at` a time or several [s], or all `since` one; the end if neither is given.
+        """Return the moments at `at`, one time or several [s], or all from `since` [s] on; the end if neither is given.
 
         Raises ArgumentError for both, and for times that are negative or not finite.
         """
@@ -117,7 +117,7 @@ class Moments:
         return cls(tuple(_time("at", time) for time in times))
 
     def rows(self, steps: int, dt: float) -> list[int]:
-        """Return which states these are of a motion of so many super steps of `dt` [s]; the start is none of those that last."""
+        """Return the indices of these states in a motion of `steps` super steps of `dt` [s]; `lasts` excludes the start."""
         rows = [round(time / dt) for time in self.times]
         if not self.lasts:
             return rows or [steps]
@@ -125,7 +125,7 @@ class Moments:
         return list(range(first, steps + 1))
 
     def share(self, dt: float) -> float:
-        """Return what residuals are multiplied by, so that a sum over time does not depend on the super step."""
+        """Return the factor of residuals that makes a sum over time independent of the super step."""
         return math.sqrt(dt) if self.lasts else 1.0
 
 
@@ -143,7 +143,7 @@ def _time(label: str, seconds: float) -> float:
 
 
 class TimedTerm(StateTerm):
-    """A term that looks at the states at some moments."""
+    """A term that looks at the states at given moments."""
 
     when: Moments = eqx.field(static=True)
 
@@ -152,7 +152,7 @@ class TimedTerm(StateTerm):
 
 
 CostFunction = Callable[[Trajectory], Float[AnyArray, ""]]
-"""A cost of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
+"""A user's cost: any differentiable JAX function of a trajectory that returns one number, weight included."""
 
 
 class Objective(eqx.Module):
@@ -186,20 +186,20 @@ class Objective(eqx.Module):
         return f"Objective({', '.join(names)})"
 
     def apart(self) -> tuple[Objective, Objective]:
-        """Return the terms that look at states, and those of controls alone; without functions."""
+        """Return the terms of states, and those of controls alone; without functions."""
         of_states = tuple(term for term in self.terms if not term.of_controls)
         of_controls = tuple(term for term in self.terms if term.of_controls)
         return Objective(of_states), Objective(of_controls)
 
     def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
-        """Return the numbers whose squares sum to 2J, but for the functions."""
+        """Return the numbers whose squares sum to 2J, without the functions."""
         trajectory = trajectory.beside(jax.tree.leaves(self))
         xp = trajectory.states.__array_namespace__()
         parts = [xp.sqrt(term.weight) * term.residuals(trajectory) for term in self.terms]
         return xp.concat([xp.zeros(0, dtype=trajectory.states.dtype), *parts])
 
     def extra(self, trajectory: Trajectory) -> Float[AnyArray, ""]:
-        """Return what the functions add to J."""
+        """Return the functions' share of J."""
         no_cost = trajectory.states.__array_namespace__().zeros(())
         return sum((function(trajectory) for function in self.functions), no_cost)
 
@@ -210,5 +210,5 @@ class Objective(eqx.Module):
 
 
 def name_of(function: CostFunction) -> str:
-    """Return the name of a cost function of a user's, for messages."""
+    """Return the name of a user's cost function, for messages."""
     return getattr(function, "__name__", type(function).__name__)

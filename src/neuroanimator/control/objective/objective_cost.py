@@ -1,4 +1,4 @@
-"""J of motions and its slopes, computed by generated C or by JAX; checks of an objective before a descent."""
+"""J of motions and its gradients, computed by generated C or by JAX; checks of an objective before a descent."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _in_c(objective: Objective, emulator: Emulator, steps: int) -> CObjective | 
 def check_objective(
     objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
 ) -> None:
-    """Raise ArgumentError where `objective` cannot be descended: said before any descent."""
+    """Raise ArgumentError if `objective` cannot be descended."""
     weights = [float(term.weight) for term in objective.terms]
     if any(not 0 <= weight < math.inf for weight in weights):
         raise ArgumentError(
@@ -77,7 +77,7 @@ def check_objective(
 def _of_resting(
     objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
 ) -> tuple[Any, tuple[Any, Any]]:
-    """Return J and its slopes of a motion that stays at its start; its functions are tried first."""
+    """Return J and its gradients for a motion that stays at its start; its functions are tried first."""
     in_c = _in_c(objective, emulator, steps)
     if in_c is not None:
         states = np.broadcast_to(start, (steps + 1, len(start)))
@@ -93,7 +93,7 @@ def _of_resting(
 def cost_and_slopes(
     objective: Objective, trajectory: Trajectory
 ) -> tuple[Array, tuple[Array, Array]]:
-    """Return J, and how it changes with the states (T+1, S) and with the controls (T, C)."""
+    """Return J and its gradients by the states (T+1, S) and by the controls (T, C)."""
 
     def cost(states: Array, controls: Array) -> Array:
         return objective(trajectory._replace(states=states, controls=controls))
@@ -119,7 +119,7 @@ def _check_function(function: CostFunction, trajectory: Trajectory) -> None:
     name = name_of(function)
     try:
         shape = jax.eval_shape(function, trajectory)
-    except Exception as error:  # whatever a user's function may raise
+    except Exception as error:  # a user's function may raise anything
         raise ArgumentError(
             f"objective: '{name}' failed: {type(error).__name__}: {error}"
         ) from error
@@ -131,7 +131,7 @@ def _check_function(function: CostFunction, trajectory: Trajectory) -> None:
 
 
 def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
-    """Return a motion that stays at its start: enough to try an objective on, and there without compiling."""
+    """Return a motion that stays at its start: enough to try an objective on, without compiling."""
     bounds = emulator.bounds
     states = as_jax(np.broadcast_to(start, (steps + 1, len(start))))
     controls = as_jax(np.broadcast_to(bounds.middle, (steps, len(bounds.middle))))

@@ -1,4 +1,4 @@
-"""Keep-out zones on level ground, and how far a body is from them."""
+"""Keep-out zones on level ground, and a body's distance from them."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from neuroanimator.systems.system import System
 
 @dataclass(frozen=True)
 class Zone:
-    """An upright box along the axes, grown by a radius: a post is a box of no size."""
+    """An axis-aligned upright box, grown by a radius: a post is a box of size zero."""
 
     position: tuple[float, float]
-    """[m] Its middle."""
+    """Middle of the box [m]."""
     half: tuple[float, float] = (0.0, 0.0)
-    """[m] Half its extent along x and y."""
+    """Half its extent along x and y [m]."""
     radius: float = 0.0
-    """[m]"""
+    """Radius by which it is grown [m]."""
 
 
 def distances(zones: AnyArray, points: AnyArray) -> AnyArray:
-    """Return (..., P, K) how far points (..., P, 2) are outside zones (K, 5) [m]; negative inside."""
+    """Return the distances (..., P, K) of points (..., P, 2) from zones (K, 5) [m]; negative inside."""
     xp = points.__array_namespace__()
     beyond = xp.abs(points[..., None, :] - zones[:, :2]) - zones[:, 2:4]
     outside = xp.maximum(beyond, xp.zeros_like(beyond))
     deep = xp.minimum(xp.max(beyond, axis=-1), xp.zeros_like(beyond[..., 0]))
-    # The square root has no slope at a zone's middle line: a hair's breadth keeps it finite.
+    # The square root has no finite gradient at 0: a small offset keeps it finite.
     return xp.sqrt(xp.sum(outside**2, axis=-1) + 1e-12) + deep - zones[:, 4]
 
 
 def footprint(structure: Structure, states: AnyArray, probes: AnyArray) -> AnyArray:
-    """Return where points (P, 2) of a body, ahead and to the left of its place, are in the plane (..., P, 2) [m]."""
+    """Return the positions in the plane (..., P, 2) of points (P, 2) of a body, ahead and to the left of its origin [m]."""
     xp, pose = states.__array_namespace__(), read_pose(structure, states)
     ahead = pose.forward[..., :2] / xp.linalg.vector_norm(
         pose.forward[..., :2], axis=-1, keepdims=True
@@ -54,13 +54,13 @@ def footprint(structure: Structure, states: AnyArray, probes: AnyArray) -> AnyAr
 
 
 class Avoid(TimedTerm):
-    """Keep discs about a body's probes out of zones: ∫ of how far they are in, over the margin."""
+    """Term for keeping discs around a body's probes out of zones: ∫ of their depth inside, over the margin."""
 
     structure: Structure = eqx.field(static=True)
     zones: Float[AnyArray, "K 5"]
     probes: Float[AnyArray, "P 2"]
     margin: Float[AnyArray, ""]
-    """[m] Radius of the discs: half the body's width and some room."""
+    """Radius of the discs: half the body's width and some room [m]."""
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B O"]:
         points = footprint(self.structure, state, self.probes)

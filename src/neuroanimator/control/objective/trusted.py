@@ -1,4 +1,4 @@
-"""The cost of leaving what the emulator was trained on: optimisation goes where errors help it, and is kept from there."""
+"""The cost of leaving the emulator's training: it keeps optimisation from exploiting the emulator's errors."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 
 WEIGHT = 10.0
-"""A second spent at a score of 1 above the threshold costs ten times what a sizeable error at a goal does."""
+"""Default weight: a second at a score of 1 above the threshold costs ten times as much as a sizeable error at a goal."""
 
 
 class StayTrusted(eqx.Module):
     """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`; a function, so its curvature is not known.
 
-    Like any cost it is of states, those of the physics as well as the emulator's.
+    Like any cost it is a function of states, those of the physics as well as the emulator's.
     """
 
     emulator: Emulator
@@ -31,7 +31,7 @@ class StayTrusted(eqx.Module):
     weight: Float[AnyArray, ""]
 
     def __call__(self, trajectory: Trajectory) -> Float[Array, ""]:
-        """Return what the super steps of the trajectory cost."""
+        """Return the cost of the trajectory's super steps."""
         states, controls = jnp.asarray(trajectory.states), jnp.asarray(trajectory.controls)
         scores = jax.vmap(lambda state, control: trust(self.emulator, state, control))(
             states[:-1], controls

@@ -1,9 +1,9 @@
-"""Planning in a Gymnasium environment, or in any object that resets, steps and lets its state be read.
+"""Planning in a Gymnasium environment, or in any object with reset, step and a readable state.
 
     episode = control_environment(planner, environment, 500, state_of=read_state)
 
-An environment is a world of its own: its reward is not the objective, its reset may begin where training never was, and
-nothing but what it shows is known of it. So an emulator may be taught what was seen there, see `learn_from`.
+An environment is independent of the emulator: its reward is not the objective, its reset may begin outside of training,
+and only its observations are known. So an emulator can be trained on what was observed there, see `learn_from`.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
 SAME_TIME = 1e-6
-"""Share by which times may differ and still be the same."""
+"""Relative difference up to which two times count as equal."""
 
 SAME_RANGE = 1e-3
-"""Share of a control's range by which it may go beyond an action's: single precision rounds."""
+"""Share of a control's range by which it may exceed an action's: single precision rounds."""
 
 RESULTS = 5
-"""Result of a step, by Gymnasium: observation, reward, whether it terminated, whether it was truncated, and infos."""
+"""Number of results of a Gymnasium step: observation, reward, terminated, truncated, infos."""
 
 
 @runtime_checkable
@@ -39,30 +39,30 @@ class Environment(Protocol):
         ...
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Go on by one step; return observation, reward, whether it terminated, whether it was truncated, and infos."""
+        """Take one step; return observation, reward, whether it terminated, whether it was truncated, and infos."""
         ...
 
 
 StateReader = Callable[[Any, Any], Float[np.ndarray, " S"]]
-"""(environment, observation) → the state as the emulator has it."""
+"""(environment, observation) → the emulator's state."""
 
 ObjectiveReader = Callable[[Any, Any], Objective]
-"""(environment, first observation) → the planner's costs with the numbers of this episode, such as where its target is."""
+"""(environment, first observation) → the planner's costs with the numbers of this episode, such as its target."""
 
 
 @dataclass(frozen=True)
 class DmEnvironment:
-    """An environment of dm_control's kind, as one of Gymnasium's."""
+    """A dm_control environment as a Gymnasium one."""
 
     unwrapped: Any
-    """With `reset()` and `step(action)` that return time steps."""
+    """Environment whose `reset()` and `step(action)` return time steps."""
 
     def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode. The seed is the environment's own: it was given to its task when that was made."""
+        """Begin an episode. `seed` has no effect: the environment's task was given its own when it was made."""
         return self.unwrapped.reset().observation, {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Go on by one step. An episode that ends at a discount of 1 was truncated: it would have gone on."""
+        """Take one step. An episode that ends at a discount of 1 was truncated: it would have gone on."""
         moment = self.unwrapped.step(action)
         is_last = moment.last()
         is_truncated = is_last and moment.discount == 1
@@ -72,7 +72,7 @@ class DmEnvironment:
 def mujoco_state(environment: Any, observation: Any) -> Float[np.ndarray, " S"]:
     """Return positions, velocities and activations of the MuJoCo model inside an environment of Gymnasium or dm_control.
 
-    Raises ArgumentError where there is none.
+    Raises ArgumentError if there is none.
     """
     inner = getattr(environment, "unwrapped", environment)
     data: Any = getattr(getattr(inner, "physics", inner), "data", None)
@@ -85,20 +85,20 @@ def mujoco_state(environment: Any, observation: Any) -> Float[np.ndarray, " S"]:
 
 @dataclass(frozen=True)
 class Episode:
-    """An episode of a planner in an environment, super step by super step."""
+    """An episode of a planner in an environment, by super steps."""
 
     controls: Float[np.ndarray, "N C"]
     states: Float[np.ndarray, "N+1 S"]
-    """As read before each control, and after the last."""
+    """States as read before each control, and after the last."""
     rewards: Float[np.ndarray, " N"]
-    """The environment's own, summed over each super step."""
+    """Rewards of the environment, summed over each super step."""
     plan_seconds: Float[np.ndarray, " P"]
-    """Of each plan."""
+    """Time of each plan [s]."""
     is_terminated: bool
-    """Whether the environment ended it, rather than the clock."""
+    """Whether the environment ended it, rather than the time limit."""
     environment_steps: int
     whole_steps: int
-    """Super steps, N or one less: an environment that ends within the last leaves it shorter than what was learnt."""
+    """Number of whole super steps, N or one less: an environment may end within the last one."""
 
     @property
     def total_reward(self) -> float:
@@ -118,12 +118,12 @@ def control_environment(
     seed: int | None = None,
     on_step: Callable[[int, float], None] = lambda step, reward: None,
 ) -> Episode:
-    """Return one episode of at most `steps` super steps, planned again at each, or `every` so many, from the state as read.
+    """Return one episode of at most `steps` super steps, replanned from the state as read at each, or at `every` such number.
 
-    Planning less often leaves time for better plans, and goes through with what they prepare: a plan that is made anew at
-    every step may put it off for ever. A super step of the emulator is `hold` steps of the environment, under one
-    control; as many as its `dt`, or `control_timestep`, says, if not given. `objective_of` makes the episode's own
-    objective from its first observation. `on_step` is told (super step, its reward).
+    Planning less often leaves time for better plans, and carries out what they prepare: a plan that is replaced at
+    every step may postpone it for ever. A super step of the emulator is `hold` steps of the environment, under one
+    control; the default follows from its `dt`, or `control_timestep`. `objective_of` makes the episode's own
+    objective from its first observation. `on_step` is called with (super step, its reward).
 
     Raises ArgumentError for an environment that does not return what Gymnasium's do, for states and actions of
     another size than the emulator's, for states that are not finite, and for steps that do not fill a super step.
@@ -176,7 +176,7 @@ def control_environment(
 
 
 def _steps_in(dt: float, environment: Environment) -> int:
-    """Return how many steps of the environment make `dt` [s]; 1 where it does not say how long a step is."""
+    """Return the number of steps of the environment in `dt` [s]; 1 if it does not declare the length of a step."""
     inner = getattr(environment, "unwrapped", environment)
     step = getattr(inner, "dt", None)
     if hasattr(inner, "control_timestep"):
@@ -193,7 +193,7 @@ def _steps_in(dt: float, environment: Environment) -> int:
 
 
 class _Moment(NamedTuple):
-    """The outcome of one step of an environment, or of several."""
+    """The outcome of one or several steps of an environment."""
 
     observation: Any
     reward: float
@@ -216,7 +216,7 @@ def _reset(environment: Environment, seed: int | None) -> Any:
 
 
 def _hold(environment: Environment, control: Float[np.ndarray, " C"], steps: int) -> _Moment:
-    """Return what comes of so many `steps` under one control, or fewer where the episode ends; rewards are summed."""
+    """Return the outcome of `steps` steps under one control, or fewer if the episode ends; rewards are summed."""
     moment = _step(environment, control)
     while moment.steps < steps and not moment.is_over:
         following = _step(environment, control)
@@ -248,7 +248,7 @@ def _step(environment: Environment, control: Float[np.ndarray, " C"]) -> _Moment
 
 
 def _check_observation(environment: Environment, observation: Any, method: str) -> None:
-    """Refuse an observation of another shape than the environment declares, where it declares one."""
+    """Refuse an observation of another shape than the environment declares, if it declares one."""
     space = getattr(environment, "observation_space", None)
     declared = getattr(space, "shape", None)
     if declared is None:
@@ -265,7 +265,7 @@ def _check_observation(environment: Environment, observation: Any, method: str) 
 
 
 def _form(value: Any) -> str:
-    """Return what kind of thing came, in few words."""
+    """Return the kind of `value` in a few words."""
     if isinstance(value, tuple):
         return f"{len(value)} things"
     if np.ndim(value):
@@ -284,7 +284,7 @@ def _read(
 
 
 def check_actions(emulator: Emulator, environment: Environment) -> None:
-    """Refuse an environment whose actions are not the emulator's controls, where it says what they are."""
+    """Refuse an environment whose declared actions are not the emulator's controls."""
     space = getattr(environment, "action_space", None)
     size = emulator.control.size
     if space is None:
@@ -301,7 +301,7 @@ def check_actions(emulator: Emulator, environment: Environment) -> None:
 
 
 def _check_action_range(emulator: Emulator, space: Any) -> None:
-    """Refuse an environment that takes no actions as large as the emulator's controls, where it says what it takes."""
+    """Refuse an environment whose declared range of actions is smaller than that of the emulator's controls."""
     bounds = emulator.bounds
     low = np.asarray(getattr(space, "low", -np.inf), float)
     high = np.asarray(getattr(space, "high", np.inf), float)

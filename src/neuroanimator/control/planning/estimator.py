@@ -1,4 +1,4 @@
-"""Parameters of the body that is controlled, estimated on the way from its own motion."""
+"""Online estimation of the controlled body's parameters from its own motion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EVERY = 8
 
 
 class _Window(NamedTuple):
-    """Successive super steps."""
+    """Consecutive super steps."""
 
     states: Float[np.ndarray, "F S"]
     controls: Float[np.ndarray, "T C"]
@@ -33,15 +33,15 @@ class _Window(NamedTuple):
 class ParameterEstimator:
     """Estimates parameters by Gauss-Newton steps through the emulator, over the last super steps.
 
-    These are cut into short windows that begin in states as they were measured; `identify` looks for starts, too, which takes
-    a hundred times as long. Nothing is proved on the physics: a parameter is as good as the emulator. What the last motion
-    does not show stays at its nominal value.
+    These are cut into short windows that begin at measured states; `identify` also searches for the starts, which takes
+    a hundred times as long. Nothing is proved on the physics: a parameter is as good as the emulator. Parameters that the
+    last motion does not show stay at their nominal values.
     """
 
     def __init__(self, emulator: Emulator, *, windows: int = WINDOWS, every: int = EVERY):
-        """Begin with the parameters of the emulator's rest: `emulator.at` sets other ones.
+        """Begin with the parameters of the emulator's rest, which `emulator.at` sets.
 
-        An estimate is made from the last `windows` of four super steps, at each `every`-th super step.
+        Every `every` super steps there is an estimate from the last `windows` windows of four super steps.
 
         Raises ArgumentError for an emulator without parameters, and for numbers below 1.
         """
@@ -67,7 +67,7 @@ class ParameterEstimator:
         self._noise: Float[np.ndarray, " S"] | None = None
 
     def believed(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
-        """Return `state` with the parameters as estimated."""
+        """Return `state` with the estimated parameters."""
         believed = state.copy()
         believed[self._entries] = self.values
         return believed
@@ -78,7 +78,7 @@ class ParameterEstimator:
         control: Float[np.ndarray, " C"],
         following: Float[np.ndarray, " S"],
     ) -> None:
-        """Take in a super step from `state` to the `following` one; what they say of parameters is not looked at."""
+        """Add a super step from `state` to the `following` one; the parameters in them are ignored."""
         if not self._states or self._is_pushed(state):
             self._states = [state]
             self._controls = []
@@ -93,7 +93,7 @@ class ParameterEstimator:
             self._estimate()
 
     def _is_pushed(self, state: Float[np.ndarray, " S"]) -> bool:
-        """Return whether the body is elsewhere than the last super step led to: no motion explains a push."""
+        """Return whether the body is not where the last super step led: no motion explains a push."""
         return not np.array_equal(state[self._moving], self._states[-1][self._moving])
 
     def _estimate(self) -> None:
@@ -109,7 +109,7 @@ class ParameterEstimator:
         self._noise = fit.noise
 
     def _windows_of_fixed_number(self) -> Measurements:
-        """Return the windows, and NaN in place of those to come, so that nothing is compiled anew."""
+        """Return the windows, with NaN in place of missing ones, so that nothing is recompiled."""
         shape = (self.windows, SHORTEST + 1, self.emulator.state.size)
         states = np.full(shape, self.emulator.rest)
         measured = np.full(shape, np.nan)

@@ -1,4 +1,4 @@
-"""Teach the emulator what happened in an environment, and go on with it."""
+"""Train the emulator on what happened in an environment."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
 SEEN_SHARE = 0.3
-"""Share of all windows that come from episodes: enough to count, and the rest keeps what else was known."""
+"""Share of all windows that come from episodes: enough to matter, while the rest keeps other knowledge."""
 
 
 def learn_from(
@@ -24,12 +24,12 @@ def learn_from(
     *,
     updates: int = REFINING_UPDATES,
 ) -> Emulator:
-    """Return a copy of the emulator trained on, some seconds, with what `episodes` saw among `data` it was made from."""
+    """Return a copy of the emulator trained further, for some seconds, on `episodes` mixed with the `data` it was made from."""
     return train_on(emulator, with_episodes(data, episodes), updates)
 
 
 def with_episodes(data: Transitions, episodes: Sequence[Episode]) -> Transitions:
-    """Return `data` and the windows of `episodes`, repeated until they are a fair share of all.
+    """Return `data` and the windows of `episodes`, repeated until they are `SEEN_SHARE` of all.
 
     A super step that the environment ended early is left out. Raises ArgumentError if no episode is as long as a window.
     """

@@ -1,4 +1,4 @@
-"""Find controls from any state in milliseconds, with nothing left to compile."""
+"""Find controls from any state in milliseconds, without compilation."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds
 
 ITERATIONS = 2
-"""Backward sweeps a plan: the last plan, moved on, is nearly optimal already. They swing the pendulum up and hold it."""
+"""Default number of backward sweeps per plan: the shifted last plan is nearly optimal. They swing the pendulum up and hold it."""
 
 WAVES = 13
-"""Joins the seed of waves, so that they are not drawn as anything else."""
+"""Number joined to the seed of waves, so that they differ from other random numbers of that seed."""
 
 MAX_WAVE_FREQUENCY = 1.5
-"""Waves are no faster [Hz], nor than a quarter of a period a super step."""
+"""Maximum frequency of waves [Hz], which is also at most a quarter of a period per super step."""
 
 MIN_WAVE_SHARE = 0.1
-"""Waves are no slower than this share of the fastest."""
+"""Minimum frequency of waves, as a share of the maximum."""
 
 MIN_WAVE_HEIGHT = 0.4
-"""Waves take at least this share of the controls' range to either side."""
+"""Minimum amplitude of waves, as a share of the controls' range to either side."""
 
 MAX_BEND = 0.5
-"""By at most this share of the range to one side half of the waves are bent, so that they turn."""
+"""Maximum offset of half of the waves, which makes bodies turn, as a share of the range to one side."""
 
 MAX_GUESSES = 4096
-"""Random controls tried at every plan, at most: J of each takes as long as a rollout."""
+"""Maximum number of guesses tried at every plan: J of each takes as long as a rollout."""
 
 
 @dataclass(frozen=True)
@@ -53,31 +53,31 @@ class Plan:
     """The best controls found from one state."""
 
     controls: np.ndarray
-    """(T, C) within the bounds."""
+    """Controls (T, C) within the bounds."""
     states: np.ndarray
-    """(T+1, S) the emulated motion under them."""
+    """Emulated motion (T+1, S) under them."""
     cost: float
     """J on the emulator."""
     seconds: float
-    """From the measured state to the controls."""
+    """Time from the measured state to the controls [s]."""
 
 
 @dataclass(frozen=True)
 class Planner:
-    """Finds controls from any state, with nothing left to compile; made by `Planner.of`."""
+    """Finds controls from any state, without compilation; made by `Planner.of`."""
 
     emulator: Emulator
     objective: Objective
     parametrisation: Parametrisation
     method: str
     iterations: int
-    """Backward sweeps of a plan, at most."""
+    """Maximum number of backward sweeps per plan."""
     starts: int
-    """Number of guesses that are descended from, beside the last plan."""
+    """Number of guesses to descend from, beside the last plan."""
     guesses: Float[np.ndarray, "K Z"] = field(repr=False)
     """Controls tried at every plan, as numbers of the parametrisation."""
     _evaluator: Evaluator = field(repr=False)
-    """Of motions from the emulator's rest."""
+    """Evaluator of motions from the emulator's rest."""
 
     @classmethod
     def of(
@@ -94,12 +94,12 @@ class Planner:
         starts: int = 1,
         seed: int = 0,
     ) -> Planner:
-        """Return a planner that looks `steps` super steps ahead, compiled: some seconds.
+        """Return a planner that looks `steps` super steps ahead, compiled, which takes some seconds.
 
-        Times in `objective` count from the state planned from, so a goal `since` 0 s is one to stay at. `bounds`
-        may be tighter than the emulator's own; `parametrisation` other than one value per super step bring their own.
-        Of so many `guesses`, random ones and waves, the same at every plan, the best so many `starts` are descended from beside
-        the last plan: a plan whose controls are at their bounds has hardly a slope, and a new beginning leads away from there.
+        Times in `objective` count from the planned state, so a goal `since` 0 s is one to stay at. `bounds`
+        may be tighter than the emulator's own; a `parametrisation` has its own.
+        Of `guesses` guesses, random ones and waves, the same at every plan, the best `starts` are descended from beside
+        the last plan: a plan with controls at their bounds has hardly any gradient, and new starts lead away from it.
 
         Raises ArgumentError for an unknown method, numbers below 1, more starts than guesses, and an objective that
         cannot be descended.
@@ -139,7 +139,7 @@ class Planner:
     def plan(self, state: np.ndarray, first: np.ndarray | None = None) -> Plan:
         """Return the plan from `state` (S,), searched from controls `first` (T, C), such as the last plan `moved_on`.
 
-        The search begins in the middle of the bounds for None.
+        For None the search begins in the middle of the bounds.
         """
         began = time.perf_counter()
         state = self.emulator.state.check(state, "state")
@@ -158,7 +158,7 @@ class Planner:
         return Plan(motion.controls, motion.states, progress.least, time.perf_counter() - began)
 
     def towards(self, objective: Objective) -> Planner:
-        """Return this planner for an objective of the same costs with other numbers: nothing is compiled anew."""
+        """Return this planner for an objective of the same costs with other numbers: nothing is recompiled."""
         if not bool(eqx.tree_equal(_without_numbers(objective), _without_numbers(self.objective))):
             raise ArgumentError(
                 "objective: wanted the planner's costs with other numbers. Make a new planner."
@@ -170,7 +170,7 @@ class Planner:
 def _guesses(
     emulator: Emulator, parametrisation: Parametrisation, count: int, seed: int
 ) -> Float[np.ndarray, "K Z"]:
-    """Return `count` first guesses: half random as training saw them, half waves."""
+    """Return `count` initial guesses: half random as in training, half waves."""
     waves = wave_guesses(emulator, parametrisation, count // 2, seed)
     others = random_guesses(emulator, parametrisation, count - count // 2, seed)
     return np.concatenate([others, waves])
@@ -179,9 +179,9 @@ def _guesses(
 def wave_guesses(
     emulator: Emulator, parametrisation: Parametrisation, count: int, seed: int
 ) -> Float[np.ndarray, "K Z"]:
-    """Return the z of `count` waves that run through the controls in their order, some of them bent to one side.
+    """Return the z of `count` waves that run through the controls in order, some of them offset to one side.
 
-    Bodies that swim or crawl come forward by the order in which joints move: a slope at rest knows nothing of that.
+    Bodies that swim or crawl move forward by the order in which joints move, which a gradient at rest does not show.
     """
     bounds = emulator.bounds
     rng = np.random.default_rng([seed, WAVES])
@@ -200,11 +200,11 @@ def wave_guesses(
 
 
 def _without_numbers(objective: Objective) -> Objective:
-    """Return `objective` with the shapes of its arrays in their places."""
+    """Return `objective` with its arrays replaced by their shapes."""
     return jax.tree.map(lambda leaf: leaf.shape if eqx.is_array(leaf) else leaf, objective)
 
 
 def moved_on(controls: Float[np.ndarray, "T C"], steps: int = 1) -> Float[np.ndarray, "T C"]:
-    """Return the controls of a plan one super step later, or several: the last one is held so long."""
+    """Return the controls of a plan `steps` super steps later, with the last one held at the end."""
     held = np.repeat(controls[-1:], steps, axis=0)
     return np.concatenate([controls, held])[-len(controls) :]

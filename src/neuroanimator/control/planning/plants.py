@@ -1,4 +1,4 @@
-"""Plan again at every super step from the state as measured, and use only the plan's first control."""
+"""Receding-horizon control: plan again at every super step from the measured state, and apply only the first control."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Disturbance = Callable[[int, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class EmulatorPlant:
-    """The emulator itself, as what is controlled."""
+    """The emulator as the plant."""
 
     emulator: Emulator
 
@@ -37,7 +37,7 @@ class EmulatorPlant:
 
 @dataclass(frozen=True)
 class PhysicsPlant:
-    """The true physics, as what is controlled."""
+    """The true physics as the plant."""
 
     system: System
     dt: float
@@ -58,11 +58,11 @@ class ControlledMotion:
     """A closed-loop motion of a planner and a plant."""
 
     states: np.ndarray
-    """(N+1, S) as measured, pushes included, and the last."""
+    """Measured states (N+1, S), pushes included, and the last."""
     controls: np.ndarray
-    """(N, C) the first of each plan."""
+    """Controls (N, C), the first of each plan."""
     plan_seconds: np.ndarray
-    """(P,) Time each plan took."""
+    """Time (P,) of each plan [s]."""
 
     @property
     def p99_ms(self) -> float:
@@ -87,7 +87,7 @@ def drive(
     *,
     on_step: Callable[[int], None] = lambda step: None,
 ) -> ControlledMotion:
-    """Return the motion of `plant` from `start` (S,) under `control_of(super step, state)`, without a plan."""
+    """Return the motion of `plant` from `start` (S,) under `control_of(super step, state)`, without planning."""
     state = start
     states = []
     controls = []
@@ -111,11 +111,11 @@ def control_plant(
     estimator: ParameterEstimator | None = None,
     on_step: Callable[[int], None] = lambda step: None,
 ) -> ControlledMotion:
-    """Return the motion of `plant` from `start` (S,), planned again at each of `steps` super steps.
+    """Return the motion of `plant` from `start` (S,), replanned at each of `steps` super steps.
 
-    A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
-    Plans know the parameters that the plant's states tell; with an `estimator` those that it finds on the way instead.
-    `on_step` is told each super step that is done.
+    A control acts from the state it was planned from: planning is assumed to be fast compared with a super step.
+    Plans use the parameters in the plant's states, or with an `estimator` its estimates instead.
+    `on_step` is called after each super step.
     """
     plans: list[Plan] = []
 

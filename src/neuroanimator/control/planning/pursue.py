@@ -1,4 +1,4 @@
-"""Go for a goal in closed loop: plan again at every super step from where the physics really is."""
+"""Pursue a goal in closed loop: plan again at every super step from the actual state of the physics."""
 
 from __future__ import annotations
 
@@ -42,33 +42,33 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
 HORIZON_STEPS = 20
-"""Super steps a plan looks ahead: a super step is chosen by what a system can do in it, so they fit slow and quick ones."""
+"""Default horizon of a plan [super steps]: super steps are chosen to suit a system, so this fits slow and quick ones."""
 
 MAX_HORIZON_STEPS = 400
-"""Gauss-Newton's model grows with the square of a plan's numbers."""
+"""Maximum horizon of a plan [super steps]: Gauss-Newton's model grows with the square of its numbers."""
 
 GUESSES = 32
-"""Random controls tried at every plan. Without any the lander does not find to its pad from 6 m up."""
+"""Number of random controls tried at every plan. Without any the lander does not find its pad from 6 m up."""
 
 MAX_PURSUIT_SECONDS = 600.0
-"""[s] Longest motion in closed loop; of a slow system longer."""
+"""Maximum duration of a motion in closed loop [s]; longer for a slow system."""
 
 
 @dataclass(frozen=True)
 class Pursuit:
-    """A motion in closed loop, and where it was at its goal."""
+    """A motion in closed loop, and when it was at its goal."""
 
     motion: ControlledMotion
     is_at_goal: Bool[np.ndarray, " N"]
-    """Of every state."""
+    """Whether each state is at the goal."""
     dt: float
     """Super step [s]."""
     is_on_physics: bool
-    """False where there is none to be had, as of recordings: the emulator was driven, which proves nothing."""
+    """Whether the physics moved; without one, as for recordings, the emulator did, which proves nothing."""
     way_steps: int = 0
-    """Number of super steps of the way there, searched for as a whole and played; 0 where plans alone came to the goal."""
+    """Number of super steps of a motion to the goal that was found by a search and played; 0 if plans alone reached it."""
     search_seconds: float = 0.0
-    """Time that this search took."""
+    """Time of this search [s]."""
 
     @property
     def is_reached(self) -> bool:
@@ -77,7 +77,7 @@ class Pursuit:
 
     @property
     def seconds_to_goal(self) -> float:
-        """When it came to stay [s]; meaningless unless `is_reached`."""
+        """Time from which it stays at the goal [s]; meaningless unless `is_reached`."""
         away = np.flatnonzero(~self.is_at_goal)
         return self.dt * (int(away[-1]) + 1 if len(away) else 0)
 
@@ -96,9 +96,9 @@ def pursue_goal(
 ) -> Pursuit:
     """Return the motion of `system` towards its goal called `name`, for `seconds`, planned `horizon` [s] ahead.
 
-    A plan is to be at the goal throughout the second half of its horizon. Where such plans do not come to it, as of bodies that
-    have to pump, the way there is searched for as by `synthesise_goal` and played first. `start` (S,) and `seconds` default to
-    what the goal says. `on_step` is told each super step that is done.
+    A plan aims to be at the goal throughout the second half of its horizon. If such plans do not reach it, as with bodies that
+    have to pump, a motion to it is searched for as in `synthesise_goal` and played first. `start` (S,) and `seconds` default
+    to the goal's own. `on_step` is called after each super step.
 
     Raises ArgumentError for times and weights out of range.
     """
@@ -111,7 +111,7 @@ def pursue_goal(
             f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, came {horizon:g}."
         )
     begin = np.asarray(goal_start(system, name) if start is None else start, float)
-    # Effort is counted by the second, of which something slow takes many.
+    # Effort is counted per second, and slow systems take many.
     weight = effort_weight / slowness(dt)
     objective = goal_objective(system, name, weight, since=horizon / 2)
     with phase("compiling"):
@@ -157,7 +157,7 @@ def _way(
     steps: int,
     regulator: Regulator | None,
 ) -> Float[np.ndarray, "T C"]:
-    """Return the controls of the best way to the goal, or to where `regulator` takes over, of several wide searches."""
+    """Return the best controls, from several wide searches, to the goal, or to where `regulator` takes over."""
     wanted = find_goal(system, name)
     objective = goal_objective(system, name, effort_weight)
     if regulator is not None:
@@ -183,14 +183,14 @@ def _way(
 
 
 def pursuit_steps(emulator: Emulator, system: System, name: str, seconds: float | None) -> int:
-    """Return how many super steps a pursuit takes, of `seconds` or of what its goal says."""
+    """Return the number of super steps of a pursuit, from `seconds` or by default the goal's."""
     if seconds is None:
         seconds = find_goal(system, name).seconds
     return steps_in(seconds, emulator.dt, MAX_PURSUIT_SECONDS * slowness(emulator.dt))
 
 
 def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
-    """Return names and values of what was achieved, the verdict last."""
+    """Return names and values of the results, the verdict last."""
     motion = pursuit.motion
     rows: list[tuple[str, object]] = [
         ("super steps", f"{len(motion.controls)}, {pursuit.dt:g} s each")

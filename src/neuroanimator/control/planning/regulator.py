@@ -1,4 +1,4 @@
-"""Hold a body still where all of its state is asked for: the linear-quadratic regulator of what super steps do there."""
+"""Hold a body at a goal that fixes its whole state: the linear-quadratic regulator of super steps linearised there."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
 
 MAX_DRIFT = 0.1
-"""Largest change in a super step of a state that can be held, over the goal's tolerances."""
+"""Maximum change in a super step of a state that can be held, over the goal's tolerances."""
 
 SMALL = 1e-3
-"""Differences are taken by this much, of controls as a share of their bounds: small, and far above rounding."""
+"""Step of finite differences, for controls as a share of their bounds: small, and far above rounding."""
 
 TRIED_STEPS = 100
-"""Number of super steps after which a body that is held must be at its goal."""
+"""Number of super steps after which a held body must be at its goal."""
 
 
 @dataclass(frozen=True)
 class Regulator:
-    """u = u* - K δ within the bounds, where δ is how the state differs from the goal's; made by `regulator_of`."""
+    """u = u* - K δ within the bounds, where δ is the state's difference from the goal's; made by `regulator_of`."""
 
     plant: Plant
-    """What is held."""
+    """Plant to hold."""
     system: System
     goal: Goal
     bounds: Bounds
@@ -48,7 +48,7 @@ class Regulator:
     gain: Float[np.ndarray, "C V"]
     """K."""
     cost_matrix: Float[np.ndarray, "V V"]
-    """P: δᵀ P δ / 2 is the J it takes to come to the goal from δ, as far as super steps are linear."""
+    """P: δᵀ P δ / 2 is the J needed to reach the goal from δ, as far as super steps are linear."""
 
     def __call__(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " C"]:
         """Return the control (C,) for `state` (S,)."""
@@ -56,7 +56,7 @@ class Regulator:
         return self.bounds.clip(self.control - self.gain @ off)
 
     def cost_to_go(self) -> ReachState:
-        """Return the cost, at the end of a motion, of what it takes to come to the goal from there and stay."""
+        """Return the cost-to-go at the end of a motion: that of reaching the goal from there and staying."""
         factor = np.linalg.cholesky(self.cost_matrix).T
         return replace(self.reach, judged=as_parameter(factor))
 
@@ -72,11 +72,11 @@ class Regulator:
 def regulator_of(
     plant: Plant, system: System, goal: Goal, bounds: Bounds, dt: float, effort_weight: float
 ) -> Regulator | None:
-    """Return what holds `plant`, whose super step is `dt` [s], at `goal`; None where it cannot.
+    """Return a regulator that holds `plant`, whose super step is `dt` [s], at `goal`; None if there is none.
 
-    It cannot where the goal leaves part of the state free, or cannot be stood at.
-    What a change of state or control does is found by central differences of the plant at the goal, a few super steps.
-    The weights are those of `goal_objective` all along: Q = dt WᵀW with the goal's weights W, R = dt `effort_weight` / scale².
+    There is none if the goal leaves part of the state free, or is not an equilibrium.
+    The plant is linearised at the goal by central differences, which take a few super steps.
+    The running weights are those of `goal_objective`: Q = dt WᵀW with the goal's weights W, R = dt `effort_weight` / scale².
     K and P solve the discrete algebraic Riccati equation (Anderson and Moore, Optimal Control, 1990).
     """
     reach = reach_goal(system, goal)

@@ -1,4 +1,4 @@
-"""Motor controllers that are learnt once, what steers them, and how bodies behave that steer themselves."""
+"""Motor controllers learnt once, their steering, and behaviours of bodies that steer themselves."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Behaviours: steering forces of many bodies from moment to moment, and the targets that follow from them.
+"""Behaviours: momentary steering forces of many bodies, and the targets that follow from them.
 
-A steering force (B, 3) is a vector in the world for each of B bodies: where to go, and how much that
-matters. Forces are added up (Reynolds, Flocks, herds, and schools, SIGGRAPH 87, and Steering behaviors for
+A steering force (B, 3) is a vector in the world for each of B bodies: the direction to go, and its
+importance. Forces are summed (Reynolds, Flocks, herds, and schools, SIGGRAPH 87, and Steering behaviors for
 autonomous characters, GDC 99).
 """
 
@@ -25,38 +25,38 @@ class Wave(NamedTuple):
     rate: float
     """Angular rate of its phase [rad/s]."""
     height: float
-    """Its amplitude, as a share of the stroll's width."""
+    """Amplitude, as a share of the stroll's width."""
 
 
 WANDER_WAVES = (Wave(rate=0.37, height=1.0), Wave(rate=0.83, height=0.5))
-"""Rates of a stroll's waves: of no simple ratio, so that it does not repeat itself soon."""
+"""Waves of a stroll: their rates have no simple ratio, so that it does not repeat itself soon."""
 
 SCHOOL_SEPARATION = 2.0
-"""Weight of keeping apart in a school, over that of swimming along and together."""
+"""Weight of separation in a school, relative to alignment and cohesion."""
 
 PASSING_SIDE = 0.1
-"""Sideways distance at which two bodies that would meet exactly are taken to pass, as a share of their spacing."""
+"""Assumed sideways distance at which two bodies on an exact collision course pass, as a share of their spacing."""
 
 GIVEN_UP_SPEED = 0.7
-"""Share of its speed that a body gives up for one it is about to touch."""
+"""Share of its speed that a body gives up to avoid touching another."""
 
 STRAIGHT_ON = 0.1
-"""Force forward, of a force of one: it decides where to go when the force itself is straight up or down."""
+"""Forward force, relative to a force of one: it decides the heading when the force itself is vertical."""
 
 SHOAL_SPACING = 1.5
-"""Body lengths that the company of a shoal leaves between its bodies."""
+"""Spacing between the bodies of a shoal [body lengths]."""
 
 SHOAL_REACH = 3.0
-"""Body lengths within which the bodies of a shoal count as company."""
+"""Distance within which the bodies of a shoal count as neighbours [body lengths]."""
 
 SHOAL_MARGIN = 1.5
-"""Body lengths from the glass within which a shoal's bodies turn inward."""
+"""Distance from the glass within which a shoal's bodies turn inward [body lengths]."""
 
 SHOAL_CLEARANCE = 2.0
-"""Body lengths within which a shoal's bodies mind that they may meet; a fish turns within about two."""
+"""Distance within which a shoal's bodies avoid meeting [body lengths]; a fish turns within about two."""
 
 SHOAL_AVOIDANCE = 12.0
-"""Weight of keeping apart in a shoal: with the glass's it comes before anything else from a force of one on.
+"""Weight of keeping apart in a shoal: with that of the glass, it has priority over anything else from a force of one on.
 
 With half as much, twelve fish of a school touched in 2 to 6 % of the time at the glass.
 """
@@ -65,22 +65,22 @@ SHOAL_CONTAINMENT = 4.0
 """Weight of staying off the glass in a shoal."""
 
 Behaviour = Callable[[Pose, Array], SteeringTarget]
-"""A function of the poses of B bodies and the time [s] that returns where each shall go now."""
+"""A function of the poses of B bodies and the time [s] that returns the current target of each."""
 
 
 class Tank(NamedTuple):
-    """A box that bodies stay in."""
+    """A box in which bodies stay."""
 
     low: tuple[float, float, float]
-    """Its corner of the smallest coordinates [m]."""
+    """Corner with the smallest coordinates [m]."""
     high: tuple[float, float, float]
-    """Its corner of the largest coordinates [m]."""
+    """Corner with the largest coordinates [m]."""
 
 
 def wander(
     pose: Pose, time: Num[Array, ""], *, width: float = 0.8, seed: int = 0
 ) -> Float[Array, "B 3"]:
-    """Return the force of a stroll at `time` [s]: up to about `width` [rad] aside, half of that up or down."""
+    """Return the force of a stroll at `time` [s]: up to about `width` [rad] sideways, half of that up or down."""
     keys = jax.random.split(jax.random.key(seed), len(WANDER_WAVES))
     sway = jnp.zeros((2, pose.position.shape[0]))
     for wave, key in zip(WANDER_WAVES, keys, strict=True):
@@ -97,7 +97,7 @@ def pursue(pose: Pose, targets: ArrayLike) -> Float[Array, "B 3"]:
 
 
 def avoid(pose: Pose, positions: ArrayLike, reach: float) -> Float[Array, "B 3"]:
-    """Return the force away from `positions` (K, 3) [m]: none beyond `reach` [m], one at a position itself."""
+    """Return the force away from `positions` (K, 3) [m]: zero beyond `reach` [m], one at a position itself."""
     offsets = pose.position[:, None] - jnp.asarray(positions)
     return _repulsion(offsets, reach).sum(axis=1)
 
@@ -105,9 +105,9 @@ def avoid(pose: Pose, positions: ArrayLike, reach: float) -> Float[Array, "B 3"]
 def stay_inside(
     pose: Pose, tank: Tank, margin: float, *, ahead: float = 2.0
 ) -> Float[Array, "B 3"]:
-    """Return the force inward: none further than `margin` [m] from the walls, one at a wall.
+    """Return the inward force: zero further than `margin` [m] from the walls, one at a wall.
 
-    What counts is where the body will be `ahead` [s] from now, since it cannot turn at once.
+    It depends on the body's position `ahead` [s] from now, since it cannot turn at once.
     """
     position = pose.position + ahead * pose.velocity
     low = jnp.asarray(tank.low)
@@ -134,10 +134,10 @@ def school(pose: Pose, *, spacing: float, reach: float) -> Float[Array, "B 3"]:
 
 
 def keep_apart(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, "B 3"]:
-    """Return the force away from others: none while no other comes nearer than `spacing` [m] in `ahead` [s], one at touch.
+    """Return the force away from others: zero if none comes nearer than `spacing` [m] in `ahead` [s], one at contact.
 
-    What counts is how near two bodies come if both go on as they do: a body that cannot turn at once must begin early.
-    Two that would meet exactly give way to the same side, each to its left.
+    It depends on the nearest approach if both bodies go on unchanged: a body that cannot turn at once must begin early.
+    Two bodies on an exact collision course give way to the same side, each to its left.
     """
     offsets, nearness = _nearest_approaches(pose, spacing, ahead)
     away = offsets + PASSING_SIDE * spacing * leftward(pose)[:, None]
@@ -145,7 +145,7 @@ def keep_apart(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array
 
 
 def give_way(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, " B"]:
-    """Return the share of its speed that each body should keep, for those in front of it: 1 if there are none.
+    """Return the share of its speed that each body should keep because of those in front of it; 1 without any.
 
     `spacing` [m] and `ahead` [s] are those of `keep_apart`.
     """
@@ -156,7 +156,7 @@ def give_way(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, 
 
 
 def prioritise(urgent: Float[Array, "B 3"], other: Float[Array, "B 3"]) -> Float[Array, "B 3"]:
-    """Return `urgent` before anything else: all of it where its length is one, `other` where it is none."""
+    """Return `urgent` with priority over `other`: all of it if its length is one, only `other` if it is zero."""
     squares = jnp.sum(urgent**2, axis=-1, keepdims=True)
     length = jnp.sqrt(squares + jnp.finfo(urgent.dtype).tiny)
     share = jnp.clip(length, 0, 1)
@@ -168,8 +168,8 @@ def limit_angles(
 ) -> Float[Array, "B 3"]:
     """Return `force` as a unit vector no steeper than `max_climb`, at most `max_turn` [rad] off the heading.
 
-    A body asked to go back the way it came rolls on its side to do it; asked to turn for longer, it stays level.
-    Where the force is straight up or down, the body goes on as it points.
+    A body that is to go back where it came from rolls on its side to do it; with a limited, longer turn it stays level.
+    If the force is vertical, the body goes on straight ahead.
     """
     onward = force + STRAIGHT_ON * pose.forward
     heading = jnp.arctan2(pose.forward[:, 1], pose.forward[:, 0])
@@ -184,7 +184,7 @@ def limit_angles(
 def shoal(tank: Tank, *, length: float, speed: float, seed: int = 0) -> Behaviour:
     """Return the behaviour of bodies `length` [m] long that stroll together through `tank` at `speed` [m/s].
 
-    Avoiding others and the glass comes before company; none dives steeply.
+    Avoiding others and the glass has priority over company; none dives steeply.
     """
 
     def behave(pose: Pose, time: Array) -> SteeringTarget:
@@ -205,16 +205,16 @@ def steer_along(force: Float[Array, "B 3"], speed: ArrayLike) -> SteeringTarget:
 
 
 def _others(pose: Pose) -> Bool[Array, "B B"]:
-    """Return whether a pair is of two bodies, not of a body and itself."""
+    """Return a mask of the pairs of two different bodies."""
     return ~jnp.eye(len(pose.position), dtype=bool)
 
 
 def _nearest_approaches(
     pose: Pose, spacing: float, ahead: float
 ) -> tuple[Float[Array, "B B 3"], Float[Array, "B B"]]:
-    """Return from where [m] each body is at its nearest to each other, and how near that is: 1 at touch.
+    """Return the offset [m] of each body from each other at their nearest approach, and its closeness: 1 at contact.
 
-    Nothing nearer than `spacing` [m] within `ahead` [s] is 0; approaches far in the future count less.
+    Closeness is 0 without an approach below `spacing` [m] within `ahead` [s]; approaches far in the future count less.
     """
     offsets = pose.position[:, None] - pose.position[None]
     drift = pose.velocity[:, None] - pose.velocity[None]
@@ -228,7 +228,7 @@ def _nearest_approaches(
 
 
 def _repulsion(offsets: Float[Array, "B K 3"], reach: float) -> Float[Array, "B K 3"]:
-    """Return the forces along `offsets` [m], which fall from one at none to none at `reach` [m]."""
+    """Return the forces along `offsets` [m], which fall from one at zero distance to zero at `reach` [m]."""
     squares = jnp.sum(offsets**2, axis=-1, keepdims=True)
     distance = jnp.sqrt(squares + jnp.finfo(offsets.dtype).tiny)
     return offsets / distance * jnp.maximum(1 - distance / reach, 0)

@@ -43,9 +43,9 @@ def rollout_on_emulator(
     *,
     seed: int = 0,
 ) -> Float[Array, "B {steps}+1 S"]:
-    """Return what bodies from `starts` (B, S) do on the emulator if each always goes where `behaviour` says.
+    """Return the emulator's motions of bodies from `starts` (B, S), each of which always follows `behaviour`.
 
-    The super steps are made by the `backend`. Clocks begin at random, by `seed`, so that bodies do not beat in time.
+    Super steps are computed by the `backend`. Clocks begin at random, by `seed`, so that bodies are not synchronised.
 
     Raises ArgumentError for starts of another shape.
     """
@@ -67,7 +67,7 @@ def _rollout_in_c(
     phase: Float[np.ndarray, " B"],
     steps: int,
 ) -> Float[Array, "B {steps}+1 S"]:
-    """Return the same, step by step: of all that happens only the behaviour is left to be compiled by JAX."""
+    """Return the same, step by step: only the behaviour is left for JAX to compile."""
     structure = latent_structure(policy.emulator)
     tick = policy.tick
     times = np.arange(steps, dtype=np.float32) * np.float32(policy.dt)
@@ -91,7 +91,7 @@ def _target(
     latent: Float[AnyArray, "B I"],
     time: Float[AnyArray, ""],
 ) -> SteeringTarget:
-    """Return where each body shall go now; eqx.filter_jit asks for nothing but the small part of a policy this needs."""
+    """Return the current target of each body; eqx.filter_jit flattens only the small part of a policy that this needs."""
     return behaviour(read_pose(structure, latent), time)
 
 
@@ -125,7 +125,7 @@ def rollout_on_physics(
     target: SteeringTarget,
     steps: int,
 ) -> tuple[Runs, Float[np.ndarray, "B {steps} C"]]:
-    """Return what bodies from `starts` do on the true physics on their way to `target`, and their controls.
+    """Return the motions of bodies from `starts` to `target` on the true physics, and their controls.
 
     A body whose physics diverged stays where it was.
     """

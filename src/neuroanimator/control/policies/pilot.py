@@ -1,4 +1,4 @@
-"""A body to steer: a policy and its emulator, moved on frame by frame at any rate."""
+"""A body to steer: a policy and its emulator, advanced frame by frame at any rate."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ if TYPE_CHECKING:  # identification takes long to import, and most bodies need n
     from neuroanimator.control.planning.estimator import ParameterEstimator
 
 MAX_FRAME = 60.0
-"""The longest frame [s]: a longer one is a mistake, such as milliseconds for seconds."""
+"""Maximum duration of a frame [s]: a longer one is a mistake, such as milliseconds for seconds."""
 
 TINY = 1e-9
-"""Less time than this is nothing [s]: sums of frames round."""
+"""Time that counts as zero [s]: sums of frames round."""
 
 UNEVEN = 1e-3
-"""Share of a frame by which the frames of a clip may differ in length."""
+"""Maximum relative difference in duration between the frames of a clip."""
 
 
 class PilotFrame(NamedTuple):
     """The pose of the body at one moment."""
 
     time: float
-    """The time since `Pilot.reset` [s]."""
+    """Time since `Pilot.reset` [s]."""
     state: Float[np.ndarray, " S"]
     """The state in the system's own layout."""
     pose: Pose
-    """Its `position` (3,) [m], `velocity` (3,) [m/s], `heading` [rad] and the directions (3,) of its X and Z, in the world."""
+    """Pose in the world: `position` (3,) [m], `velocity` (3,) [m/s], `heading` [rad], directions (3,) of its X and Z."""
 
 
 @final
 class Pilot:
-    """A body that goes where it is told: `reset` it, then `step` it once per picture, at any rate.
+    """A body that follows commands: `reset` it, then `step` it once per picture, at any rate.
 
-    Every super step the policy looks at the body and sets its muscles, and the emulator leaps, or the physics where it is given;
-    in between, states are interpolated. What is asked for takes effect with the next super step.
+    At every super step the policy observes the body and sets its muscles, and the emulator, or the physics if given,
+    advances; in between, states are interpolated. Commands take effect with the next super step.
     """
 
     def __init__(
@@ -63,13 +63,13 @@ class Pilot:
         *,
         estimator: ParameterEstimator | None = None,
     ):
-        """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest.
+        """Make a pilot, at rest, from a policy, its file, or the name of a shipped one, such as `fish`.
 
         A policy that follows a motion on command moves the physics of `system`, its own body; without one its emulator, which
-        `train` makes of what the policy does. A policy of a family is told the parameters that the state holds; with an
-        `estimator` those that it finds on the way, from states handed over to `step`.
+        `train` makes from the policy's motions. A policy of a family is given the parameters in the state; with an
+        `estimator`, those it estimates from the states passed to `step`.
 
-        Raises ArgumentError for a policy that takes no commands, where physics is needless, and for an estimator of another
+        Raises ArgumentError for a policy that takes no commands, for a needless `system`, and for an estimator of another
         body's parameters.
         """
         self.policy = _loaded(policy)
@@ -77,7 +77,7 @@ class Pilot:
         self.estimator = estimator
         if estimator is not None:
             _check_estimator(estimator, self.policy, system)
-        # Asking a module of equinox for its facts takes longer than a super step.
+        # Reading attributes of an equinox module takes longer than a super step.
         emulator = self.policy.emulator
         self._structure = emulator.state_structure
         self._rates = emulator.rates
@@ -95,18 +95,18 @@ class Pilot:
 
     @property
     def top_speed(self) -> float:
-        """Return the highest speed the policy was trained on [m/s]; more counts as this."""
+        """Return the maximum speed of the policy's training [m/s]; higher speeds count as this."""
         return self._motion.top_speed
 
     @property
     def controls(self) -> Float[np.ndarray, " C"]:
-        """Return the controls held since the super step began: for a physics of one's own."""
+        """Return the controls held since the super step began, for a user's own physics."""
         return self._controls
 
     def reset(self, state: ArrayLike | None = None, *, phase: float = 0.0) -> PilotFrame:
         """Return the first frame: the body in `state` (S,), or at rest, its clock at `phase` [rad].
 
-        Bodies with other phases do not beat in time. It holds the heading it has, level, until told otherwise.
+        Bodies with different phases are not synchronised. It holds its heading, level, until commanded otherwise.
 
         Raises ArgumentError for a state of another shape and for numbers that are not finite.
         """
@@ -132,10 +132,10 @@ class Pilot:
     ) -> PilotFrame:
         """Return the frame `dt` [s] later.
 
-        `speed` [m/s] is how fast to go ahead, `turn` [rad/s] how fast to turn left, `climb` [rad] how steeply to go
-        up. Without `turn`, the heading is held. `state` (S,) says where the body really is now, if something else
-        moves it, such as a physics that is given `controls`; the pilot goes on from there. Where there is an estimator,
-        states are to be one super step, `policy.dt`, apart.
+        `speed` [m/s] is the forward speed, `turn` [rad/s] the turning rate to the left, `climb` [rad] the angle of
+        climb. Without `turn`, the heading is held. `state` (S,) is the body's actual state now, if something else
+        moves it, such as a physics driven by `controls`; the pilot goes on from there. With an estimator,
+        states must be one super step, `policy.dt`, apart.
 
         Raises ArgumentError for numbers that are not finite, unless 0 < `dt` ≤ `MAX_FRAME`, and for states that are not a
         super step apart.
@@ -174,7 +174,7 @@ class Pilot:
     def clip(self, frames: Sequence[PilotFrame]) -> Clip:
         """Return two or more evenly spaced frames as a clip, to draw or export.
 
-        Raises ArgumentError for fewer, and where frames are not evenly spaced.
+        Raises ArgumentError for fewer, or unevenly spaced, frames.
         """
         times = np.array([frame.time for frame in frames])
         gaps = np.diff(times)
@@ -187,7 +187,7 @@ class Pilot:
         return Clip(spec.system, spec.skeleton, times - times[0], states, spec.definition)
 
     def _finish_super_step(self) -> None:
-        """Begin the next super step where this one ends."""
+        """Begin the next super step at the end of this one."""
         assert self._end is not None
         self._begin = self._end
         self._is_begin_measured = False
@@ -196,7 +196,7 @@ class Pilot:
         self._end = None
 
     def _go_on_from(self, state: Float[np.ndarray, " S"]) -> None:
-        """Put the body where it really is; its clock goes on."""
+        """Put the body in its actual state; its clock goes on."""
         if self.estimator is not None and self._end is not None:
             self._check_whole_step()
             self.estimator.observe(self._begin, self._controls, state)
@@ -208,7 +208,7 @@ class Pilot:
         self._end = None
 
     def _believed(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
-        """Return the state with the parameters as estimated, where they are."""
+        """Return the state with the estimated parameters, if there is an estimator."""
         if self.estimator is None:
             return state
         return self.estimator.believed(state)
@@ -251,7 +251,7 @@ def _loaded(policy: Policy | StatePolicy | str | Path) -> Policy | StatePolicy:
 
 
 def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMotion:
-    """Return what moves the body of a policy."""
+    """Return the motion of a policy's body."""
     if isinstance(policy, Policy):
         if system is not None:
             raise ArgumentError("system: this policy moves its emulator. Leave it out.")
@@ -262,7 +262,7 @@ def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMoti
 def _check_estimator(
     estimator: ParameterEstimator, policy: Policy | StatePolicy, system: System | None
 ) -> None:
-    """Raise ArgumentError unless states of the policy's body are handed over that the estimator knows."""
+    """Raise ArgumentError unless the estimator fits the policy's body and can be given its states."""
     if system is not None:
         raise ArgumentError(
             "estimator: the pilot moves the physics of a system whose parameters are known. Leave one of the two out."

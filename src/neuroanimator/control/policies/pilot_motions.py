@@ -1,4 +1,4 @@
-"""What moves the body of a pilot, super step by super step: a policy's emulator, or the physics."""
+"""Motions of a pilot's body, super step by super step: by a policy's emulator, or by the physics."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from neuroanimator.state.pose import read_pose
 from neuroanimator.systems.system import System
 
 MAX_LEAD = 1.2
-"""Maximum lead of the asked heading over the body's [rad]: what it cannot follow is not saved up for later."""
+"""Maximum lead of the commanded heading over the body's [rad]: excess turning is not saved up for later."""
 
 MAX_CLIMB = 1.2
-"""The steepest climb or dive [rad]: straight up there is no heading left to hold."""
+"""Maximum angle of climb or dive [rad]: a vertical body has no heading to hold."""
 
 
 class Leap(NamedTuple):
@@ -38,18 +38,18 @@ class Leap(NamedTuple):
 
 
 class PilotMotion(abc.ABC):
-    """What moves a body."""
+    """A motion of a body."""
 
     top_speed: float
-    """Highest speed that can be asked for [m/s]."""
+    """Maximum speed that can be commanded [m/s]."""
 
     @abc.abstractmethod
     def first(self, phase: float) -> Float[np.ndarray, " S"]:
-        """Return the state a body begins in if nothing else is said, its clock at `phase` [rad]."""
+        """Return the default initial state, the clock at `phase` [rad]."""
 
     @abc.abstractmethod
     def begin(self, state: Float[np.ndarray, " S"], phase: float) -> None:
-        """Begin there; the heading is held until told otherwise."""
+        """Begin in `state` at `phase` [rad]; the heading is held until commanded otherwise."""
 
     @abc.abstractmethod
     def go_on_from(self, state: Float[np.ndarray, " S"], passed: float) -> None:
@@ -57,11 +57,11 @@ class PilotMotion(abc.ABC):
 
     @abc.abstractmethod
     def turn(self, angle: float) -> None:
-        """Turn the asked heading to the left [rad]."""
+        """Turn the commanded heading to the left by `angle` [rad]."""
 
     @abc.abstractmethod
     def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
-        """Return the super step from `state` at the asked speed [m/s], turning rate [rad/s] and climb [rad]."""
+        """Return the super step from `state` at the commanded speed [m/s], turning rate [rad/s] and climb [rad]."""
 
     @abc.abstractmethod
     def finish(self) -> None:
@@ -75,7 +75,7 @@ class EmulatedMotion(PilotMotion):
     def __init__(self, policy: Policy):
         self.policy = policy
         self.top_speed = policy.ranges.high[0]
-        # Asking a module of equinox for its facts takes longer than a super step.
+        # Reading attributes of an equinox module takes longer than a super step.
         self._structure = policy.emulator.state_structure
         self._super_step = policy.emulator.dt
         self._tick = policy.tick
@@ -129,9 +129,9 @@ class CommandedMotion(PilotMotion):
     """The motion of a policy that follows a motion on command: clock and heading are in its state."""
 
     def __init__(self, policy: StatePolicy, system: System | None):
-        """The physics of `system` moves the body; without one the policy's emulator does.
+        """Make the motion by the physics of `system`, or by the policy's emulator without one.
 
-        ArgumentError for a policy that takes no commands, and for physics of another body.
+        Raises ArgumentError for a policy that takes no commands, and for the physics of another body.
         """
         reference = policy.view.reference
         if reference is None or reference.commands is None:
@@ -192,6 +192,6 @@ def _control(policy: StatePolicy, state: Float[Array, " S"]) -> Float[Array, " C
 
 
 def _pressed(angle: float, largest: float) -> float:
-    """Return an angle as one from −π to π, pressed into ± `largest`."""
+    """Return an angle wrapped to −π..π and clipped to ± `largest`."""
     angle = (angle + math.pi) % (2 * math.pi) - math.pi
     return float(np.clip(angle, -largest, largest))

@@ -1,7 +1,7 @@
 """Policies: networks from a body's state and an abstract command to its muscles, forward(s, v) → u (SIGGRAPH 98).
 
-A policy sees what its emulator sees, so position and heading do not matter to it. A clock gives it the rhythm
-to swim by; the system's gait is its first guess. Whatever is mirrored in, comes out mirrored.
+A policy has the features of its emulator, so position and heading do not matter to it. A clock gives it the rhythm
+of swimming; the system's gait is its initial guess. Mirrored inputs give mirrored controls.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.structure import Structure
 
 FORMAT = 2
-"""The version of the file format, raised whenever an older reader would misunderstand a file."""
+"""Version of the file format, raised whenever an older reader would misunderstand a file."""
 
 KIND = "policy"
 
 MAKER = "train_policy"
-"""Command that trains policies anew that are too old to be read."""
+"""Function that retrains policies that are too old to be read."""
 
 COMMAND = Layout(
     (
@@ -62,29 +62,29 @@ COMMAND = Layout(
 as seen from the body."""
 
 EVEN_COMMANDS = slice(0, None, 2)
-"""Commands that the mirror leaves as they are: speed and climb."""
+"""Commands that the mirror leaves unchanged: speed and climb."""
 
 ODD_COMMANDS = slice(1, None, 2)
 """Commands that the mirror reverses: turn and roll."""
 
 CLOCK_SIZE = 2
-"""Numbers that tell a network the clock's phase: its sine and its cosine."""
+"""Number of features of the clock's phase: its sine and its cosine."""
 
 DEFAULT_PERIOD = 1.0
-"""Period of the clock where no gait says one [s]."""
+"""Period of the clock without a gait [s]."""
 
 
 class Rhythm(NamedTuple):
-    """The waves a clock gives to the muscles: amplitude · sin(phase - lag), full at the highest speed."""
+    """The waves that a clock gives to the muscles: amplitude · sin(phase - lag), full at the maximum speed."""
 
     period: float
-    """The time one turn of the clock takes [s]."""
+    """Time of one turn of the clock [s]."""
     amplitudes: tuple[float, ...]
-    """The (C,) amplitudes, each in its control's unit."""
+    """Amplitudes (C,), each in its control's unit."""
     lags: tuple[float, ...]
-    """Phase lag (C,) of each control behind the clock [rad]."""
+    """Phase lags (C,) of the controls behind the clock [rad]."""
     is_odd: bool
-    """Whether left and right take turns, so that half a period later is the mirror's image."""
+    """Whether left and right alternate, so that half a period later is the mirror image."""
 
     @classmethod
     def from_emulator(cls, emulator: Emulator) -> Rhythm:
@@ -102,16 +102,16 @@ class Rhythm(NamedTuple):
 
 
 class Policy(eqx.Module):
-    """u = middle + half · tanh(waves of the gait + network(what the body feels, clock, command))."""
+    """u = middle + half · tanh(waves of the gait + network(features of the body, clock, command))."""
 
     emulator: Emulator
-    """The emulator it was trained through: it feels what that sees."""
+    """Emulator it was trained through, whose features it has."""
     network: Network
     ranges: Bounds = eqx.field(static=True)
-    """The range of each command it was trained on, in the order of `COMMAND`."""
+    """Range of each command in training, in the order of `COMMAND`."""
     rhythm: Rhythm = eqx.field(static=True)
     observes_parameters: bool = eqx.field(static=True, default=True)
-    """Whether the network is given the parameters of a family's body; false: it is robust against them at best."""
+    """Whether the network gets the parameters of a family's body; if not, it is robust against them at best."""
 
     def __repr__(self) -> str:
         spec = self.emulator.spec
@@ -119,12 +119,12 @@ class Policy(eqx.Module):
 
     @property
     def dt(self) -> float:
-        """Time a control is held [s]."""
+        """Time for which a control is held [s]."""
         return self.emulator.dt
 
     @property
     def tick(self) -> float:
-        """Gain of the clock's phase in one super step [rad]."""
+        """Advance of the clock's phase in one super step [rad]."""
         return 2 * math.pi * self.dt / self.rhythm.period
 
     def control(
@@ -132,7 +132,7 @@ class Policy(eqx.Module):
     ) -> Float[Array, " C"]:
         """Return the control for a body in the state `latent` (see `Emulator.encode`) at `phase` [rad] of the clock.
 
-        Commands out of range count as the nearest in range. Differentiable, unchecked: for use inside jit.
+        Commands are clipped to their ranges. Differentiable, unchecked: for use inside jit.
         """
         emulator = self.emulator
         bounds = emulator.bounds
@@ -142,14 +142,14 @@ class Policy(eqx.Module):
         steered = emulator.encoding.decode_control(mixed)
         amplitudes = jnp.asarray(self.rhythm.amplitudes)
         lags = jnp.asarray(self.rhythm.lags)
-        # The wave at the middle of the super step, full at the highest speed, nothing at the lowest.
+        # The wave at the middle of the super step, full at the maximum speed, zero at the minimum.
         waves = amplitudes * jnp.sin(phase + self.tick / 2 - lags) * (normalised[0] + 1) / 2
         middle = jnp.asarray(bounds.middle, jnp.float32)
         half = jnp.asarray(bounds.half, jnp.float32)
         return middle + half * jnp.tanh(steered + waves)
 
     def pose(self, latent: Float[AnyArray, "*B I"]) -> Pose:
-        """Return where bodies are and where they point, of `latent` as `Emulator.encode` gives it."""
+        """Return the poses of bodies in the latent states `latent` of `Emulator.encode`."""
         return read_pose(latent_structure(self.emulator), latent)
 
     def save(self, path: str | Path) -> None:
@@ -160,12 +160,12 @@ class Policy(eqx.Module):
     def load(cls, path: str | Path) -> Policy:
         """Return the policy in the file at `path`, or the shipped one of that name, such as `fish`.
 
-        BadFileError says what is wrong with the file, or which names there are.
+        Raises BadFileError with what is wrong with the file, or the list of names.
         """
         return load_policy(path)
 
     def _normalised(self, command: Float[Array, " 4"]) -> Float[Array, " 4"]:
-        """Return the command with its ranges as ±1, and brought within."""
+        """Return the command scaled such that its ranges are ±1, and clipped to them."""
         middle = jnp.asarray(self.ranges.middle, jnp.float32)
         half = jnp.asarray(self.ranges.half, jnp.float32)
         return jnp.clip((command - middle) / half, -1, 1)
@@ -173,9 +173,9 @@ class Policy(eqx.Module):
     def _streams(
         self, latent: Float[Array, " I"], phase: Float[Array, ""], command: Float[Array, " 4"]
     ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
-        """Return the (odd, even) numbers of order one that the network is given.
+        """Return the network's (odd, even) inputs of order one.
 
-        They are the body's as the emulator sees it with its controls in the middle, the clock's, and the `command`
+        They are the emulator's features of the body with controls in the middle, the clock's, and the `command`
         within ±1.
         """
         emulator = self.emulator
@@ -195,14 +195,14 @@ class Policy(eqx.Module):
 
 
 def latent_structure(emulator: Emulator) -> Structure:
-    """Return the structure of the states that `Emulator.encode` gives, as far as a pose needs it."""
+    """Return the structure of latent states, as far as a pose needs it."""
     return Structure((), (), (), segments=emulator.frame.segments)
 
 
 def _without_parameters(
     emulator: Emulator, odd: Float[Array, " O"], even: Float[Array, " E"]
 ) -> tuple[Float[Array, " _"], Float[Array, " _"]]:
-    """Return (odd, even) as `Features.streams` gives them, but for the parameters of a family's body."""
+    """Return (odd, even) of `Features.streams` without the parameters of a family's body."""
     features = emulator.features
     angles = features.angles.shape[0]
     parameters = emulator.shown_parameters
@@ -225,7 +225,7 @@ def fresh_policy(
 ) -> Policy:
     """Return an untrained policy, nearly the gait alone, with hidden layers of `widths`.
 
-    Raises ArgumentError for a system that cannot point anywhere.
+    Raises ArgumentError for a system without a heading.
     """
     key = jax.random.key(seed)
     return make_policy(emulator, ranges, widths, key, observes_parameters=observes_parameters)
@@ -239,7 +239,7 @@ def make_policy(
     *,
     observes_parameters: bool = True,
 ) -> Policy:
-    """Return `fresh_policy` by a random key; without one its weights are zeros."""
+    """Return `fresh_policy` with a random key; without one its weights are zeros."""
     check_steerable(emulator)
     rhythm = Rhythm.from_emulator(emulator)
     size = emulator.control.size
@@ -263,7 +263,7 @@ def make_policy(
 
 
 def check_steerable(emulator: Emulator) -> None:
-    """Raise ArgumentError for a soft body, and for a system that cannot point anywhere."""
+    """Raise ArgumentError for a soft body, and for a system without a heading."""
     if emulator.skeleton.shapes is not None:
         raise ArgumentError(
             f"policy: {emulator.system} is a soft body, which goes where its movers go and has no heading to steer by. "
@@ -275,7 +275,7 @@ def check_steerable(emulator: Emulator) -> None:
 
 
 def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
-    """Write `policy` to `path`; `provenance` says how it was trained (any JSON)."""
+    """Write `policy` to `path`; `provenance` states how it was trained (any JSON)."""
     metadata = describe_policy(policy) | {"provenance": provenance or {}}
     write_tensors(path, to_numpy(policy_leaves(policy)), metadata)
 
@@ -287,7 +287,7 @@ def policy_leaves(policy: Policy) -> dict[str, Any]:
 
 
 def describe_policy(policy: Policy) -> dict[str, Any]:
-    """Return the metadata that, with the tensors, makes up the policy."""
+    """Return the metadata that, together with the tensors, makes up the policy."""
     described = {
         "kind": KIND,
         "format": FORMAT,
@@ -297,7 +297,7 @@ def describe_policy(policy: Policy) -> dict[str, Any]:
         "ranges": [list(policy.ranges.low), list(policy.ranges.high)],
         "widths": list(policy.network.widths),
     }
-    # Older readers, who know of no such policies, refuse them: they have fewer weights.
+    # Older readers, which do not know such policies, refuse them: they have fewer weights.
     if not policy.observes_parameters:
         described["observes_parameters"] = False
     return described
@@ -306,15 +306,15 @@ def describe_policy(policy: Policy) -> dict[str, Any]:
 def load_policy(name: str | Path) -> Policy:
     """Return the policy in the file `name`, or the shipped one of the system called `name`, such as `fish`.
 
-    Every name, text, shape and number in the file is checked. Raises BadFileError, which says what is wrong with the
-    file, or which policies ship.
+    Every name, text, shape and number in the file is checked. Raises BadFileError with what is wrong with the
+    file, or the list of shipped policies.
     """
     path = find_policy(str(name))
     return policy_from(path, *read_tensors(path, KIND))
 
 
 def policy_from(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> Policy:
-    """Return the policy that was read from the file at `path`; BadFileError says what is wrong with it."""
+    """Return the policy read from the file at `path`; BadFileError states what is wrong with it."""
     check_policy_formats(path, metadata, FORMAT, MAKER)
     try:
         policy = with_tensors(blank_policy(metadata), policy_leaves, tensors)
@@ -328,7 +328,7 @@ def policy_from(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, 
 
 
 def check_policy_formats(path: Path, metadata: dict[str, Any], wanted: int, maker: str) -> None:
-    """Refuse a policy's file of another format than `wanted`, or with an emulator of another format; `maker` makes it anew."""
+    """Refuse a policy's file of another format than `wanted`, or with an emulator of another format; `maker` makes it again."""
     check_format(path, metadata.get("format"), wanted, maker)
     emulator = metadata.get("emulator")
     emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
@@ -336,7 +336,7 @@ def check_policy_formats(path: Path, metadata: dict[str, Any], wanted: int, make
 
 
 def blank_policy(metadata: dict[str, Any]) -> Policy:
-    """Return a policy of the described structure with zeros for weights."""
+    """Return a policy of the described structure with zero weights."""
     if metadata["command"] != COMMAND.to_json():
         raise ValueError("commands of another meaning")
     ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
@@ -352,5 +352,5 @@ def blank_policy(metadata: dict[str, Any]) -> Policy:
 
 
 def _checked_width(width: Any, label: str) -> int:
-    """Return the size of a hidden layer; ValueError if it is none."""
+    """Return the size of a hidden layer; ValueError if it is invalid."""
     return whole(width, label, 1, MAX_LAYER)

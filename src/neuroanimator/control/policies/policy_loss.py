@@ -1,4 +1,4 @@
-"""The loss of a policy in training: random targets, rollouts of many bodies at once on the emulator, and their loss."""
+"""The loss of a policy in training: random targets, and rollouts of many bodies at once on the emulator."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuroanimator.control.policies.steering import SteeringTarget, leftward, un
 from neuroanimator.emulator.emulator import Emulator
 
 NEARLY_AHEAD = 0.2
-"""Share of all angles within which half of the random targets lie: most of a life is small corrections."""
+"""Share of all angles that holds half of the random targets: most steering is small corrections."""
 
 MAX_CLIMB = 1.05
 """Maximum elevation of random targets above or below the body [rad]."""
@@ -27,18 +27,18 @@ class LossWeights:
     """Weights of the loss."""
 
     speed: float = 1.5
-    """Weight of the squared error in speed, as a share of the highest speed."""
+    """Weight of the squared error in speed, as a share of the maximum speed."""
     heading: float = 5.0
     """Weight of the squared distance between the unit vectors of the body and of its target.
 
-    That is 1 at 60 degrees off course, pitch counting like yaw. With a fifth of it, beside a speed that weighs 1, a
-    fish told to swim straight on at nine tenths of its speed was 18 degrees off after three seconds on the true
-    physics: it rather hurried.
+    The distance is 1 at 60 degrees off course, with pitch counting like yaw. With a fifth of this weight, and 1 for speed,
+    a fish commanded straight ahead at nine tenths of its speed was 18 degrees off after three seconds on the true
+    physics: it put speed first.
     """
     roll: float = 1.0
-    """Weight of the squared distance between up and where a body's back points.
+    """Weight of the squared distance between up and the direction of a body's back.
 
-    With a third of it, fish that keep turning or hurry lie on their sides.
+    With a third of this weight, fish that turn for long or swim fast lie on their sides.
     """
     effort: float = 0.02
     """Weight of the squared controls, as shares of full effort."""
@@ -49,26 +49,26 @@ class LossWeights:
     after a turn of 120 (medians of 64 starts, one seed).
     """
     outside: float = 0.3
-    """Weight of the squared standard deviations outside of what the emulator was trained on.
+    """Weight of the squared standard deviations outside of the emulator's training.
 
-    There it may be wrong, and descents like to go there.
+    There it may be wrong, and descents tend to go there.
     """
 
 
 class Swimmers(NamedTuple):
-    """Bodies on their way, each as its emulator sees it."""
+    """Bodies in motion, in the emulator's terms."""
 
     latent: Float[Array, "B I"]
-    """Their states, as `Emulator.encode` gives them."""
+    """Latent states."""
     phase: Float[Array, " B"]
-    """The phases of their clocks [rad]."""
+    """Phases of their clocks [rad]."""
     target: SteeringTarget
     """Target of each."""
 
 
 @eqx.filter_jit
 def start_swimmers(policy: Policy, latent: Float[Array, "B I"], key: PRNGKeyArray) -> Swimmers:
-    """Return bodies in the states `latent`, each with its clock at random and a random target."""
+    """Return bodies in the states `latent`, each with a random phase and a random target."""
     phase_key, target_key = jax.random.split(key)
     phase = jax.random.uniform(phase_key, latent.shape[:1], maxval=2 * jnp.pi)
     return Swimmers(latent, phase, random_targets(policy, latent, target_key))
@@ -94,7 +94,7 @@ def random_targets(
 def rollout_swimmers(
     policy: Policy, swimmers: Swimmers, steps: int
 ) -> tuple[Swimmers, Float[Array, "{steps} B I"], Float[Array, "{steps} B C"]]:
-    """Return the bodies after so many super steps, their latent states on the way, and their controls."""
+    """Return the bodies after `steps` super steps, their latent states on the way, and their controls."""
     emulator = policy.emulator
 
     def advance(
@@ -117,7 +117,7 @@ def motion_loss(
     path: Float[Array, "T B I"],
     controls: Float[Array, "T B C"],
 ) -> Float[Array, ""]:
-    """Return what is amiss in `path` under `controls`, on average over bodies and super steps.
+    """Return the loss of `path` under `controls`, on average over bodies and super steps.
 
     Speed and heading are means over whole periods of the clock, since a swimming body sways.
     """
@@ -129,7 +129,7 @@ def motion_loss(
     upward = unit(_moving_mean(pose.upward, period))
     speed_now = jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
     speed = _moving_mean(speed_now, period)[..., 0]
-    # What lies at right angles to where the body points, and as far up as it can.
+    # The direction orthogonal to where the body points that is nearest to up.
     level = unit(jnp.array([0.0, 0.0, 1.0]) - pointing[..., 2:] * pointing)
     control_scale = jnp.asarray(policy.emulator.bounds.magnitude, jnp.float32)
 
@@ -154,7 +154,7 @@ def _moving_mean(rows: Float[Array, "T B A"], period: int) -> Float[Array, "T-{p
 def outside_training(
     emulator: Emulator, path: Float[Array, "T B I"], controls: Float[Array, "T B C"]
 ) -> Float[Array, "T B K"]:
-    """Return how far what the emulator sees lies outside of what training showed, in standard deviations."""
+    """Return the distance of the emulator's features outside of their ranges in training, in standard deviations."""
     features = emulator.raw_features(path, emulator.encode_control(controls))
     inside = jax.vmap(jax.vmap(emulator.domain.clip))(features)
     return (features - inside) / emulator.normaliser.plain_scale

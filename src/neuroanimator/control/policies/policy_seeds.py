@@ -1,4 +1,4 @@
-"""Train a policy from several seeds, side by side, and tell the best: what a seed is worth shows in validation alone."""
+"""Train a policy from several seeds in parallel, and find the best: only validation shows which seed is good."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class PolicyTask:
     """One training of a policy."""
 
     emulator: bytes
-    """The emulator's file."""
+    """Content of the emulator's file."""
     training: PolicyTraining
     path: str
-    """The policy's file, if the worker sees this disk; empty if not."""
+    """Path of the policy's file, if the worker can access this disk; empty if not."""
     trusted: TrustedFiles = NO_FILES
-    """The files that the process which gives the task may use."""
+    """Files that the submitting process may use."""
 
     @property
     def label(self) -> str:
@@ -48,9 +48,9 @@ class TrainedPolicy(NamedTuple):
     """The outcome of a training."""
 
     content: bytes
-    """The policy's file."""
+    """Content of the policy's file."""
     validation: float
-    """The least loss from starts and to targets unseen in training."""
+    """Least validation loss, from starts and to targets unseen in training."""
 
 
 class PolicyRow(NamedTuple):
@@ -86,14 +86,14 @@ def train_policies(
 ) -> list[PolicyRow]:
     """Train a policy through `emulator`, a name or a file, from each of `seeds`; return them in that order.
 
-    Their files go to the folder `out`, as `seed-3.policy.safetensors`; those that are there are not trained again,
-    where the executor's workers see this disk. The best is the one with the least validation loss.
+    Their files go to the folder `out`, as `seed-3.policy.safetensors`; existing ones are not trained again
+    if the executor's workers can access this disk. The best has the least validation loss.
     """
     if not seeds or len(set(seeds)) < len(seeds):
         raise ArgumentError(f"seeds: wanted some, each once; came {list(seeds)}.")
     source = find_emulator(str(emulator))
     content = read_bounded(source, SIZE_LIMIT)
-    # Workers have the emulator's bytes, and find nothing beside them.
+    # Workers have only the emulator's bytes, without files beside them.
     named_model(Emulator.load(source).definition)
     paths = [Path(out) / f"seed-{seed}.policy.safetensors" for seed in seeds]
     training = training or PolicyTraining()
@@ -112,7 +112,7 @@ def train_policies(
 
 
 def _least_validation(path: Path) -> float:
-    """Return the least validation loss that the training of the policy at `path` has logged."""
+    """Return the least validation loss logged in the training of the policy at `path`."""
     log = read_bounded(run_folder(path) / "metrics.jsonl", MAX_METRICS).decode()
     reports = [parse_json_object(line, MAX_LINE) for line in log.splitlines()]
     return min(float(report["validation"]) for report in reports)

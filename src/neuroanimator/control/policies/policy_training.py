@@ -1,4 +1,4 @@
-"""Train a policy by back-propagation through time: its emulator tells how every muscle moves the goal."""
+"""Train a policy by back-propagation through time, through its emulator."""
 
 from __future__ import annotations
 
@@ -47,58 +47,57 @@ from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_c
 from neuroanimator.training.train import run_folder
 
 MAX_TURN = 1.5
-"""Commands to turn, climb or roll further count as this [rad]: a quarter of a circle is turned as fast as the body can
-anyway."""
+"""Maximum command to turn, climb or roll [rad]: beyond a quarter of a circle the body turns as fast as it can anyway."""
 
 UPDATES_PER_REPORT = 100
-"""Updates compiled into one chunk, after which the policy is validated and a checkpoint written."""
+"""Number of updates in one compiled chunk, after which the policy is validated and a checkpoint written."""
 
 VALIDATION_SHARE = 0.25
-"""Share of the starts that are set aside for validation."""
+"""Share of starts set aside for validation."""
 
 VALIDATION_SECONDS = 6.0
-"""Length of validation swims [s]."""
+"""Duration of validation swims [s]."""
 
 GAIT_SECONDS = 6.0
-"""Time after which a gait is under way [s]."""
+"""Time until a gait is steady [s]."""
 
 GAIT_PERIODS = 2
-"""Periods of the gait over which its speed is measured."""
+"""Number of periods of the gait over which its speed is measured."""
 
 STEERABLE_SPEED = 0.9
-"""Highest commanded speed, as a share of the gait's own at full strength: what steers must have strength to spare."""
+"""Maximum commanded speed, as a share of the gait's at full strength: steering needs spare strength."""
 
 FRESH_SHARE = 0.2
-"""Share of the bodies that start anew before every update; the others go on."""
+"""Share of bodies that restart before every update; the others go on."""
 
 NEW_TARGET_SHARE = 0.5
-"""Share of the bodies that get another target before every update, besides those that start anew."""
+"""Share of bodies that get another target before every update, besides those that restart."""
 
 MAX_GRADIENT = 1.0
-"""Norm to which longer gradients are cut: through many super steps a few are huge."""
+"""Norm to which gradients are clipped: through many super steps a few are huge."""
 
 STARTS_STREAM = 21
-"""Tells the random numbers of the starts from others of the same seed."""
+"""Number joined to the seed for the random numbers of the starts."""
 
 FIRST_BODIES_STREAM = 2**30
-"""Tells the random numbers of the first bodies from those of the chunks, which are numbered from 0."""
+"""Stream of the first bodies' random numbers, other than those of the chunks, which are numbered from 0."""
 
 
 @dataclass(frozen=True)
 class PolicyTraining:
-    """Every choice a policy's weights depend on, besides its emulator."""
+    """All settings that a policy's weights depend on, besides its emulator."""
 
     widths: tuple[int, ...] = (64, 48)
     updates: int = 5_000
     batch: int = 64
     steps: int = 30
-    """Super steps gradients go back through."""
+    """Number of super steps through which gradients are back-propagated."""
     starts: int = 1024
-    """Number of random states of the true physics, from which bodies start."""
+    """Number of random states of the true physics from which bodies start."""
     learning_rate: float = 1e-3
     weights: LossWeights = field(default_factory=LossWeights)
     observes_parameters: bool = True
-    """Whether the policy of a family is given the parameters of the body; bodies are random ones of the family anyway."""
+    """Whether the policy of a family gets the parameters of the body; in either case bodies are random ones of the family."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -116,11 +115,11 @@ class PolicyReport(NamedTuple):
 
     update: int
     loss: float
-    """The mean loss of the updates since the last report."""
+    """Mean loss of the updates since the last report."""
     validation: float
-    """The loss from starts and to targets unseen in training."""
+    """Loss from starts and to targets unseen in training."""
     seconds: float
-    """Time since the run began or was taken up again [s]."""
+    """Time since the run began or resumed [s]."""
 
 
 def train_policy(
@@ -133,7 +132,7 @@ def train_policy(
 ) -> Policy:
     """Train a policy for `system` through its `emulator`, write the best by validation to `out` and return it.
 
-    Checkpoints and `metrics.jsonl` lie beside `out` in a folder that ends in `.run`; a run found there is continued.
+    Checkpoints and `metrics.jsonl` are beside `out` in a folder that ends in `.run`; a run found there is resumed.
     """
     check_steerable(emulator)
     out = Path(out)
@@ -150,19 +149,19 @@ def train_policy(
 
 @dataclass
 class _Run:
-    """A training run between two reports; bodies on their way are part of what the optimiser remembers."""
+    """A training run between two reports; bodies in motion are part of the optimiser's memory."""
 
     training: PolicyTraining
     folder: Path
     base: Policy
-    """The policy with the weights it began with."""
+    """The policy with its initial weights."""
     progress: Progress
     pool: Float[Array, "P I"]
-    """Latent states that bodies start from."""
+    """Latent states from which bodies start."""
     validation: Swimmers
-    """Bodies whose swims are the validation."""
+    """Bodies of the validation swims."""
     identity: str
-    """Key that tells this run's checkpoints from those of other settings or starts."""
+    """Key that distinguishes this run's checkpoints from those of other settings or starts."""
     began: float = field(default_factory=time.monotonic)
 
     @classmethod
@@ -222,7 +221,7 @@ class _Run:
 
 
 def _fresh_progress(base: Policy, training: PolicyTraining, pool: Float[Array, "P I"]) -> Progress:
-    """Return the progress of a run that has not begun: its first bodies start from the `pool`."""
+    """Return the initial progress of a run: its first bodies start from the `pool`."""
     key = jax.random.fold_in(jax.random.key(training.seed), FIRST_BODIES_STREAM)
     starts = jax.random.choice(key, pool, (training.batch,))
     progress = Progress.fresh(base.network, make_optimizer(training))
@@ -243,7 +242,7 @@ def command_ranges(emulator: Emulator) -> Bounds:
 
 
 def gait_speed(emulator: Emulator) -> float:
-    """Return how fast the gait drives the emulated body once it is under way [m/s].
+    """Return the steady speed of the emulated body under its gait [m/s].
 
     Raises ArgumentError for a system without a gait.
     """
@@ -262,7 +261,7 @@ def gait_speed(emulator: Emulator) -> float:
 
 
 def make_optimizer(training: PolicyTraining) -> optax.GradientTransformation:
-    """Return Adam with clipped gradients and a rate that falls to nothing."""
+    """Return Adam with clipped gradients and a learning rate that decays to zero."""
     rate = optax.cosine_decay_schedule(training.learning_rate, training.updates)
     return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optax.adam(rate))
 
@@ -278,7 +277,7 @@ def _train_chunk(
 ) -> tuple[Network, tuple, Float[Array, ""]]:
     """Return (network, (optimiser state, bodies), mean loss) after one chunk of updates.
 
-    Random numbers follow from the seed and the chunk's number alone, so that a resumed run sees the same.
+    Random numbers depend on the seed and the chunk's number alone, so that a resumed run gets the same.
     """
     optimizer = make_optimizer(training)
     key = jax.random.fold_in(jax.random.key(training.seed), chunk)
@@ -303,9 +302,9 @@ def _train_chunk(
 def _renewed(
     policy: Policy, swimmers: Swimmers, pool: Float[Array, "P I"], key: PRNGKeyArray
 ) -> Swimmers:
-    """Return the bodies, some put back to random starts and some with another target.
+    """Return the bodies, some of them reset to random starts and some with another target.
 
-    Those whose numbers are no longer finite start anew, too.
+    Those whose numbers are no longer finite are reset, too.
     """
     fresh_key, target_key, choice_key, start_key = jax.random.split(key, 4)
     shape = swimmers.phase.shape

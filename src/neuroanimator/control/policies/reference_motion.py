@@ -1,7 +1,7 @@
-"""A motion that a policy follows: what a body is shown of it, and what its servos aim at.
+"""A motion that a policy follows: the policy's observations of it, and the targets of its servos.
 
-The state holds a clock, a hinge that turns evenly: its angle says how far the motion is, so policies stay functions of the
-state alone. Learning by such motions, from any of their phases, is that of DeepMimic (Peng and others, SIGGRAPH 2018).
+The state holds a clock, a hinge that turns at a constant rate: its angle is the phase of the motion, so policies stay
+functions of the state alone. Learning from such motions, from any phase, follows DeepMimic (Peng and others, SIGGRAPH 2018).
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from neuroanimator.state.rotation import (
 )
 
 MAX_FRAMES = 20_000
-"""Largest number of states a motion has, laps and all."""
+"""Maximum number of states of a motion, all laps included."""
 
 MAX_LEAD = 10.0
-"""Longest time a servo may aim ahead [s]."""
+"""Maximum lead time of a servo [s]."""
 
 TINY = 1e-12
-"""Keeps the root of a body that points straight up from having no direction."""
+"""Offset that gives the root of a vertical body a direction."""
 
 TURN = 2 * np.pi
 
@@ -46,12 +46,12 @@ ORIENTATION = slice(3, 7)
 HEIGHT = 2
 
 ROOT_NUMBERS = 17
-"""Numbers of what is shown but the hinges': of the root, of the motion's, and of the clock."""
+"""Number of observations other than the hinges': of the root, of the motion's root, and of the clock."""
 
 COMMAND_NUMBERS = 2
 
 ACCELERATION = 2.0
-"""Largest rate at which the commanded speed changes [m/s²]: nobody who runs stands the next moment."""
+"""Maximum rate of change of the commanded speed [m/s²]: a runner cannot stop at once."""
 
 WALKING_LEAD = 0.5
 """Maximum lead of the commanded heading over the body's [rad]: policies learn with less than a task's `lost_tilt`."""
@@ -61,17 +61,17 @@ class ReferenceMotion(eqx.Module):
     """States of a body with a free root, one super step apart, by the angle of a clock among them."""
 
     frames: Float[AnyArray, "K S"]
-    """All laps, one after another.
+    """States of all laps, one after another.
 
-    With commands these are of strides of evenly growing length, up to the motion's own and then, likewise, to those of a faster
-    gait; each is without its last state, from a root that stands at the origin and whose heading is zero.
+    With commands, the strides of laps grow evenly in length up to the motion's own, and then evenly up to those of a faster
+    gait; each lap is without its last state, and its root begins at the origin with heading zero.
     """
     lap: int = eqx.field(static=True)
     """Number of super steps in which the clock turns once."""
     phase: int = eqx.field(static=True)
     """Entry of the clock's angle [rad]."""
     velocity: int = eqx.field(static=True)
-    """First entry of the root's velocity, three along the world's axes and three about its own."""
+    """First entry of the root's velocity: three linear ones in the world, three angular ones about its own axes."""
     hinges: tuple[int, ...] = eqx.field(static=True)
     """Entries of the body's angles."""
     rates: tuple[int, ...] = eqx.field(static=True)
@@ -81,15 +81,15 @@ class ReferenceMotion(eqx.Module):
     driven_rates: tuple[int, ...] = eqx.field(static=True)
     """Entry of that angle's velocity."""
     leads: tuple[float, ...] = eqx.field(static=True)
-    """By how long each servo aims ahead [s]: its damping over its stiffness, by which it lags behind what turns evenly."""
+    """Lead time of each servo [s]: its damping over its stiffness, by which it lags behind a target of constant rate."""
     reach: float = eqx.field(static=True)
-    """Largest angle by which a control differs from the motion's [rad]."""
+    """Maximum difference of a control from the motion's angle [rad]."""
     commands: Commands | None = eqx.field(static=True, default=None)
-    """Commands of speed and heading; None: the motion goes its own way."""
+    """Commands of speed and heading; None if the motion follows its own path."""
 
     @property
     def size(self) -> int:
-        """How many numbers `observe` returns."""
+        """Length of the result of `observe`."""
         size = ROOT_NUMBERS + len(self.hinges)
         if self.commands is not None:
             size += COMMAND_NUMBERS
@@ -103,21 +103,21 @@ class ReferenceMotion(eqx.Module):
 
     @property
     def shown(self) -> tuple[int, ...]:
-        """Entries of the state that are shown as they are: height, angles, and velocities in the body's own axes."""
+        """State entries that are observed unchanged: height, angles, and velocities in the body's own axes."""
         turning = range(self.velocity + 3, self.velocity + 6)
         return (HEIGHT, *self.hinges, *turning, *self.rates)
 
     def index(self, states: Float[Array, "*B S"]) -> Int[Array, "*B"]:
-        """Return the number of the frame at which the clock stands."""
+        """Return the index of the frame at the clock's angle."""
         steps = jnp.round(states[..., self.phase] * (self.lap / TURN))
         if self.commands is not None:
             steps = jnp.mod(steps, self.lap)
         return jnp.clip(steps, 0, len(self.frames) - 1).astype(jnp.int32)
 
     def frame(self, states: Float[AnyArray, "*B S"], later: int = 0) -> Float[AnyArray, "*B S"]:
-        """Return the state that the motion has when the clock stands as it does, or some super steps `later`.
+        """Return the motion's state at the clock's angle, or some super steps `later`.
 
-        Between two frames it is interpolated, as a product of weights and frames, which generated C has, too.
+        Between frames it is interpolated, by a product of weights and frames, which generated C supports, too.
 
         NumPy and JAX alike.
         """
@@ -133,7 +133,7 @@ class ReferenceMotion(eqx.Module):
     def _commanded(
         self, commands: Commands, states: Float[AnyArray, "*B S"], later: int
     ) -> Float[AnyArray, "*B S"]:
-        """Return `frame` at the commanded speed and heading, where the body is."""
+        """Return `frame` at the commanded speed and heading, at the body's position."""
         xp = states.__array_namespace__()
         pace = commands.pace(states)[..., None]
         steps = states[..., self.phase, None] * (self.lap / TURN) + later * pace
@@ -154,7 +154,7 @@ class ReferenceMotion(eqx.Module):
         tilted = tilted / xp.sqrt((tilted**2).sum(axis=-1, keepdims=True))
         turning = states[..., commands.turning]
         turned = facing(states[..., commands.heading] + later * self.dt * turning)
-        # A turn about the vertical, seen from the body.
+        # A rotation about the vertical, in the body's frame.
         spin = turning[..., None] * upward(tilted)
         velocity = self.velocity
         parts = [
@@ -173,10 +173,10 @@ class ReferenceMotion(eqx.Module):
     def with_command(
         self, states: Float[AnyArray, "*B S"], command: Float[AnyArray, "*B 2"]
     ) -> Float[AnyArray, "*B S"]:
-        """Return the states of bodies that are given a command, as `COMMAND_LAYOUT` has it.
+        """Return the states of bodies after a command, laid out as `COMMAND_LAYOUT`.
 
-        It is given once a super step. Clock and heading turn as fast as it says, but that speed changes by at most
-        `ACCELERATION`, and the commanded heading is at most `WALKING_LEAD` ahead of the body's: what a body cannot follow is not
+        It is given once a super step. Clock and heading turn at the commanded rates, but the speed changes by at most
+        `ACCELERATION`, and the commanded heading leads the body's by at most `WALKING_LEAD`: excess turning is not
         saved up for later. Nothing else changes. NumPy and JAX alike.
         """
         assert self.commands is not None
@@ -192,7 +192,7 @@ class ReferenceMotion(eqx.Module):
         return with_entry(told, self.commands.heading, led)
 
     def begun(self, phase: float) -> Float[np.ndarray, " S"]:
-        """Return the state at the motion's own speed, its clock at `phase` [rad], of a motion that takes commands."""
+        """Return the state at the motion's own speed, its clock at `phase` [rad]; for a motion that takes commands."""
         assert self.commands is not None
         state = np.zeros(self.frames.shape[-1])
         state[self.phase] = phase
@@ -200,20 +200,20 @@ class ReferenceMotion(eqx.Module):
         return np.asarray(_frame(self, jnp.asarray(state, jnp.float32)), float)
 
     def target(self, states: Float[Array, "*B S"]) -> Float[Array, "*B C"]:
-        """Return what each servo is to aim at so that it comes to the motion's next pose: the angle there, and a lead."""
+        """Return the target of each servo that leads to the motion's next pose: the angle there, plus a lead."""
         following = self.frame(states, 1)
         leads = jnp.asarray(self.leads, jnp.float32)
         ahead = leads * following[..., np.array(self.driven_rates)]
         return following[..., np.array(self.driven)] + ahead
 
     def observe(self, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
-        """Return what a policy is shown beside `shown`: the root and the motion's next state from where it stands and faces."""
+        """Return a policy's observations beside `shown`: the root, and the motion's next state in its position and heading."""
         following = self.frame(states, 1)
         orientation = states[..., ORIENTATION]
         velocity = slice(self.velocity, self.velocity + 3)
         apart = following[..., POSITION] - states[..., POSITION]
         relative = multiply(conjugate(orientation), following[..., ORIENTATION])
-        # A quaternion and its negative are one rotation.
+        # A quaternion and its negative are the same rotation.
         rotation = 2 * jnp.sign(relative[..., :1]) * relative[..., 1:]
         hinges = np.array(self.hinges)
         angle = states[..., self.phase, None]
@@ -235,7 +235,7 @@ class ReferenceMotion(eqx.Module):
         return jnp.concatenate(parts, axis=-1)
 
     def to_json(self) -> dict[str, Any]:
-        """Return all but the frames, and how many there are."""
+        """Return everything but the frames, and their number."""
         described: dict[str, Any] = {
             "frames": len(self.frames),
             "lap": self.lap,
@@ -254,7 +254,7 @@ class ReferenceMotion(eqx.Module):
 
     @classmethod
     def blank(cls, values: Any, size: int, controls: int) -> ReferenceMotion:
-        """Return the motion `to_json` described, its frames zero; ValueError for one of another state or other controls."""
+        """Return the motion that `to_json` described, with zero frames; ValueError if it does not fit the state or controls."""
         count = whole(values["frames"], "reference: frames", 2, MAX_FRAMES)
         commands = None
         if "commands" in values:
@@ -291,7 +291,7 @@ def _frame(motion: ReferenceMotion, states: Float[Array, "*B S"]) -> Float[Array
 def _from_heading(
     orientation: Float[Array, "*B 4"], vector: Float[Array, "*B 3"]
 ) -> Float[Array, "*B 3"]:
-    """Return a vector of the world along the axes of a body that stands upright and faces as this one does."""
+    """Return a vector of the world along the axes of an upright body with the same heading."""
     rows = rotation_rows(orientation)
     length = jnp.sqrt(rows[0][0] ** 2 + rows[1][0] ** 2 + TINY)
     cosine = rows[0][0] / length

@@ -1,4 +1,4 @@
-"""A school to look at: many bodies of one policy that swim along together in open water, none beating in time."""
+"""A school for films: many bodies of one policy that swim together in open water, unsynchronised."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from neuroanimator.files.zoo import POLICIES
 from neuroanimator.state.pose import Pose
 
 MAX_SCHOOL = 64
-"""The most bodies of a school: what a film has room for."""
+"""Maximum number of bodies in a school: what fits into a film."""
 
 SPACING = (1.7, 1.1, 0.8)
-"""Body lengths between neighbours ahead, beside and above: bodies are long, not high."""
+"""Spacing of neighbours ahead, beside and above [body lengths]: bodies are long, not high."""
 
 ELONGATION = np.array([0.5, 1.3, 1.6])
-"""Weight of distance along each axis when the school is filled: it becomes longer than it is wide."""
+"""Weight of distance along each axis when places are filled: the school becomes longer than wide."""
 
 JITTER = 0.22
-"""Random offset of each from its place in the grid, over the grid's spacing."""
+"""Random offset of each body from its grid position, over the grid's spacing."""
 
 PACE = 0.85
-"""Speed of a school, over the highest speed its policy learnt: those that fall behind must be able to catch up."""
+"""Speed of a school, over its policy's maximum: bodies that fall behind must be able to catch up."""
 
 CATCHING_UP = 0.25
-"""Share of its speed by which a body hurries or waits, at most."""
+"""Maximum share of its speed by which a body hurries or waits."""
 
 RETURN = 3.0
-"""Body lengths off its place at which a body points half-way there, half-way onward."""
+"""Distance from its place at which a body points half-way between it and straight ahead [body lengths]."""
 
 SWAY = (0.0, 0.6, 0.2)
-"""Body lengths by which the way of the whole school bends to either side."""
+"""Amplitude by which the path of the whole school sways along each axis [body lengths]."""
 
 SWAY_PERIOD = 7.0
-"""Time of one bend to both sides [s]."""
+"""Period of this sway [s]."""
 
 
 def school_clips(
@@ -54,9 +54,9 @@ def school_clips(
     seed: int = 0,
     rate: float | None = None,
 ) -> list[Clip]:
-    """Return the clips of `count` bodies of the emulator's system that swim together, by the policy that ships of it.
+    """Return the clips of `count` bodies of the emulator's system that swim together, by the policy that ships for it.
 
-    What is drawn is what the policy's own emulator does. Raises ArgumentError where no policy ships, and for a count
+    They are motions of the policy's own emulator. Raises ArgumentError if no policy ships, and for a count
     or a time [s] out of range.
     """
     if emulator.definition or emulator.system not in POLICIES:
@@ -90,7 +90,7 @@ def school_motion(
 def school_start(
     policy: Policy, count: int, seed: int
 ) -> tuple[Float[np.ndarray, "{count} S"], Behaviour]:
-    """Return (where a school of `count` bodies begins, where each of them goes from there)."""
+    """Return (the initial states of a school of `count` bodies, their behaviour)."""
     emulator = policy.emulator
     cloud = emulator.state_structure.cloud
     assert cloud is not None
@@ -110,9 +110,9 @@ def school_start(
 
 
 def cruise(places: Float[np.ndarray, "B 3"], *, length: float, speed: float) -> Behaviour:
-    """Return the behaviour of bodies `length` [m] long that go along X at `speed` [m/s], each in its place of the school.
+    """Return the behaviour of bodies `length` [m] long that move along X at `speed` [m/s], each in its place of the school.
 
-    `places` [m] are where they begin; the whole school sways a little on its way.
+    `places` [m] are their initial positions; the whole school sways a little on its way.
     """
     sway = length * np.array(SWAY)
 
@@ -128,7 +128,7 @@ def cruise(places: Float[np.ndarray, "B 3"], *, length: float, speed: float) -> 
 
 
 def _grid(count: int, rng: np.random.Generator) -> Float[np.ndarray, "{count} 3"]:
-    """Return places around the origin in body lengths, the nearest of a shaken grid."""
+    """Return the positions of a jittered grid nearest to the origin [body lengths]."""
     side = int(np.ceil(count ** (1 / 3))) + 1
     axis = np.arange(-side, side + 1)
     cells = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Policies u = π(s) of a state: a network, what it is shown of the state, and their file."""
+"""Policies u = π(s) of a state: a network, its observations of the state, and their file."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.numbers import entries, listed, whole
 
 FORMAT = 1
-"""The version of the file format, raised whenever an older reader would misunderstand a file."""
+"""Version of the file format, raised whenever an older reader would misunderstand a file."""
 
 KIND = "state-policy"
 
 MAKER = "policy"
-"""Command that makes policies anew that are too old to be read."""
+"""Command that retrains policies that are too old to be read."""
 
 MAX_SHOWN = 10.0
-"""Numbers shown to a network are within ± this, in standard deviations."""
+"""Maximum magnitude of a network's observations, in standard deviations."""
 
 FIRST_GAIN = 0.01
-"""Factor of a policy's last weights at first: it begins in the middle of the controls' range."""
+"""Gain of a policy's initial last layer: it begins in the middle of the controls' range."""
 
 EPSILON = 1e-5
 
@@ -51,7 +51,7 @@ class Perceptron(eqx.Module):
 
     @classmethod
     def fresh(cls, sizes: tuple[int, ...], key: PRNGKeyArray, last_gain: float) -> Perceptron:
-        """Return layers of these sizes, inputs first, with orthogonal weights, the last times `last_gain`."""
+        """Return layers of these sizes, inputs first, with orthogonal weights, the last scaled by `last_gain`."""
         weights = []
         biases = []
         keys = jax.random.split(key, len(sizes) - 1)
@@ -73,9 +73,9 @@ class Perceptron(eqx.Module):
 
 
 class View(eqx.Module):
-    """What networks are shown of a state: some of its entries, by their mean and standard deviation.
+    """Observations of a state by networks: some of its entries, normalised by mean and standard deviation.
 
-    Of a motion to follow they are shown, besides, how the body stands to it.
+    With a motion to follow, they also include the body's relation to it.
     """
 
     mean: Float[Array, " O"]
@@ -85,33 +85,33 @@ class View(eqx.Module):
 
     @classmethod
     def fresh(cls, entries: tuple[int, ...], reference: ReferenceMotion | None) -> View:
-        """Return a view that shows numbers as they are."""
+        """Return a view without normalisation."""
         size = len(entries)
         if reference is not None:
             size += reference.size
         return cls(jnp.zeros(size), jnp.ones(size), entries, reference)
 
     def of(self, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
-        """Return what is shown, each number in its own unit."""
+        """Return the observations, each in its own unit."""
         shown = states[..., np.array(self.entries)]
         if self.reference is None:
             return shown
         return jnp.concatenate([shown, self.reference.observe(states)], axis=-1)
 
     def __call__(self, states: Float[Array, "*B S"]) -> Float[Array, "*B O"]:
-        """Return the numbers shown, of order one."""
+        """Return the normalised observations, of order one."""
         shown = self.of(states)
         return jnp.clip((shown - self.mean) / (self.deviation + EPSILON), -MAX_SHOWN, MAX_SHOWN)
 
 
 class StatePolicy(eqx.Module):
-    """u = middle + half · tanh(network(what it is shown of the state)).
+    """u = middle + half · tanh(network(observations of the state)).
 
-    One that follows a motion has the motion's next pose in the middle, for servos to aim at, and its reach for half.
+    If it follows a motion, the middle is the servos' target for the motion's next pose, and half is its reach.
     """
 
     emulator: Emulator
-    """Emulator of one step, which learnt along with it."""
+    """Emulator of one step, which was trained along with it."""
     view: View
     network: Perceptron
 
@@ -121,13 +121,13 @@ class StatePolicy(eqx.Module):
 
     @property
     def dt(self) -> float:
-        """Time a control is held [s]."""
+        """Time for which a control is held [s]."""
         return self.emulator.dt
 
     def control_of(
         self, states: Float[Array, "*B S"], noise: Float[Array, "*B C"] | float = 0.0
     ) -> Float[Array, "*B C"]:
-        """Return the controls for bodies in `states`; `noise` is added before they are pressed into their bounds."""
+        """Return the controls for bodies in `states`; `noise` is added before they are squashed into their bounds."""
         share = jnp.tanh(self.network(self.view(states)) + noise)
         reference = self.view.reference
         if reference is not None:
@@ -139,7 +139,7 @@ class StatePolicy(eqx.Module):
         return middle + half * share
 
     def save(self, path: str | Path, provenance: dict[str, Any] | None = None) -> None:
-        """Write the policy as one `.safetensors` file; `provenance` says how it was learnt (any JSON)."""
+        """Write the policy as one `.safetensors` file; `provenance` states how it was learnt (any JSON)."""
         write_tensors(
             Path(path),
             to_numpy(policy_leaves(self)),
@@ -175,7 +175,7 @@ def _describe(policy: StatePolicy) -> dict[str, Any]:
 
 
 def load_state_policy(path: Path) -> StatePolicy:
-    """Return the policy in the file at `path`; BadFileError says what is wrong with it."""
+    """Return the policy in the file at `path`; BadFileError states what is wrong with it."""
     return _policy_from(path, *read_tensors(path, KIND))
 
 
@@ -199,14 +199,14 @@ def _policy_from(
 
 
 def load_any_policy(path: Path) -> Policy | StatePolicy:
-    """Return the policy in the file at `path`, of whichever kind it is; BadFileError says what is wrong with it."""
+    """Return the policy in the file at `path`, of either kind; BadFileError states what is wrong with it."""
     return read_policy(path)[0]
 
 
 def read_policy(path: Path) -> tuple[Policy | StatePolicy, dict[str, Any]]:
-    """Return (the policy in the file at `path`, of whichever kind it is, all that the file says of itself).
+    """Return (the policy in the file at `path`, of either kind, the file's metadata).
 
-    Raises BadFileError, which says what is wrong with the file.
+    Raises BadFileError with what is wrong with the file.
     """
     tensors, metadata = read_tensors(path, POLICY_KIND, KIND)
     if metadata["kind"] == KIND:
@@ -215,7 +215,7 @@ def read_policy(path: Path) -> tuple[Policy | StatePolicy, dict[str, Any]]:
 
 
 def _blank(metadata: dict[str, Any]) -> StatePolicy:
-    """Return a policy of the described structure with zeros for numbers."""
+    """Return a policy of the described structure with zero weights."""
     emulator = blank(metadata["emulator"], Emulator)
     shown = entries(metadata["entries"], "entries", emulator.state.size)
     widths = listed(metadata["widths"], "widths", _checked_width)
@@ -234,5 +234,5 @@ def _blank(metadata: dict[str, Any]) -> StatePolicy:
 
 
 def _checked_width(width: Any, label: str) -> int:
-    """Return the size of a hidden layer; ValueError if it is none."""
+    """Return the size of a hidden layer; ValueError if it is invalid."""
     return whole(width, label, 1, MAX_LAYER)

@@ -1,4 +1,4 @@
-"""Steering: where a body shall go in the world, and the command that takes it there from its present pose."""
+"""Steering: targets of bodies in the world, and the commands that lead there from their current poses."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from neuroanimator.state.pose import Pose
 from neuroanimator.state.rotation import cross
 
 EPSILON = 1e-6
-"""Added under roots and to lengths, so that the slopes of vectors of no length stay finite."""
+"""Offset added under roots and to lengths, so that gradients of zero vectors stay finite."""
 
 
 class SteeringTarget(NamedTuple):
     """Targets of bodies, in world coordinates."""
 
     direction: Float[AnyArray, "*B 3"]
-    """The unit vector along which each shall point and go."""
+    """Unit vector along which each is to point and move."""
     speed: Float[AnyArray, "*B"]
     """Target speed of each along its own X axis [m/s]."""
 
@@ -30,7 +30,7 @@ def steer_forward(pose: Pose, speed: ArrayLike) -> SteeringTarget:
 
 
 def steer_left(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget:
-    """Return the target `angle` [rad] to the left of where the bodies (*B) point, as they see it.
+    """Return the target `angle` [rad] to the left of where the bodies (*B) point, in their own frames.
 
     `angle` and `speed` [m/s] are one for all or (*B); a negative angle is to the right.
     """
@@ -39,7 +39,7 @@ def steer_left(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget
 
 
 def steer_down(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget:
-    """Return the target `angle` [rad] below where the bodies (*B) point, as they see it.
+    """Return the target `angle` [rad] below where the bodies (*B) point, in their own frames.
 
     `angle` and `speed` [m/s] are one for all or (*B); a negative angle is above.
     """
@@ -66,12 +66,12 @@ def leftward(pose: Pose) -> Float[AnyArray, "*B 3"]:
 
 
 def upright(pose: Pose) -> Float[AnyArray, "*B 3"]:
-    """Return the unit vectors upward from the bodies, at right angles to where they point."""
+    """Return the unit vectors upward from the bodies, orthogonal to where they point."""
     return cross(pose.forward, leftward(pose))
 
 
 def unit(vectors: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B 3"]:
-    """Return `vectors` made of length one; those of no length stay so."""
+    """Return `vectors` normalised; zero vectors stay zero."""
     return vectors / (_length(vectors) + EPSILON)[..., None]
 
 
@@ -88,13 +88,13 @@ def _dot(
 def _rotated_toward(
     side: Float[AnyArray, "*B 3"], forward: Float[AnyArray, "*B 3"], angle: ArrayLike
 ) -> Float[AnyArray, "*B 3"]:
-    """Return `forward` rotated by `angle` [rad] toward `side`, which is at right angles to it."""
+    """Return `forward` rotated by `angle` [rad] toward the orthogonal `side`."""
     xp = forward.__array_namespace__()
     angles = xp.asarray(angle, dtype=forward.dtype)
     return xp.cos(angles)[..., None] * forward + xp.sin(angles)[..., None] * side
 
 
 def _for_each(speed: ArrayLike, pose: Pose) -> Float[AnyArray, "*B"]:
-    """Return `speed`, one for all or (*B), once for each of the bodies."""
+    """Return `speed`, one for all or (*B), broadcast to all bodies."""
     xp = pose.forward.__array_namespace__()
     return xp.zeros_like(pose.forward[..., 0]) + xp.asarray(speed, dtype=pose.forward.dtype)

@@ -1,4 +1,4 @@
-"""A policy's super step: it looks at a body, sets its muscles, and the emulator leaps. In C where the `backend` is C."""
+"""A policy's super step: it observes a body, sets its muscles, and the emulator advances. In C if the `backend` is C."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from neuroanimator.emulator.tensors import to_numpy
 from neuroanimator.files.atomic import canonical_json, digest
 
 EXCESS = 0.2
-"""Share of a policy's range of speeds by which those that a program is tried on go beyond it."""
+"""Share of a policy's range of speeds by which the samples of a program's check exceed it."""
 
 
 class SuperStep(NamedTuple):
     """Motion of bodies in a super step."""
 
     latent: Float[np.ndarray, "B I"]
-    """The latent states it ends in."""
+    """Latent states at its end."""
     states: Float[np.ndarray, "B S"]
-    """The states it ends in."""
+    """States at its end."""
     controls: Float[np.ndarray, "B C"]
-    """The controls held on the way."""
+    """Controls held on the way."""
 
 
 def make_super_step(
@@ -36,7 +36,7 @@ def make_super_step(
     phase: Float[np.ndarray, " B"],
     target: SteeringTarget,
 ) -> SuperStep:
-    """Return what bodies in the states `latent`, at `phase` [rad] of their clocks, do to reach `target` (B)."""
+    """Return the super step of bodies in the states `latent`, at `phase` [rad] of their clocks, toward `target` (B)."""
     outputs = call_rows(
         policy_super_step,
         policy,
@@ -68,7 +68,7 @@ def policy_super_step(
     direction: Float[Array, " 3"],
     speed: Float[Array, " 1"],
 ) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, " C"]]:
-    """Return (the latent state a super step later, the state, the controls held on the way), of one body."""
+    """Return (the latent state a super step later, the state, the controls held on the way) of one body."""
     emulator = policy.emulator
     command = command_toward(SteeringTarget(direction, speed[0]), policy.pose(latent))
     controls = policy.control(latent, phase[0], command)
@@ -77,12 +77,12 @@ def policy_super_step(
 
 
 def facts_of_policy(policy: Policy) -> list[str]:
-    """Return what a policy does, in words and numbers."""
+    """Return the facts that determine what a policy computes, in words and numbers."""
     return [canonical_json(describe_policy(policy)), digest(to_numpy(policy_leaves(policy)))]
 
 
 def _samples(policy: Policy) -> list[Float[np.ndarray, "N _"]]:
-    """Return a thousand bodies, clocks and targets: some far beyond what training showed."""
+    """Return a thousand bodies, clocks and targets: some far outside of training."""
     rng = np.random.default_rng(0)
     states = probes_of(policy.emulator).states
     count = len(states)

@@ -1,4 +1,4 @@
-"""One attempt at a controller: descend through the emulator, replay on the physics, correct by what the replay shows."""
+"""One attempt at a controller: descend through the emulator, replay on the physics, correct by the replay."""
 
 from __future__ import annotations
 
@@ -25,42 +25,42 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
 LARGE_GAP = 0.5
-"""A gap of J up to this is small: half of what one end-state number off by its scale costs."""
+"""Maximum small gap of J: half the cost of one number of the final state that is off by its scale."""
 
 LARGE_GAP_SHARE = 0.25
-"""A gap of J up to this share of J on the physics is small too."""
+"""Maximum small gap of J as a share of J on the physics."""
 
 SMALL_GAIN = 0.05
-"""A correction must promise to win this share of J on the physics, to be worth a replay."""
+"""Minimum gain predicted for a correction to be worth a replay, as a share of J on the physics."""
 
 CORRECTING_ITERATIONS = 2
-"""Backward sweeps after a correction: the emulator is then exact along one motion, so few steps away, and replay again."""
+"""Number of backward sweeps after a correction: the emulator is then exact along one motion, so few steps, then a replay."""
 
 MAX_REPLAYED = 4
-"""Maximum number of replays of descents from different first guesses: the emulator's best need not be the physics' best."""
+"""Maximum number of replayed descents from different first guesses: the emulator's best need not be the physics' best."""
 
 LINE_SHARES = (1.0, 0.5, 0.2, 0.05)
-"""Shares of the way to corrected controls, all tried on the physics: where it bends away, a shorter way is better."""
+"""Step lengths toward corrected controls, all tried on the physics: where it departs, a shorter step is better."""
 
 
 @dataclass(frozen=True)
 class SearchCost:
-    """What a search has taken; costs of its parts add up."""
+    """Cost of a search; the costs of its parts add up."""
 
     iterations: int = 0
-    """Backward sweeps of all descents."""
+    """Number of backward sweeps of all descents."""
     seconds: float = 0.0
     """Time of all descents [s], compilation and replays excluded."""
     corrections: int = 0
-    """Replays whose defects were added to the emulator."""
+    """Number of replays whose defects were added to the emulator."""
     refinements: int = 0
-    """Trainings on the physics around a motion."""
+    """Number of trainings on the physics around a motion."""
     minutes_wanted: float = 0.0
-    """Time that one more training would have needed, about [min]; 0 where none was given up."""
+    """Approximate time needed for another training [min]; 0 if none was given up."""
     physics_steps: int = 0
-    """Physics steps of replays, and of the data of refinements."""
+    """Number of physics steps of replays, and of the data of refinements."""
     courses: tuple[tuple[float, ...], ...] = ()
-    """J on the emulator at first and after each sweep, descent by descent, in the order they were made in."""
+    """J on the emulator initially and after each sweep, for each descent in order."""
 
     def __add__(self, other: SearchCost) -> SearchCost:
         return SearchCost(
@@ -75,47 +75,47 @@ class SearchCost:
 
     @classmethod
     def of_descent(cls, descent: Descent) -> SearchCost:
-        """Return what a descent took."""
+        """Return the cost of a descent."""
         return cls(iterations=descent.iterations, seconds=descent.seconds, courses=(descent.costs,))
 
 
 class DivergedAttemptError(DivergedError):
-    """The physics diverged under all that a descent found."""
+    """The physics diverged under all controls that a descent found."""
 
     def __init__(self, message: str, spent: SearchCost):
         super().__init__(message)
         self.spent = spent
-        """What it took."""
+        """Cost of the attempt."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """What is searched for, and how; the emulator is given apart, for it may learn on the way."""
+    """Problem and settings of a search; the emulator is separate, as it may be refined on the way."""
 
     system: System
     objective: Objective
     start: np.ndarray
-    """(S,)"""
+    """Initial state (S,)."""
     steps: int
-    """Super steps of the motion."""
+    """Number of super steps of the motion."""
     options: DescentOptions
     corrections: int
-    """Replays, at most, whose defects are added to the emulator."""
+    """Maximum number of replays whose defects are added to the emulator."""
     is_enough: Callable[[np.ndarray], bool]
     """Whether states (T+1, S) of the physics are good enough to end the search."""
 
     def is_better(self, new: ReplayedMotion, old: ReplayedMotion) -> bool:
-        """Return whether `new` is to be preferred to `old`: it is good enough, or cheaper."""
+        """Return whether `new` is preferable to `old`: good enough, or cheaper."""
         return new.cost < old.cost or self.is_enough(new.states)
 
     def replay(
         self, emulator: Emulator, candidates: Float[np.ndarray, "K T C"]
     ) -> list[ReplayedMotion]:
-        """Return what candidates do on the physics, if there is any, the least J first."""
+        """Return the motions of candidates on the physics, if there is any, the least J first."""
         return ranked_motions(emulator, self.system, self.objective, self.start, candidates)
 
     def cost_of_replays(self, emulator: Emulator, count: int) -> SearchCost:
-        """Return what so many replays take: nothing where there is no physics."""
+        """Return the cost of `count` replays: none without physics."""
         if not self.system.can_simulate:
             return SearchCost()
         steps = count * self.steps * self.system.truth.steps(emulator.dt)
@@ -124,34 +124,34 @@ class Search:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A controller, proved on the physics, and what it took."""
+    """A controller, proved on the physics, and its cost."""
 
     emulator: Emulator
-    """The one it was found with."""
+    """Emulator it was found with."""
     descent: Descent
     """The first descent, before corrections."""
     controls: np.ndarray
-    """(T, C) the best on the physics."""
+    """Controls (T, C), the best on the physics."""
     outcome: Replay
     spent: SearchCost
 
     @property
     def has_large_gap(self) -> bool:
-        """Whether the physics disagrees so much that teaching it to the emulator is worth the time."""
+        """Whether the physics disagrees so much that training the emulator on it is worth the time."""
         return is_gap_large(self.outcome.cost_emulator, self.outcome.cost_physics)
 
 
 def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
-    """Return whether the physics disagrees with the emulator so much that more effort is worth its time."""
+    """Return whether the physics disagrees with the emulator so much that more effort is worth the time."""
     return cost_physics - cost_emulator > max(LARGE_GAP, LARGE_GAP_SHARE * cost_physics)
 
 
 def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) -> Attempt:
-    """Return the best of the descents once corrected: of the physics' best, and where that fails of the next ones.
+    """Return the best of the corrected descents: the physics' best is corrected, and if that fails the next ones.
 
-    Raises DivergedAttemptError where the physics diverges under all that are replayed.
+    Raises DivergedAttemptError if the physics diverges under all replayed controls.
     """
-    # One for all descents: what was compiled for it is found again.
+    # One for all descents, so that nothing is recompiled.
     parametrisation = options.parametrisation_of(emulator, search.steps)
     options = replace(options, parametrisation=parametrisation)
     descent = descend(emulator, search.objective, search.start, steps=search.steps, options=options)
@@ -176,10 +176,10 @@ def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) ->
 def correct(
     search: Search, emulator: Emulator, options: DescentOptions, motion: ReplayedMotion
 ) -> tuple[ReplayedMotion, SearchCost]:
-    """Return (the best motion that corrections lead to from `motion`, what they took).
+    """Return (the best motion that corrections of `motion` lead to, their cost).
 
-    What the emulator gets wrong along the motion is added to it, a short descent follows, and its controls, as well as
-    some on the way to them, are replayed; as long as that makes the physics' J smaller.
+    The emulator's defects along the motion are added to it, a short descent follows, and its controls, as well as
+    some on the way to them, are replayed; this is repeated as long as the physics' J decreases.
     """
     parametrisation = options.parametrisation_of(emulator, search.steps)
     options = replace(
@@ -192,7 +192,7 @@ def correct(
             break
         with phase("correcting"):
             defects = find_defects(emulator, motion.states, motion.controls)
-        # As many starts as in the first descent, all the same: nothing needs to be compiled anew.
+        # As many starts as in the first descent, all equal, so that nothing is recompiled.
         same_starts = np.stack([motion.controls] * options.starts)
         descent = descend(
             emulator,
@@ -222,7 +222,7 @@ def between(
     old: Float[np.ndarray, "T C"],
     new: Float[np.ndarray, "T C"],
 ) -> Float[np.ndarray, "K T C"]:
-    """Return controls on the way from `old` to `new`, at `LINE_SHARES` of it."""
+    """Return controls between `old` and `new`, at `LINE_SHARES` of the step."""
     first = parametrisation.guess(old)
     difference = parametrisation.guess(new) - first
     z = first + np.array(LINE_SHARES)[:, None] * difference

@@ -1,4 +1,4 @@
-"""Design: the body and its motion together, by one gradient, and both proved on the physics."""
+"""Design: optimise the body and its motion together, by one gradient, and prove both on the physics."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import System
 
 DESIGN_ITERATIONS = 60
-"""Maximum number of backward sweeps: body and motion have to find together, which takes longer than a motion alone."""
+"""Maximum number of backward sweeps: body and motion together take longer than a motion alone."""
 
 STARTS = 16
-"""Number of bodies to begin with: that of the start, and random ones of the family."""
+"""Number of initial bodies: that of the start, and random ones of the family."""
 
 PROVED = 2
-"""Number of bodies that are proved on the physics, the best ones on the emulator: gaps differ from one to the next."""
+"""Number of bodies that are proved on the physics, the best ones on the emulator: their gaps differ."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Design:
     """A body of a family and its motion."""
 
     parameters: dict[str, float]
-    """The values that were found, as `Emulator.at` and `System.at` take them."""
+    """Values found, for `Emulator.at` and `System.at`."""
     start: np.ndarray
-    """(S,) where the motion begins, with these parameters."""
+    """Initial state (S,) of the motion, with these parameters."""
     synthesis: Synthesis
-    """The motion of that body, proved on the physics; that of the first body where none is better."""
+    """Motion of that body, proved on the physics; that of the body of `start` if no other is better."""
     nominal: Synthesis
-    """The best motion of the body that `start` was of, likewise."""
+    """Best motion of the body of the given start, proved on the physics."""
 
 
 def design(
@@ -52,11 +52,11 @@ def design(
 ) -> Design:
     """Return the body whose motion of `steps` super steps from `start` (S,) is the best by `objective`, and that motion.
 
-    The named `parameters` are varied beside the controls, over the ranges the emulator was trained on; those of `start`
+    The named `parameters` are varied beside the controls, over their ranges in training; those of `start`
     are the first guess. The best few are corrected and proved on the physics with their parameters, and so is the
-    motion of the body `start` is of, which is kept where no other is better.
+    motion of the body of `start`, which is kept if no other is better.
 
-    Raises ArgumentError for names that are no parameters, and what `synthesise` raises.
+    Raises ArgumentError for names that are not parameters, and what `synthesise` raises.
     """
     check_same_system(emulator, system)
     if not parameters:
@@ -78,8 +78,8 @@ def design(
         )
 
     nominal = proved(state, options)
-    # From the best motion of the first body, with the parameters of that body and of random ones: from idle controls
-    # parameters run to the ends of their ranges before there is a motion.
+    # Start from the best motion of the first body, with its parameters and random ones: from idle controls,
+    # parameters would run to the ends of their ranges before there is a motion.
     guesses = np.stack([nominal.controls] * STARTS)
     searched = replace(
         options, first=guesses, starts=STARTS, finalists=PROVED, varied=tuple(parameters)

@@ -1,4 +1,4 @@
-"""Teach the emulator the physics around a motion it will be used for."""
+"""Fine-tune the emulator on the physics around a motion."""
 
 from __future__ import annotations
 
@@ -24,66 +24,66 @@ CONTROL_SPREAD = 0.15
 """Spread of controls sampled around the motion, as a share of their bounds."""
 
 NEARBY_WINDOWS = 4_000
-"""Physics windows added per refinement: 0.8 s of data in about two seconds."""
+"""Number of physics windows added per refinement: 0.8 s of data in about two seconds."""
 
 FRESH_TRANSITIONS = 24_000
-"""Transitions simulated to keep the rest of the emulator in shape while it learns the motion."""
+"""Number of transitions simulated to keep the emulator accurate elsewhere while it learns the motion."""
 
 REFINING_UPDATES = 5_000
-"""Weight updates of a refinement: seconds, and enough for what is near one motion."""
+"""Number of weight updates of a refinement: seconds, and enough for the neighbourhood of one motion."""
 
 REFINING_RATE = 1e-3
-"""Highest learning rate of a refinement: a fifth of training's, since the weights are nearly right."""
+"""Maximum learning rate of a refinement: a fifth of training's, since the weights are nearly right."""
 
 UNROLLED_SHARE = 0.5
 """Share of a refinement's updates that are unrolled over several super steps."""
 
 TRIAL_SHARE = 0.02
-"""Share of the data of a refinement that is simulated first, to see how long all of it takes."""
+"""Share of a refinement's data that is simulated first, to estimate the time for all of it."""
 
 NEARBY_SEED = 7
-"""Joins the number of a refinement as the seed of what is sampled near the motion."""
+"""Number joined to that of a refinement as the seed of samples near the motion."""
 
 
 class OutOfTimeError(Exception):
-    """A refinement would take longer than it may."""
+    """A refinement would take longer than allowed."""
 
     def __init__(self, seconds: float):
         super().__init__(seconds)
         self.seconds = seconds
-        """Time it would take from its beginning [s], about."""
+        """Approximate time it would take from its beginning [s]."""
 
 
 class Deadline:
-    """The moment by which refinements are to be done; those that will not be are given up."""
+    """Deadline of refinements; those that would not meet it are given up."""
 
     def __init__(self, seconds: float):
-        """Begin to count `seconds`."""
+        """Set the deadline `seconds` from now."""
         self._began = time.monotonic()
         self._seconds = seconds
 
     def check(self, left: float = 0.0) -> None:
-        """Raise OutOfTimeError if another `left` [s] are too long."""
+        """Raise OutOfTimeError if another `left` [s] would miss the deadline."""
         needed = time.monotonic() - self._began + left
         if needed > self._seconds:
             raise OutOfTimeError(needed)
 
     def simulated(self, make: Callable[[int], Transitions], count: int) -> Transitions:
-        """Return what `make` makes of `count`, if a small share of it shows that there is time."""
-        make(1)  # what is loaded and compiled at first says nothing of the others
+        """Return `make(count)`, if a small share of it shows that there is time."""
+        make(1)  # loads and compiles, which must not be timed
         began = time.monotonic()
         make(round(TRIAL_SHARE * count))
         self.check((time.monotonic() - began) / TRIAL_SHARE)
         return make(count)
 
     def watching(self, updates: int) -> Callable[[int], None]:
-        """Return what, told the updates that are done, checks whether there is time for all."""
+        """Return a callback that, given the number of updates done, checks whether there is time for all."""
         latest = time.monotonic()
 
         def on_chunk(done: int) -> None:
             nonlocal latest
             now = time.monotonic()
-            if done > UPDATES_PER_CHUNK:  # the first ones were compiled, too
+            if done > UPDATES_PER_CHUNK:  # the first chunk includes compilation
                 self.check((now - latest) * (updates - done) / UPDATES_PER_CHUNK)
             latest = now
 
@@ -99,10 +99,10 @@ def refined(
     seed: int,
     deadline: Deadline,
 ) -> tuple[Emulator, Transitions, int]:
-    """Return (a copy of the emulator trained on, the data it saw, physics steps taken).
+    """Return (a copy of the emulator trained further, its data, the number of physics steps).
 
     The data are `data`, simulated anew if not given, and windows near the motion (T+1, S) under controls (T, C).
-    OutOfTimeError where that is not done by the `deadline`.
+    Raises OutOfTimeError if that would miss the `deadline`.
     """
 
     def fresh(count: int) -> Transitions:
@@ -137,7 +137,7 @@ def train_on(
     updates: int = REFINING_UPDATES,
     on_chunk: Callable[[int], None] = lambda update: None,
 ) -> Emulator:
-    """Return a copy of the emulator trained on, for seconds, with `data`; `on_chunk` is told the updates done."""
+    """Return a copy of the emulator trained further, for seconds, on `data`; `on_chunk` is called with the updates done."""
     config = TrainingConfig(
         widths=emulator.network.widths,
         network=describe(emulator)["network"]["kind"],

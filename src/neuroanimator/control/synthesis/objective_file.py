@@ -1,4 +1,4 @@
-"""Objectives written down: a TOML file that says what a motion should achieve, checked key by key.
+"""Objectives written down: a TOML file with the objective of a motion, checked key by key.
 
     system = "fish"
     seconds = 3.0
@@ -53,56 +53,56 @@ from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
 
 DEFAULT_KNOTS = 12
-"""Default number of a spline's knots: enough for a few swings to and fro."""
+"""Default number of a spline's knots: enough for a few swings back and forth."""
 
 MIN_KNOTS = 4
 """Minimum number of a cubic spline's knots."""
 
 MAX_STARTS = 64
-"""First guesses descended from side by side, at most; memory grows with them."""
+"""Maximum number of first guesses to descend from in parallel; memory grows with it."""
 
 MANY_SUBSTEPS = 50
-"""Maximum number of physics steps in a super step of a file's emulators; it limits how long a slow motion may be."""
+"""Maximum number of physics steps in a super step of a file's emulators; it limits the duration of a slow motion."""
 
 MAX_KIND_SHOWN = 40
-"""Characters of a kind or of a key that nothing is called, shown in an error."""
+"""Maximum number of characters of an unknown kind or key shown in an error."""
 
 
 class ObjectiveTable(Table):
-    """What the file may hold; the costs are checked one by one."""
+    """Keys of the file; the costs are checked one by one."""
 
     system: SystemName
     seconds: Positive
     parametrisation: Literal["each step", "spline", "periodic"] = "each step"
     knots: Annotated[int, Field(ge=MIN_KNOTS)] | None = None
-    """Of splines only."""
+    """Number of knots; for splines only."""
     period: Positive | None = None
-    """[s] Of periodic controls only; the first guess."""
+    """Period of the first guess [s]; for periodic controls only."""
     starts: Annotated[int, Field(ge=1, le=MAX_STARTS)] = 1
     start: dict[str, tuple[Finite, ...]] = Field(default={})
-    """Parts of the state and where the motion begins; at rest if not said."""
+    """Values of parts of the state at the start; all others are at rest."""
     costs: Annotated[tuple[dict[str, Any], ...], Field(min_length=1)]
 
 
 @dataclass(frozen=True)
 class ObjectiveFile:
-    """What an objective file asks for."""
+    """Contents of an objective file."""
 
     system: System
     objective: Objective
     start: np.ndarray
-    """(S,)"""
+    """Initial state (S,)."""
     seconds: float
     starts: int
-    """First guesses to descend from."""
+    """Number of first guesses to descend from."""
     make_parametrisation: Callable[[int, float], Parametrisation]
-    """(super steps, super step [s]) → what a descent may vary."""
+    """(number of super steps, super step [s]) → the parametrisation of a descent."""
     goals: tuple[Goal, ...]
-    """Goals and states to be reached at the end."""
+    """Goals and states to reach at the end."""
 
 
 def read_objective(path: str | Path, system: System) -> ObjectiveFile:
-    """Return what the file at `path` asks of `system`; BadFileError names the key or the cost that is wrong."""
+    """Return the contents of the file at `path` for `system`; BadFileError names the key or the cost that is wrong."""
     path = Path(path)
     values = read_toml(path)
     try:
@@ -125,10 +125,10 @@ def synthesise_file(
     measures_trust: bool = False,
     on_refine: Callable[[float], None] = lambda gap: None,
 ) -> Synthesis:
-    """Return the controller for what a file asks for; the file's `starts` hold where no `options` are given.
+    """Return the controller for the objective of a file; the file's `starts` apply if no `options` are given.
 
-    What has a gait is first moved by it: an animal at rest has no slope that says left or right. What is varied is
-    what the file says. The other arguments are those of `synthesise`.
+    The first guess of a system with a gait is that gait: an animal at rest has no gradient that tells left from right. The
+    parametrisation is the file's. The other arguments are those of `synthesise`.
     """
     steps = goals.steps_in(file.seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
     system = file.system
@@ -181,7 +181,7 @@ def _objective_of(table: ObjectiveTable, system: System) -> ObjectiveFile:
 
 
 def _goals_at_the_end(table: ObjectiveTable, system: System) -> list[Goal]:
-    """Return the goals and the states that are to be reached at the end, goals first."""
+    """Return the goals and the states to reach at the end, goals first."""
     at_end = [cost for cost in table.costs if "at" not in cost]
     reached = [goals.find_goal(system, cost["name"]) for cost in at_end if cost["kind"] == "goal"]
     for cost in at_end:
@@ -223,7 +223,7 @@ KINDS: dict[str, Callable[..., CostTerm]] = {
     "reach_state": goals.reach_state,
     **{name: getattr(costs, name) for name in costs.__all__},
 }
-"""Every kind of cost by its name in a file: the function that makes it."""
+"""Function that makes each kind of cost, by its name in a file."""
 
 
 def _cost(number: int, values: dict[str, Any], system: System) -> CostTerm:
@@ -246,7 +246,7 @@ def _cost(number: int, values: dict[str, Any], system: System) -> CostTerm:
 
 
 def _checked_arguments(make: Callable[..., CostTerm], given: dict[str, Any]) -> dict[str, Any]:
-    """Return `given` as the arguments of `make`; ArgumentError or ValidationError says what is wrong."""
+    """Return `given` as the arguments of `make`; ArgumentError or ValidationError states what is wrong."""
     parameters = dict(inspect.signature(make, eval_str=True).parameters)
     parameters.pop("system", None)
     needed = [name for name, taken in parameters.items() if taken.default is taken.empty]
@@ -258,7 +258,7 @@ def _checked_arguments(make: Callable[..., CostTerm], given: dict[str, Any]) -> 
         fields[name] = (_checked_type(taken.annotation), default)
     strict = ConfigDict(strict=True, allow_inf_nan=False)
     model = create_model("Arguments", __config__=strict, **fields)
-    # As JSON a list may stand for a tuple and a table for a dataclass, and still a text for no number.
+    # In JSON mode a list is accepted for a tuple and a table for a dataclass, but a text for no number.
     checked = model.model_validate_json(json.dumps(given, default=str))
     return {name: getattr(checked, name) for name in checked.model_fields_set}
 

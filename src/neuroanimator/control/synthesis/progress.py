@@ -1,4 +1,4 @@
-"""A descent as it goes: a progress bar for people, a line of JSON per iteration for programs."""
+"""Progress of a descent: a progress bar for people, a line of JSON per iteration for programs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from neuroanimator.terminal import progress_bar
 def watching(log: Path | None, iterations: int) -> Iterator[Callable[[int, float], None]]:
     """Yield an `on_iteration` for `descend` that shows a bar and writes the file `log` line by line.
 
-    Iterations count on over all descents of a synthesis; `descent` says which one it was, for J may rise where the
-    next one begins: it follows another emulator. `seconds` include compilation and replays.
+    Iterations are numbered across all descents of a synthesis; `descent` is the number of the descent, as J may rise where
+    the next one begins, with another emulator. `seconds` include compilation and replays.
     """
     began, done, descent = time.perf_counter(), 0, 0
     with progress_bar("iterations", iterations) as bar, _opened(log) as file:

@@ -1,4 +1,4 @@
-"""Replay controls on the true physics, beside what the emulator makes of them."""
+"""Replay controls on the true physics, beside the emulator."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Replay:
     """The same controls on the emulator and on the physics."""
 
     emulator_states: np.ndarray
-    """(T+1, S)"""
+    """States (T+1, S) on the emulator."""
     physics_states: np.ndarray
-    """(T+1, S) by the system's truth; by the emulator, too, unless `is_on_physics`."""
+    """States (T+1, S) on the system's true physics; on the emulator, too, unless `is_on_physics`."""
     cost_emulator: float
     cost_physics: float
     is_on_physics: bool = True
-    """False where there is no physics to replay on, as of recordings: the emulator is then believed, which proves nothing."""
+    """Whether there was physics to replay on; without it, as for recordings, the emulator stands in, which proves nothing."""
 
     @property
     def gap(self) -> float:
-        """How much dearer the motion is on the physics."""
+        """J on the physics minus J on the emulator."""
         return self.cost_physics - self.cost_emulator
 
 
@@ -43,29 +43,29 @@ def replay(
     start: ArrayLike,
     controls: Float[np.ndarray, "T C"],
 ) -> Replay:
-    """Return what `controls` (T, C) do from `start` (S,) on emulator and physics.
+    """Return the motions of `controls` (T, C) from `start` (S,) on emulator and physics.
 
-    Raises DivergedError where the physics blows up.
+    Raises DivergedError if the physics diverges.
     """
     motion = ranked_motions(emulator, system, objective, start, controls[None])[0]
     return beside_emulated(emulator, system, objective, motion)
 
 
 class ReplayedMotion(NamedTuple):
-    """What controls do on the true physics; on the emulator where there is none, as of recordings."""
+    """A motion on the true physics; on the emulator without physics, as for recordings."""
 
     controls: np.ndarray
-    """(T, C)"""
+    """Controls (T, C)."""
     states: np.ndarray
-    """(T+1, S)"""
+    """States (T+1, S)."""
     cost: float
-    """J"""
+    """J of the motion."""
 
 
 def beside_emulated(
     emulator: Emulator, system: System, objective: Objective, motion: ReplayedMotion
 ) -> Replay:
-    """Return the physics' `motion` with the emulator's under the same controls from the same start."""
+    """Return the physics' `motion` and the emulator's under the same controls from the same start."""
     with phase("emulating"):
         emulator_states = np.asarray(emulator.rollout(motion.states[0], motion.controls))
     cost = objective_cost(objective, emulator, emulator_states, motion.controls)
@@ -79,9 +79,9 @@ def ranked_motions(
     start: ArrayLike,
     candidates: Float[np.ndarray, "K T C"],
 ) -> list[ReplayedMotion]:
-    """Return what `candidates` do from `start` (S,) on the true physics, the least J first; those that diverge are left out.
+    """Return the motions of `candidates` from `start` (S,) on the true physics, the least J first, without diverged ones.
 
-    Where there is no physics, as of recordings, it is what they do on the emulator. Raises DivergedError if all diverge.
+    Without physics, as for recordings, they are motions on the emulator. Raises DivergedError if all diverge.
     """
     starts = np.broadcast_to(np.asarray(start, float), (len(candidates), system.state.size))
     if system.can_simulate:
@@ -107,7 +107,7 @@ def ranked_motions(
 def _emulated_runs(
     emulator: Emulator, starts: Float[np.ndarray, "K S"], candidates: Float[np.ndarray, "K T C"]
 ) -> Runs:
-    """Return what `candidates` do from `starts` on the emulator."""
+    """Return the runs of `candidates` from `starts` on the emulator."""
     with phase("emulating"):
         states = np.asarray(emulator.rollout(starts, candidates, may_diverge=True), float)
     has_diverged = np.asarray(~np.isfinite(states).all(axis=(1, 2)))

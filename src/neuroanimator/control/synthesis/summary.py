@@ -1,4 +1,4 @@
-"""What a synthesis achieved, as rows to print."""
+"""Results of a synthesis, as rows to print."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 
 MINUTES_SPARE = 2.0
-"""Multiple of the estimated time that is enough: updates that look further ahead take longer than those timed."""
+"""Multiple of the estimated time that is enough: unrolled updates take longer than those timed."""
 
 SMALL_GAP = 0.05
-"""Share of J by which two values of it may differ and still be called the same."""
+"""Relative difference up to which two values of J are called equal."""
 
 UNPROVED = "nothing proves this controller: it was tried on the emulator alone. Try it with care"
-"""Words about a controller that only the emulator was asked about."""
+"""Text for a controller that was tried on the emulator alone."""
 
 
 def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
@@ -51,7 +51,7 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
 
 
 def _refinements_in_words(spent: SearchCost) -> str:
-    """Return how often the emulator learnt the physics around a motion, and how to allow what was given up."""
+    """Return how many times the emulator learnt the physics around a motion, and how to allow a training given up."""
     if not spent.minutes_wanted:
         return str(spent.refinements)
     enough = math.ceil(MINUTES_SPARE * spent.minutes_wanted)
@@ -61,7 +61,7 @@ def _refinements_in_words(spent: SearchCost) -> str:
 
 
 def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
-    """Return names and values of what was achieved on the emulator alone, the goal last."""
+    """Return names and values of results on the emulator alone, the goal last."""
     rows: list[tuple[str, object]] = [
         ("J on emulator", f"{synthesis.outcome.cost_emulator:.3f}"),
         ("trust in the emulator's motion", trust_along(synthesis)),
@@ -74,7 +74,7 @@ def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
 
 
 def trust_along(synthesis: Synthesis) -> TrustSummary:
-    """Return how far to believe the emulator's motion under the controls that were found."""
+    """Return the summary of trust in the emulator's motion under the controls found."""
     emulator = synthesis.emulator
     start = synthesis.outcome.emulator_states[0]
     _, scores = emulator.rollout_trusted(start, synthesis.controls, may_diverge=True)
@@ -82,7 +82,7 @@ def trust_along(synthesis: Synthesis) -> TrustSummary:
 
 
 def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | None = None) -> str:
-    """Return what J says of a controller: how far it is from what was asked for, foretold and on the physics."""
+    """Return the meaning of J of a controller in words, as predicted by the emulator and on the physics."""
     meaning = "J adds up how far the motion is from what was asked for, so lower is better; "
     is_missed = is_reached is False
     if is_missed:
@@ -102,7 +102,7 @@ def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | N
 
 
 def warnings_of(synthesis: Synthesis) -> list[str]:
-    """Return what a user should know before relying on the controller, a line each."""
+    """Return warnings for a user who relies on the controller, a line each."""
     lines = []
     if synthesis.descent.is_diverged:
         lines.append(

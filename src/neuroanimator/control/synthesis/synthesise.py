@@ -1,4 +1,4 @@
-"""From an objective to a controller proved on the physics: descend and correct, begin again, fine-tune the emulator."""
+"""From an objective to a controller proved on the physics: descend and correct, restart, fine-tune the emulator."""
 
 from __future__ import annotations
 
@@ -39,48 +39,48 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
 MAX_SECONDS = 20.0
-"""[s] Longest motion searched for; of a slow system longer."""
+"""Maximum duration of a motion [s]; longer for a slow system."""
 
 TRUST_DIRECTIONS = 64
 """Number of directions in which the gradient is compared with the physics': a lander's 240 would take far longer."""
 
 REFINING_MINUTES = 0.5
-"""Longest time that refinements may take in all, if nothing else is said [min]."""
+"""Default maximum time of all refinements together [min]."""
 
 RESTARTS = 6
-"""Maximum number of new beginnings from other guesses where the physics has not done it."""
+"""Maximum number of restarts from other guesses while the physics misses the goal."""
 
 SEARCHED = 4096
-"""Number of guesses tried by a rollout each before a new beginning: a second or less."""
+"""Number of guesses tried by a rollout each before a restart: a second or less."""
 
 SEARCH_STARTS = 16
-"""Minimum number of the best of them that are descended from."""
+"""Minimum number of the best guesses to descend from."""
 
 
 @dataclass(frozen=True)
 class Synthesis:
-    """A controller and how it came about."""
+    """A controller and how it was found."""
 
     emulator: Emulator
-    """The one that found it: refined if refining was needed."""
+    """Emulator that found it, refined if necessary."""
     descent: Descent
-    """The descent it began with, before corrections; what all of them took is in `spent`."""
+    """First descent, before corrections; the cost of all descents is in `spent`."""
     controls: np.ndarray
-    """(T, C) proved on the physics, if there is any: see `Replay.is_on_physics`."""
+    """Controls (T, C), proved on the physics, if there is any: see `Replay.is_on_physics`."""
     outcome: Replay
     """These controls on the emulator and on the physics."""
     spent: SearchCost
-    """What the whole search took."""
+    """Cost of the whole search."""
     trust: GradientTrust | None = None
-    """In the emulator's gradient, if it was measured."""
+    """Trust in the emulator's gradient, if it was measured."""
     is_reached: bool | None = None
-    """Whether the physics, or the emulator where there is none, ends within the goal's tolerances; None without a goal."""
+    """Whether the physics, or the emulator without physics, ends within the goal's tolerances; None without a goal."""
 
     @classmethod
     def of(
         cls, attempt: Attempt, trust: GradientTrust | None, is_reached: bool | None = None
     ) -> Synthesis:
-        """Return that of the best attempt."""
+        """Return the synthesis of the best attempt."""
         return cls(
             attempt.emulator,
             attempt.descent,
@@ -93,7 +93,7 @@ class Synthesis:
 
     @property
     def attempt(self) -> Attempt:
-        """The attempt it is of."""
+        """The attempt that made it."""
         return Attempt(self.emulator, self.descent, self.controls, self.outcome, self.spent)
 
 
@@ -117,20 +117,20 @@ def synthesise(
 ) -> Synthesis:
     """Return the best controller for `steps` super steps, or for `seconds`, from the state `start` (S,), by its J on the physics.
 
-    A motion replayed on the physics shows what the emulator gets wrong along it. These defects are added to the
-    emulator, and the descent goes on from there, up to `corrections` times. Where that is not good enough, all begins
-    again from the best of many guesses, in turn around the first one given and random, up to `restarts` times. Where the
-    gap stays large, transitions around the motion are added to `data` (what the emulator was trained on; simulated anew if
-    not given), a copy of the emulator trains on, and all begins again, up to `refinements` times, if their data and
-    trainings take no longer than `minutes` in all; `on_refine` is told the gap before each.
+    Replaying a motion on the physics shows the emulator's errors along it. These defects are added to the
+    emulator, and the descent goes on from there, up to `corrections` times. If that is not good enough, the search restarts
+    from the best of many guesses, alternately around the first one given and random, up to `restarts` times. If the
+    gap stays large, transitions around the motion are added to `data` (the emulator's training data; simulated anew if
+    not given), a copy of the emulator is trained further, and the search restarts, up to `refinements` times, if their data
+    and trainings take no longer than `minutes` in all; `on_refine` is called with the gap before each.
 
-    All ends as soon as `is_enough` says so of the states (T+1, S) of the physics. Where the physics disagrees at last,
+    The search ends as soon as `is_enough` is true of the states (T+1, S) of the physics. If the physics disagrees in the end,
     `measures_trust` measures whether the emulator's gradient can be trusted, at random controls: at its optimum it vanishes.
 
-    Of recordings, and of a model that is not at hand, there is no physics: the controller is then the best on the emulator,
+    Without physics, as for recordings or a missing model, the controller is the best on the emulator,
     which proves nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
 
-    Raises ArgumentError for an objective that cannot be descended, DivergedError where the physics blows up at the first guess.
+    Raises ArgumentError for an objective that cannot be descended, DivergedError if the physics diverges at the first guess.
     """
     state = emulator.state.check(start, "state")
     if seconds is not None and steps is None:
@@ -152,9 +152,9 @@ def synthesise(
 
 
 def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
-    """Return the best of `attempt` and others from the best of many guesses, charged with all of them.
+    """Return the best of `attempt` and others from the best of many guesses, with the cost of all of them.
 
-    Guesses lie around the first one of `search.options` and are random controls in turn; where there is none, always random.
+    Guesses alternate between the neighbourhood of the first guess in `search.options`, if there is one, and random controls.
     """
     around = search.options.first
     if around is not None and around.ndim == 3:
@@ -189,7 +189,7 @@ def finetune(
     data: Transitions | None,
     on_refine: Callable[[float], None],
 ) -> Attempt:
-    """Return the best of `attempt` and others with emulators that learnt the physics around it, charged with all."""
+    """Return the best of `attempt` and others with emulators trained on the physics around it, with the cost of all."""
     if not minutes >= 0:
         raise ArgumentError(f"minutes: wanted 0 or more, came {minutes:g}.")
     if not minutes:
@@ -203,7 +203,7 @@ def finetune(
             break
         on_refine(latest.outcome.gap)
         with phase("learning the physics around the motion"):
-            # Training's modules, which most motions do without.
+            # Imports training, which most motions do not need.
             from neuroanimator.control.synthesis.finetune import Deadline, OutOfTimeError, refined
 
             began = time.monotonic()
@@ -231,7 +231,7 @@ def finetune(
 
 
 def _better(search: Search, old: Attempt, new: Attempt) -> Attempt:
-    """Return the one that is good enough, or else the cheaper one on the physics; `old` where they are as good."""
+    """Return the one that is good enough, otherwise the cheaper one on the physics; `old` if they are equal."""
 
     def rank(attempt: Attempt) -> tuple[bool, float]:
         outcome = attempt.outcome
@@ -248,7 +248,7 @@ def _measure_trust(
     steps: int,
     options: DescentOptions,
 ) -> GradientTrust:
-    """Return how far the gradient of the emulator that was given can be trusted, at random controls."""
+    """Return the trust in the gradient of the given emulator, at random controls."""
     rng = np.random.default_rng(0)
     controls = sample_control_runs(rng, 1, steps, emulator.dt, system)[0]
     return gradient_trust(
@@ -263,7 +263,7 @@ def _measure_trust(
 
 
 def check_same_system(emulator: Emulator, system: System) -> None:
-    """Refuse a `system` whose states or controls are not the emulator's, by name, and one that nothing drives."""
+    """Refuse a `system` whose states or controls differ from the emulator's by name, and one without controls."""
     check_driven(emulator)
     spec = emulator.spec
     if (system.state, system.control) != (spec.state, spec.control):
@@ -293,16 +293,16 @@ def synthesise_goal(
 ) -> Synthesis:
     """Return the controller that reaches the goal called `name` from `start` (S,) in `seconds`; the rest as `synthesise`.
 
-    Restarts are for goals that are missed after all else. `start` and `seconds` default to what the goal itself says is
-    sensible. With a `threshold` the motion is kept where the emulator's scores are at most that (`stay_trusted`), which takes
+    Restarts are for goals that are otherwise missed. `start` and `seconds` default to the goal's own.
+    With a `threshold` the motion is kept where the emulator's scores are at most that (`stay_trusted`), which takes
     longer.
-    The gradient is not measured where the goal is reached on the physics: there it led to what was wanted. `goals_from`
-    is the emulator's system with other goals: they may be written after training.
+    The gradient is not measured if the goal is reached on the physics: it has then proved itself. `goals_from`
+    is the emulator's system with other goals, which may be written after training.
     """
     system = replayable_system(emulator)
     named = system if goals_from is None else goals_from
     check_same_system(emulator, named)
-    # Effort is counted by the second, of which something slow takes many.
+    # Effort is counted per second, and slow systems take many.
     objective = goal_objective(named, name, effort_weight / slowness(emulator.dt))
     if threshold is not None:
         kept = stay_trusted(emulator, threshold=threshold)

@@ -1,4 +1,4 @@
-"""Tasks controllers are measured by: random starts, what is wanted, and when the physics has done it."""
+"""Tasks that measure controllers: random starts, objectives, and criteria of success on the physics."""
 
 from __future__ import annotations
 

@@ -27,82 +27,82 @@ HOLD_SECONDS = 0.5
 """Time at the end of its motion throughout which the pendulum must be upright [s]."""
 
 HOLD_STRIDE = 2
-"""The cost looks at every second super step of that end: enough to hold still, and half the work."""
+"""Stride of the super steps in that end that the cost looks at: every second is enough to hold still, at half the work."""
 
 START_ANGLES = (math.pi / 2, 0.8, 0.8)
-"""[rad] The pendulum's joints start within these, so below the horizontal."""
+"""Maximum magnitude of the pendulum's joint angles at the start, which is below the horizontal [rad]."""
 
 START_VELOCITY = 0.5
-"""[rad/s] Standard deviation of the joints' velocities at the start: slow."""
+"""Standard deviation of the joints' velocities at the start, which is slow [rad/s]."""
 
 TRUCK_LENGTH = 4.2
-"""[m] Of the truck's outline, bumper to bumper."""
+"""Length of the truck's outline, bumper to bumper [m]."""
 
 TRUCK_WIDTH = 1.64
-"""[m] Of the truck's outline."""
+"""Width of the truck's outline [m]."""
 
 TRUCK_PROBES = ((-1.4, 0.0), (-0.47, 0.0), (0.47, 0.0), (1.4, 0.0))
-"""[m] Points along the truck's middle, ahead and to the left, that must keep away from obstacles."""
+"""Points along the truck's middle, ahead and to the left, that must keep away from obstacles [m]."""
 
 TRUCK_MARGIN = 1.05
-"""[m] Discs of this radius about the probes cover the truck with a hand's breadth to spare."""
+"""Radius of discs around the probes that cover the truck with some 10 cm to spare [m]."""
 
 TRUCK_AVOIDANCE = 300.0
-"""Weight of keeping out of obstacles: a truck a centimetre in one for a second costs as much as an error of 0.2."""
+"""Weight of keeping out of obstacles: a truck a centimetre inside one for a second costs the same as an error of 0.2."""
 
 AISLE = (6.5, 2.0)
-"""[m] Half the extent along x and y of where the truck starts."""
+"""Half the extent along x and y of the area of the truck's starts [m]."""
 
 CLEAR_START = 0.5
-"""[m] The truck starts at least this far from every obstacle."""
+"""Minimum distance of the truck's start from every obstacle [m]."""
 
 BAYS = 6
 """Number of parking bays in the lot."""
 
 OUTLINE_POINTS = (13, 7)
-"""Number of points of the truck's outline looked at, along it and across it: every 35 cm or less."""
+"""Number of checked points of the truck's outline, along it and across it: every 35 cm or less."""
 
 POST = 5
-"""MuJoCo's number for cylinders (`mjGEOM_CYLINDER`), as the lot's posts are."""
+"""MuJoCo's type number of the lot's posts, which are cylinders (`mjGEOM_CYLINDER`)."""
 
 OBSTACLE_GROUP = 2
-"""Geoms of this group are the obstacles of the truck's lot."""
+"""Group of the geoms that are obstacles of the truck's lot."""
 
 TOUCHDOWN_SPEED = 1.0
-"""[m/s] A landing below it is soft."""
+"""Maximum speed of a soft landing [m/s]."""
 
 TOUCHDOWN_LEAN = math.radians(10.0)
-"""[rad] A landing that leans less is soft."""
+"""Maximum lean of a soft landing [rad]."""
 
 PAD_RADIUS = 1.0
-"""[m] A landing this near to the pad's middle is on the pad."""
+"""Maximum distance from the pad's middle of a landing on the pad [m]."""
 
 CONE_HEIGHTS = (8.0, 14.0)
-"""[m] The lander starts between these heights over its pad."""
+"""Minimum and maximum height of the lander's start above its pad [m]."""
 
 CONE_SLOPE = 0.35
-"""The lander starts at most this far aside, as a share of its height over the pad."""
+"""Maximum sideways distance of the lander's start, as a share of its height above the pad."""
 
 LANDER_START_HEADING = 0.5
-"""Maximum turn of the lander's starts about the vertical [rad]."""
+"""Maximum rotation of the lander's starts about the vertical [rad]."""
 
 LANDER_START_VELOCITIES = (0.4, 0.4, 0.4, 0.05, 0.05, 0.05)
-"""[m/s] and [rad/s] Standard deviations of the lander's velocities at the start."""
+"""Standard deviations of the lander's velocities at the start [m/s and rad/s]."""
 
 FINAL_DESCENT_SECONDS = 1.5
-"""Time before the end at which the lander shall be over its pad, to sink slowly from there [s]."""
+"""Time before the end at which the lander is to be above its pad, to sink slowly from there [s]."""
 
 FINAL_DESCENT_HEIGHT = 0.7
-"""[m] It shall then be this high over where it stands at rest."""
+"""Height at that time above the height at rest [m]."""
 
 FINAL_DESCENT_VELOCITY = 0.5
-"""[m/s] It shall then sink at this velocity."""
+"""Velocity of sinking from then on [m/s]."""
 
 FEET = ((2.0, 2.0, -1.8), (-2.0, 2.0, -1.8), (-2.0, -2.0, -1.8), (2.0, -2.0, -1.8))
-"""[m] Where the lander's feet are in its own frame: their middles."""
+"""Middles of the lander's feet in its own frame [m]."""
 
 FOOT_RADIUS = 0.2
-"""[m] Of each of the lander's feet."""
+"""Radius of each of the lander's feet [m]."""
 
 
 def swing_up(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -121,7 +121,7 @@ def swing_up(system: System, rng: np.random.Generator, steps: int, dt: float) ->
 
 
 def park(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a position and a heading in the aisle, and a bay; nothing may be touched on the way."""
+    """Draw a position and a heading in the aisle, and a bay; the truck must not touch anything on the way."""
     assert isinstance(system, MujocoSystem)
     zones = lot_zones(system)
     start = np.array(system.rest)
@@ -170,7 +170,7 @@ def lot_zones(system: MujocoSystem) -> list[Zone]:
 
 
 def clearance(system: System, zones: list[Zone], states: np.ndarray) -> float:
-    """Return how close [m] the truck's border comes to any zone in `states` (T, S); negative if it touches one."""
+    """Return the minimum distance [m] of the truck's border from any zone in `states` (T, S); negative if it touches one."""
     points = footprint(system.structure, states, truck_outline())
     return float(distances(zone_rows(zones), points).min())
 
@@ -200,7 +200,7 @@ def landing_objective(system: System, over_pad: float) -> Objective:
 
 
 def land(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a start in a cone over the pad, slowly moving and leaning; the feet must touch down softly."""
+    """Draw a start in a cone above the pad, slowly moving and leaning; the feet must touch down softly."""
     height = rng.uniform(*CONE_HEIGHTS)
     azimuth = rng.uniform(-np.pi, np.pi)
     aside = height * CONE_SLOPE * math.sqrt(rng.uniform())
@@ -228,7 +228,7 @@ def has_touched(system: System, states: np.ndarray) -> bool:
 
 
 def is_soft_landing(system: System, states: np.ndarray) -> bool:
-    """Return whether the lander ends on its pad, and was slow and upright from just before the first contact on."""
+    """Return whether the lander ends on its pad, slow and upright from just before the first contact on."""
     pose = read_pose(system.structure, states)
     heights = lowest_foot(pose)
     touching = np.flatnonzero(heights <= 0.0)
@@ -242,7 +242,7 @@ def is_soft_landing(system: System, states: np.ndarray) -> bool:
 
 
 def lowest_foot(pose: Pose) -> np.ndarray:
-    """Return (T,) [m] how high the lowest foot's sole is over the ground."""
+    """Return the height of the lowest foot's sole above the ground (T,) [m]."""
     left = np.cross(pose.upward, pose.forward)
     rises = []
     for x, y, z in FEET:

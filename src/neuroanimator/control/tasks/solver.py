@@ -1,4 +1,4 @@
-"""Solve a task's trials as `synthesise` does by default, on the clock."""
+"""Solve a task's trials as `synthesise` does by default, and time it."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
 
 CORRECTIONS = 16
-"""Replays whose defects may be added to the emulator, at most."""
+"""Maximum number of replays whose defects are added to the emulator."""
 
 TRIALS = 5
-"""Joins the number of a trial as the seed it is drawn from."""
+"""Number joined to that of a trial as its seed."""
 
 RANDOM_CONTROLS = 6
-"""Joins the number of a trial as the seed of the controls at which its gradient is looked at."""
+"""Number joined to that of a trial as the seed of the controls at which its gradient is checked."""
 
 
 @dataclass(frozen=True)
 class Solver:
-    """A task with what solves it."""
+    """A task with the means to solve it."""
 
     task: Task
     system: System
     emulator: Emulator
     steps: int
-    """Super steps of the motion."""
+    """Number of super steps of the motion."""
     parametrisation: Parametrisation
 
     @classmethod
@@ -47,19 +47,19 @@ class Solver:
 
     @classmethod
     def shipped(cls, task: Task) -> Solver:
-        """Return the solver of `task` with the system and the emulator that ship."""
+        """Return the solver of `task` with the shipped system and emulator."""
         emulator = Emulator.load(emulator_name(task.system, task.substeps))
         return cls.of(task, load_system(task.system), emulator)
 
     def draw(self, number: int) -> Trial:
-        """Return the trial of that number: always the same one."""
+        """Return trial `number`, always the same one."""
         rng = np.random.default_rng([number, TRIALS])
         return self.task.draw(self.system, rng, self.steps, self.emulator.dt)
 
     def solve(self, trial: Trial, *, is_warm_up: bool = False) -> tuple[Synthesis, float]:
-        """Return what was found for `trial` and how long it took [s], replays included; no training.
+        """Return (the synthesis for `trial`, the time it took [s]), replays included, without training.
 
-        A warm-up compiles all that may be needed: it corrects once, needed or not.
+        A warm-up compiles everything that may be needed: it corrects once in any case.
         """
         began = time.perf_counter()
         options = DescentOptions(
@@ -83,7 +83,7 @@ class Solver:
         return synthesis, time.perf_counter() - began
 
     def cosine(self, trial: Trial, number: int) -> float:
-        """Return the gradient's cosine with the physics' at the first guess; at random controls where there is none."""
+        """Return the gradient's cosine with the physics' at the first guess, or at random controls without one."""
         controls = trial.first
         if controls is None:
             rng = np.random.default_rng([number, RANDOM_CONTROLS])

@@ -24,62 +24,62 @@ from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.system import System
 
 FASTER_THAN_GAIT = 1.2
-"""Multiple of the gait's distance, from the same start, at which a motion succeeds."""
+"""Multiple of the gait's distance, from the same start, at which a motion counts as a success."""
 
 SLOW_START = 0.8
-"""Maximum speed at the start, as a share of the gait's mean speed from there: at full speed no stroke comes farther."""
+"""Maximum speed at the start, as a share of the gait's mean speed from there: at full speed no stroke gets farther."""
 
 MIN_LENGTHS = 0.1
-"""Minimum distance a gait is taken to come, in body lengths."""
+"""Minimum distance assumed for a gait [body lengths]."""
 
 HEADING_WITHIN = math.radians(10.0)
 """Maximum deviation from the wanted heading [rad]."""
 
 TURNS = (30.0, 90.0)
-"""[degrees] Least and greatest turn that is wanted, to the left or right."""
+"""Minimum and maximum turn, to the left or right [degrees]."""
 
 TARGET_WITHIN = 0.5
-"""Body lengths off that still count as at the target."""
+"""Maximum distance from the target that counts as reached [body lengths]."""
 
 TARGET_SHARES = (0.7, 1.0)
-"""Distance of a target, as a share of what the gait comes in the time."""
+"""Minimum and maximum distance of a target, as a share of the gait's in the time."""
 
 TARGET_ASIDE = 60.0
 """Maximum angle of a target to the left or right [degrees]."""
 
 ERRORS_PER_TOLERANCE = 3
-"""A third of a tolerance counts as an error of one in a cost."""
+"""Error of a cost per tolerance: a third of a tolerance is an error of one."""
 
 LEAP_HEIGHT = 0.15
-"""Body lengths the dolphin's centroid must rise over the surface."""
+"""Minimum height of a leap: that of the dolphin's centroid above the surface [body lengths]."""
 
 LEAP_MARGIN = 1.5
 """Ratio of the height a leap aims at to the height it must reach."""
 
 LEAP_TIME = 0.8
-"""A leap is highest after this share of the motion."""
+"""Time of a leap's highest point, as a share of the motion."""
 
 FIRST_STRENGTH = 0.7
-"""First guesses are the gait at this strength: at full strength its muscles are at their bounds."""
+"""Strength of the gait in first guesses: at full strength its muscles are at their bounds."""
 
 DEPTHS = (-3.0, -1.5)
-"""[m] Bodies that live under a surface start between these heights."""
+"""Minimum and maximum height at the start of bodies that live under a surface [m]."""
 
 ROLL_WITHIN = math.radians(30.0)
-"""[rad] Rolled over further, no motion counts as a success."""
+"""Maximum roll of a successful motion [rad]."""
 
 SWIMMING_UPRIGHT = 0.3
-"""Weight of staying upright where one pattern must do all the way: with 1, few fish come farther than by their gait."""
+"""Weight of staying upright with one pattern for the whole motion: with 1, few fish get farther than by their gait."""
 
 LEVEL_WITHIN = 0.3
-"""Maximum slope of starts up or down: the height of a unit vector."""
+"""Maximum slope of starts up or down: the vertical component of the heading's unit vector."""
 
 UPRIGHT_WITHIN = 0.9
-"""Minimum height of the backs of starts, as unit vectors."""
+"""Minimum vertical component of the unit vector of a start's back."""
 
 
 def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a swimmer that is not yet at full speed; it shall come as far ahead as it can."""
+    """Draw a swimmer that is not yet at full speed; it is to swim as far ahead as it can."""
     length = body_length(system)
     gait = gait_controls(system, steps, dt)
     while True:
@@ -127,7 +127,7 @@ def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
 
 
 def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a swimmer and a target as far away as it comes in the time, up to 60° to its left or right."""
+    """Draw a swimmer and a target as far away as it gets in the time, up to 60° to its left or right."""
     start = swimming_start(system, rng)
     length = body_length(system)
     pose = read_pose(system.structure, start)
@@ -154,7 +154,7 @@ def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tr
 
 
 def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a dolphin under the surface; it shall fly near the end, back up. It may pitch as it likes."""
+    """Draw a dolphin under the surface; near the end it is to be in the air, back up. It may pitch freely."""
     start = swimming_start(system, rng)
     length = body_length(system)
     height = LEAP_HEIGHT * length
@@ -185,7 +185,8 @@ def simulate_one(
 def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
     """Return a state (S,) in the midst of random swimming, nearly level; under the surface, if there is one.
 
-    What has neither weight nor up and down swims anyhow: it is turned upright as a whole, which changes nothing else.
+    A system without weight has no up and down and swims at any orientation: it is turned upright as a whole, which changes
+    nothing else.
     """
     assert isinstance(system, DeformableSystem)
     while True:
@@ -214,13 +215,13 @@ def turned_upright(system: DeformableSystem, state: np.ndarray) -> np.ndarray:
 
 
 def ends_upright(system: System, states: np.ndarray, dt: float) -> bool:
-    """Return whether `states` (T+1, S), `dt` [s] apart, are rolled by less than `ROLL_WITHIN` over the last period."""
+    """Return whether `states` (T+1, S), `dt` [s] apart, roll by less than `ROLL_WITHIN` over the last period."""
     last = steps_of_a_period(system, dt)
     return bool(np.abs(read_pose(system.structure, states[-1 - last :]).roll).max() < ROLL_WITHIN)
 
 
 def steps_of_a_period(system: System, dt: float) -> int:
-    """Return in how many super steps of `dt` [s] a swimmer's gait has come round."""
+    """Return the number of super steps of `dt` [s] in a period of a swimmer's gait."""
     assert system.gait is not None
     return math.ceil(system.gait.period / dt)
 
@@ -232,24 +233,24 @@ def three(vector: np.ndarray) -> tuple[float, float, float]:
 
 
 def body_length(system: System) -> float:
-    """Return how long [m] a deformable body is at rest."""
+    """Return the length of a deformable body at rest [m]."""
     assert system.body_length is not None
     return system.body_length
 
 
 def gait_controls(system: System, steps: int, dt: float) -> np.ndarray:
-    """Return (T, C) the system's own gait."""
+    """Return the controls (T, C) of the system's own gait."""
     assert system.gait is not None
     return system.gait.controls(steps, dt, system.bounds)
 
 
 def distance_ahead(system: System, pose: Pose, states: np.ndarray) -> float:
-    """Return how far [m] `states` (T+1, S) lead to where `pose` points."""
+    """Return the distance [m] that `states` (T+1, S) cover in the direction of `pose`."""
     return float((read_pose(system.structure, states[-1]).position - pose.position) @ pose.forward)
 
 
 def ahead(pose: Pose, angle: float) -> np.ndarray:
-    """Return the direction (3,) `angle` [rad] to the left of where a body points, level if its up is."""
+    """Return the direction (3,) `angle` [rad] to the left of where a body points, in the body's own XY plane."""
     left = np.cross(pose.upward, pose.forward)
     return math.cos(angle) * pose.forward + math.sin(angle) * left / np.linalg.norm(left)
 
@@ -257,7 +258,7 @@ def ahead(pose: Pose, angle: float) -> np.ndarray:
 def upright_tasks(
     system: str, swim_by: dict[str, Any], turn_by: dict[str, Any], reach_by: dict[str, Any]
 ) -> tuple[Task, ...]:
-    """Return the tasks fish and dolphin share; of each the fields of `Task` that say what is varied and how."""
+    """Return the tasks shared by fish and dolphin; the arguments are the fields of `Task` on what each varies and how."""
     upright = f"rolled by less than {math.degrees(ROLL_WITHIN):.0f}° over the last period"
     turned = (
         f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
@@ -272,7 +273,7 @@ def upright_tasks(
 
 
 SECONDS = 3.0
-"""[s] Long enough for the dolphin to rise from the depth it starts at, and for the fish to come its own length."""
+"""Duration of motions [s]: long enough for the dolphin to rise from its initial depth, and for the fish to swim its length."""
 
 SWIMMER_TASKS = (
     *upright_tasks(

@@ -1,4 +1,4 @@
-"""The tasks controllers are measured by: random starts, what is wanted, and when the physics has done it."""
+"""Tasks that measure controllers: random starts, objectives, and criteria of success on the physics."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.systems.system import System
 
 FREE = math.nan
-"""Stands in the position of an aim for an axis along which anywhere will do."""
+"""Coordinate of an aim's position along an axis that does not matter."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """Position of a trial's goal, for learners that must see it: an objective gives its cost only."""
+    """A trial's goal in the world, for learners that must observe it: an objective gives only its cost."""
 
     position: tuple[float, float, float] = (FREE, FREE, FREE)
-    """[m] In the world."""
+    """Position in the world [m]."""
     direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Unit vector in the world where the body shall point or go; zeros if it does not matter."""
+    """Unit vector in the world along which the body is to point or move; zeros if it does not matter."""
     is_in_a_fixed_world: bool = False
-    """Whether it also matters where in the world the body is, as among obstacles."""
+    """Whether the body's position in the world also matters, as among obstacles."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,15 @@ class Trial:
     """One random instance of a task."""
 
     start: np.ndarray
-    """(S,)"""
+    """Initial state (S,)."""
     objective: Objective
     is_success: Callable[[np.ndarray], bool]
-    """Whether the physics' states (T+1, S) have done it."""
+    """Whether the physics' states (T+1, S) are a success."""
     first: np.ndarray | None = None
-    """(T, C) a first guess; the middle of the bounds if None."""
+    """First guess (T, C); the middle of the bounds if None."""
     aim: Aim = Aim()
     has_failed: Callable[[np.ndarray], bool] = lambda states: False
-    """Whether the states so far (K, S) are beyond repair: something was touched that must not be."""
+    """Whether the states so far (K, S) have failed for good, such as by touching something."""
 
 
 @dataclass(frozen=True)
@@ -58,20 +58,20 @@ class Task:
     substeps: int
     seconds: float
     success: str
-    """When a motion counts as a success, in words."""
+    """Criterion of success, in words."""
     draw: Callable[[System, np.random.Generator, int, float], Trial]
-    """(system, random numbers, super steps, super step [s]) → a trial."""
+    """(system, random numbers, number of super steps, super step [s]) → a trial."""
     starts: int = 1
-    """First guesses descended from."""
+    """Number of first guesses to descend from."""
     knots: int = 0
-    """Of splines; 0 for one value per super step."""
+    """Number of knots of splines; 0 for one value per super step."""
     is_periodic: bool = False
     method: str = "gauss-newton"
     is_held: bool = False
     """Whether the goal must be held, not only reached."""
 
     def parametrisation(self, system: System, steps: int, dt: float) -> Parametrisation:
-        """Return what a descent may vary."""
+        """Return the parametrisation of a descent."""
         if self.is_periodic and system.gait is not None:
             return Periodic.of(steps, dt, system.gait.period, system.bounds)
         if self.knots:

@@ -1,4 +1,4 @@
-"""Every network by its name."""
+"""Every network by name."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ DEFAULT_WIDTHS = {
 
 
 MAX_LAYER = 4096
-"""Most units of a hidden layer: bounds what a hostile file can make us allocate, so wider ones are not trained."""
+"""Maximum number of units in a hidden layer: it bounds what a hostile file can make us allocate, and holds in training."""
 MAX_LAYERS = 32
-"""Most hidden layers, a hierarchy's in all; each is traced one by one."""
+"""Maximum number of hidden layers, in total for a hierarchy; each is traced one by one."""
 
 
 def check_widths(kind: str, widths: tuple[int, ...]) -> None:
-    """Refuse hidden layers that no emulator file may have; ArgumentError says which."""
+    """Refuse hidden layers that no emulator file may have; ArgumentError names them."""
     if any(width < 1 for width in widths if kind != "hierarchy"):
         raise ArgumentError(
             f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)[:MAX_LAYERS]}."
@@ -59,9 +59,9 @@ def make_network(
 ) -> Network:
     """Return a fresh network of `kind` with hidden layers of `widths` units; without a `key` its weights are zeros.
 
-    `even_out` names the answers that stay what they are in the mirror; of `mirrored` and `hierarchy` only.
-    `parts` says who sees and answers what; of `hierarchy` only. `gates_even`: see `GatedLayer`; of `gated` and
-    `mirrored` only.
+    `even_out` lists the answers that are unchanged in the mirror; for `mirrored` and `hierarchy` only.
+    `parts` gives the inputs and answers of each part; for `hierarchy` only. `gates_even`: see `GatedLayer`; for
+    `gated` and `mirrored` only.
     """
     check_widths(kind, widths)
     if kind not in NETWORKS:

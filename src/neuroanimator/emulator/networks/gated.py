@@ -23,15 +23,15 @@ from neuroanimator.state.arrays import AnyArray
 class GatedLayer(eqx.Module):
     """Products of a saturating and a linear part.
 
-    tanh(odd) · linear(even) is odd again; tanh(odd) · linear(odd) and tanh(even) are even. Torque
-    times inverse inertia and speed times speed, which mechanics is made of, are such products. Parameters of a
-    family are even and scale what is even, too: there the last ones are tanh(even) · linear(even).
+    tanh(odd) · linear(even) is odd again; tanh(odd) · linear(odd) and tanh(even) are even. Products of
+    mechanics, such as torque times inverse inertia and speed times speed, have this form. Parameters of a
+    family are even and scale even quantities, too: there the last ones are tanh(even) · linear(even).
     """
 
     odd_in: Float[AnyArray, "O H3"]
-    """Side by side, because one product is faster than three: tanh of the odd units, tanh and factor of pairs."""
+    """Concatenated, because one product is faster than three: tanh of the odd units, tanh and factor of pairs."""
     even_in: Float[AnyArray, "E K"]
-    """Side by side: factor of the odd units, tanh of the even units, and where these are gated their factor."""
+    """Concatenated: factor of the odd units, tanh of the even units, and if these are gated their factor."""
     bias: Float[AnyArray, " K"]
 
     @classmethod
@@ -49,7 +49,7 @@ class GatedLayer(eqx.Module):
 
     @property
     def half(self) -> int:
-        """Number of odd units, and of even ones."""
+        """Number of odd units, which is also that of even ones."""
         return self.odd_in.shape[1] // 3
 
     @property
@@ -70,7 +70,7 @@ class GatedLayer(eqx.Module):
         return jnp.tanh(odd_units) * gate, even_units
 
     def leaves(self) -> dict[str, Any]:
-        """Return every weight, or what stands for it, by the name that files give it."""
+        """Return every weight, or its placeholder, by its name in files."""
         return {"odd_weight": self.odd_in, "even_weight": self.even_in, "bias": self.bias}
 
 
@@ -91,7 +91,7 @@ class GatedNetwork(Network):
     def gated_units(
         self, odd: Float[Array, " O"], even: Float[Array, " E"]
     ) -> tuple[Float[Array, " H"], Float[Array, " H"]]:
-        """Return the odd and the even units of the last layer; the streams themselves where there is none."""
+        """Return the odd and the even units of the last layer; the streams themselves without layers."""
         for layer in self.layers:
             odd, even = layer(odd, even)
         return odd, even

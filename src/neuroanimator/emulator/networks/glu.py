@@ -14,10 +14,10 @@ from neuroanimator.state.arrays import AnyArray
 
 
 class Glu(Network):
-    """Layers tanh(W x + a) · (V x + b), then a linear map: gated units where there is no mirror to respect."""
+    """Layers tanh(W x + a) · (V x + b), then a linear map: gated units without mirror symmetry."""
 
     layers: tuple[Float[AnyArray, "I H2"], ...]
-    """Side by side: saturating part, linear part."""
+    """Concatenated: saturating part, linear part."""
     biases: tuple[Float[AnyArray, " H2"], ...]
     out: Float[AnyArray, "H S"]
 
@@ -64,7 +64,7 @@ class Glu(Network):
 
 
 class LinearGlu(Network):
-    """A linear map plus the layers of `Glu`, as `Mirrored` has one: what is nearly linear needs no units."""
+    """A linear map, as in `Mirrored`, plus the layers of `Glu`: nearly linear behaviour needs no units."""
 
     glu: Glu
     linear: Float[AnyArray, "I S"]
@@ -73,7 +73,7 @@ class LinearGlu(Network):
     def of(
         cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
     ) -> LinearGlu:
-        """Return a fresh network, its linear map zero; without a key all its weights are."""
+        """Return a fresh network with a zero linear map; without a key all weights are zeros."""
         return cls(Glu.of(odd, even, out, widths, key=key), zeros(odd + even, out))
 
     def leaves(self) -> dict[str, Any]:

@@ -1,8 +1,8 @@
-"""A hierarchy of networks: one for how the parts of a body move, and a small one for each part itself.
+"""A hierarchy of networks: one for the motion of a body's parts as wholes, and a small one for each part itself.
 
-The seminar paper's section 4: what happens within a segment of a fish, or a limb of a human, depends on the
-whole through little more than how that part is moved. The upper network sees the whole coarsely; every child
-sees its own part finely, and what the upper one has just answered about it and its neighbours.
+The seminar paper's section 4: the motion within a segment of a fish, or a limb of a human, depends on the rest of the
+body through little more than the motion of that part as a whole. The upper network sees the whole coarsely; every child
+sees its own part finely, and the upper network's answers about it and its neighbours.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from neuroanimator.text import quoted
 Entries = tuple[int, ...]
 
 MAX_PARTS = 200
-"""A file may come from a stranger, and each part is traced; a model has at most as many freedoms."""
+"""Maximum number of parts, a model's maximum of freedoms: a file may come from a stranger, and each part is traced."""
 
 ENTRY_KEYS = ("odd", "even", "answers", "hears")
-"""Of a part as JSON."""
+"""Keys of a part in JSON."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """What one network of the hierarchy sees and answers."""
+    """Inputs and answers of one network of the hierarchy."""
 
     name: str
     odd: Entries
@@ -50,22 +50,22 @@ class Part:
     answers: Entries
     """Numbers of the change it predicts."""
     hears: Entries = ()
-    """Answers of the upper network it sees too, as numbers of the change; none of the upper network's own."""
+    """Answers of the upper network that it sees too, as numbers of the change; empty for the upper network."""
     like: int = -1
-    """Number of the earlier child whose weights it uses; -1: its own."""
+    """Number of the earlier child whose weights it uses; -1 for its own."""
 
 
 @dataclass(frozen=True)
 class _Family:
-    """Who sees and answers what in a hierarchy."""
+    """Inputs and answers of all parts of a hierarchy."""
 
     parts: tuple[Part, ...]
-    """The upper one first."""
+    """Parts, the upper one first."""
     even: Entries
-    """Which answers are even in the mirror."""
+    """Answers that are even in the mirror."""
 
     def inputs(self, part: Part) -> tuple[list[int], list[int]]:
-        """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for answers it hears."""
+        """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for the upper answers it sees."""
         odd, even = self.answers(self.parts[0])
         heard_odd = [-1 - odd.index(i) for i in part.hears if i in odd]
         heard_even = [-1 - even.index(i) for i in part.hears if i in even]
@@ -95,25 +95,25 @@ class _Family:
 
 
 def _stacked(*leaves: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
-    """Return what children have each of their own as one array, a child a row."""
+    """Return the children's arrays stacked, one row per child."""
     return as_jax(np.stack([np.asarray(leaf) for leaf in leaves]), leaves[0].dtype)
 
 
 def _repeated(count: int, leaf: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."]:
-    """Return `count` times the same array, which take no more memory than one."""
+    """Return the same array `count` times, in the memory of one."""
     return np.broadcast_to(leaf, (count, *leaf.shape))
 
 
 class Hierarchy(Network):
-    """An upper network, and children side by side in one computation, each padded to the largest."""
+    """An upper network, and children in one batched computation, each padded to the largest."""
 
     upper: LinearGlu | Mirrored
     children: LinearGlu | Mirrored
-    """Arrays have a leading axis: one entry for each child with weights of its own."""
+    """Networks of the children; arrays have a leading axis with an entry per child that has its own weights."""
     parts: tuple[Part, ...] = eqx.field(static=True)
-    """The upper one first."""
+    """Parts, the upper one first."""
     even: Entries = eqx.field(static=True)
-    """Which answers are even in the mirror; none where there is no mirror."""
+    """Answers that are even in the mirror; none without a mirror."""
 
     @classmethod
     def of(
@@ -196,7 +196,7 @@ class Hierarchy(Network):
         return jax.tree.map(lambda leaf: leaf[np.array(rows)], self.children)
 
     def _weight_rows(self) -> list[int]:
-        """Return which entry of `children` holds the weights of each child."""
+        """Return the entry of `children` that holds each child's weights."""
         rows: list[int] = []
         with_own_weights = 0
         for part in self.parts[1:]:
@@ -208,7 +208,7 @@ class Hierarchy(Network):
         return rows
 
     def _order(self, width: int) -> Entries:
-        """Return where each number of the change lies in (upper answers, children's answers padded to `width`)."""
+        """Return the index of each number of the change in (upper answers, children's answers padded to `width`)."""
         family = self._family
         odd, even = family.answers(self.parts[0])
         place_of = {entry: place for place, entry in enumerate([*odd, *even])}
@@ -227,7 +227,7 @@ class Hierarchy(Network):
 def _padded(
     stream: Float[Array, " K"], answers: Float[Array, " A"], inputs: list[list[int]]
 ) -> Float[Array, "G I"]:
-    """Return per child what it sees of `stream` and hears of `answers`, filled up with zeros.
+    """Return each child's inputs from `stream` and `answers`, padded with zeros.
 
     `inputs` are those of each child: entries of `stream`, and -1, -2 ... for `answers`.
     """
@@ -248,7 +248,7 @@ def _padded(
 def check_parts(
     parts: tuple[Part, ...], odd: int, even: int, out: int, widths: tuple[int, ...]
 ) -> None:
-    """Refuse parts that do not answer every number exactly once, or see what is not there."""
+    """Refuse parts that do not answer every number exactly once, or have inputs that do not exist."""
     answered = sorted(entry for part in parts for entry in part.answers)
     if len(parts) < 2 or answered != list(range(out)):
         raise ArgumentError(
@@ -283,12 +283,12 @@ def _shape(part: Part) -> tuple[int, ...]:
 
 
 def parts_to_json(parts: tuple[Part, ...]) -> list[dict[str, Any]]:
-    """Return plain dictionaries."""
+    """Return the parts as plain dictionaries."""
     return [asdict(part) for part in parts]
 
 
 def parts_from_json(rows: Any) -> tuple[Part, ...]:
-    """Return the parts `parts_to_json` wrote; ValueError names what is wrong with them."""
+    """Return the parts that `parts_to_json` wrote; ValueError states what is wrong with them."""
     if not isinstance(rows, list) or len(rows) > MAX_PARTS:
         raise ValueError(f"parts: wanted a list of at most {MAX_PARTS}")
     return tuple(_part_from_json(row) for row in rows)

@@ -1,4 +1,4 @@
-"""Who sees and answers what in a hierarchy of networks, from the groups a user names."""
+"""Inputs and answers of the parts of a hierarchy of networks, from the groups that a user defines."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from neuroanimator.state.structure import Group, Structure
 def parts_of_body(
     grouped: GroupedModes, structure: Structure, even: tuple[int, ...], features: int
 ) -> tuple[Part, ...]:
-    """Return who sees and answers what: the upper network all but the segments' own modes, a child its segment.
+    """Return the parts: the upper network sees and answers all but the segments' own modes, a child its segment.
 
-    `features` is the number of raw features, and `even` names the even ones among them.
+    `features` is the number of raw features, and `even` lists the even ones.
     """
     modes = grouped.modes
     owners = _owners_in_latent_order(grouped)
@@ -59,7 +59,7 @@ def _owners_in_latent_order(grouped: GroupedModes) -> list[Owner]:
 
 
 def _features_of_controls(modes: ShapeModes, group: Group, features: int) -> list[int]:
-    """Return the features that are activations or controls of muscles at `group`, or sums and differences of them."""
+    """Return the features that are activations or controls of muscles of `group`, or sums and differences of them."""
     size = modes.muscles
     mix = np.eye(size)
     if modes.mirror is not None:
@@ -80,7 +80,7 @@ def _part(
     features: int,
     hears: tuple[int, ...] = (),
 ) -> Part:
-    """Return a part that sees some of the raw features, each numbered within its stream."""
+    """Return a part with the raw features that it sees, numbered within their streams."""
     odd = [i for i in range(features) if i not in even]
     return Part(
         name=name,
@@ -94,15 +94,15 @@ def _part(
 def parts_of_joints(
     structure: Structure, frame: Frame, features: Features, controls: int
 ) -> tuple[Part, ...]:
-    """Return who sees and answers what of a model with joints: the upper network sees all and answers for the rest.
+    """Return the parts of a model with joints: the upper network sees everything and answers for the rest.
 
-    The rest is what is in no group: the root, and joints left out. A child sees its own joints, their motors and
-    the rest as it is now, and hears what becomes of the rest. What is shown of contacts tells all joints: the upper one sees it.
+    The rest is everything in no group: the root, and joints left out. A child sees its own joints, their motors, the
+    rest, and the upper network's answers about the rest. Contact features depend on all joints, so the upper network sees them.
     """
     angles = np.asarray(features.angles)
     state_size = angles.shape[1]
     first_local = 2 * len(angles) + len(features.plain)
-    contacts = 0 if frame.contacts is None else frame.contacts.size  # the last of what is local
+    contacts = 0 if frame.contacts is None else frame.contacts.size  # the last local features
     local = range(first_local, first_local + frame.local_size - contacts)
     first_motor = first_local + frame.local_size
     motors = range(first_motor, first_motor + controls)
@@ -126,14 +126,14 @@ def parts_of_joints(
 
 
 def _changes_of(changes: list[tuple[int, ...]], entries: Iterable[int]) -> tuple[int, ...]:
-    """Return the numbers of a change that change any of the state `entries`, in rising order."""
+    """Return the numbers of a change that change any of the state `entries`, in increasing order."""
     return tuple(sorted({number for entry in entries for number in changes[entry]}))
 
 
 def _features_of(
     angles: Float[np.ndarray, "P S"], plain: tuple[int, ...], entries: Sequence[int]
 ) -> list[int]:
-    """Return the features that show state `entries`: sines and cosines of angles they take part in, and themselves."""
+    """Return the features of state `entries`: sines and cosines of angles that they enter, and the entries themselves."""
     takes_part = np.abs(angles[:, list(entries)]).sum(axis=1)
     sines = [int(row) for row in np.flatnonzero(takes_part)]
     cosines = [row + len(angles) for row in sines]

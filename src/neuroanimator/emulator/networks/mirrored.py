@@ -23,9 +23,9 @@ from neuroanimator.state.arrays import AnyArray
 class Mirrored(GatedNetwork):
     """A linear map plus layers of gated units as in `Gated`, for bodies with a left and a right.
 
-    Springs are nearly linear: the linear map alone leaves an eighth of the change unexplained. In the mirror the
-    odd answers change sign and the even ones stay, exactly: what is learnt of a turn to the left holds for a turn
-    to the right. At equal width it costs half of `Glu`.
+    Springs are nearly linear: the linear map alone leaves an eighth of the change unexplained. In the mirror, odd
+    answers change sign and even ones do not, exactly: what is learnt about a left turn holds for a right turn.
+    At equal width it costs half of `Glu`.
     """
 
     odd_out: Float[AnyArray, "H O"]
@@ -33,7 +33,7 @@ class Mirrored(GatedNetwork):
     odd_linear: Float[AnyArray, "I O"]
     even_linear: Float[AnyArray, "J E"]
     even: tuple[int, ...] = eqx.field(static=True)
-    """Which answers are even."""
+    """Answers that are even."""
 
     @classmethod
     def of(
@@ -47,7 +47,7 @@ class Mirrored(GatedNetwork):
         even_out: tuple[int, ...],
         gates_even: bool = False,
     ) -> Mirrored:
-        """Return a fresh network, its linear map zero; without a key all its weights are."""
+        """Return a fresh network with a zero linear map; without a key all weights are zeros."""
         check_halves(widths)
         keys = split_key(key, len(widths) + 2)
         even_answers = len(even_out)
@@ -91,7 +91,7 @@ class Mirrored(GatedNetwork):
         return reordered(answers, self._order())
 
     def _order(self) -> tuple[int, ...]:
-        """Return where each answer lies in (odd answers, even answers)."""
+        """Return the index of each answer in (odd answers, even answers)."""
         first_even = self.odd_out.shape[1]
         slots = {answer: first_even + i for i, answer in enumerate(self.even)}
         size = first_even + len(self.even)

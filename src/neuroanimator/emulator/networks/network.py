@@ -1,4 +1,4 @@
-"""What every network is: a map from (odd, even) features to the normalised change of state.
+"""The interface of networks: maps from (odd, even) features to the normalised change of state.
 
 `Gated` and `Classic` treat the two streams so that negating the odd one negates the answer, exactly
 and at no cost: a mirrored motion is emulated by the mirrored numbers. `Mirrored` has answers of both kinds.
@@ -24,7 +24,7 @@ class Units(NamedTuple):
     """Units of the last hidden layer."""
 
     odd: Float[Array, " H"]
-    """They change sign in the mirror; none without one."""
+    """Units that change sign in the mirror; none without a mirror."""
     even: Float[Array, " G"]
 
 
@@ -34,12 +34,12 @@ class Network(eqx.Module):
     @property
     @abc.abstractmethod
     def widths(self) -> tuple[int, ...]:
-        """Units in each hidden layer."""
+        """Number of units in each hidden layer."""
 
     @property
     @abc.abstractmethod
     def unit_counts(self) -> tuple[int, int]:
-        """How many odd and how many even `units` there are."""
+        """Number of odd and of even `units`."""
 
     def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
         """Return the normalised change of state."""
@@ -47,17 +47,17 @@ class Network(eqx.Module):
 
     @abc.abstractmethod
     def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
-        """Return what the last hidden layer makes of the streams, as far as any answer needs it."""
+        """Return the units of the last hidden layer that any answer needs."""
 
     @abc.abstractmethod
     def answers(
         self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
     ) -> Float[Array, " S"]:
-        """Return the normalised change of state by the `units` of both streams: it is linear in them."""
+        """Return the normalised change of state from the `units` of both streams, in which it is linear."""
 
     @abc.abstractmethod
     def leaves(self) -> dict[str, Any]:
-        """Return every weight, or what stands for it, by the name that files give it: see docs/format.md."""
+        """Return every weight, or its placeholder, by its name in files: see docs/format.md."""
 
 
 def prefixed(prefix: str, leaves: dict[str, Any]) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def prefixed(prefix: str, leaves: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_halves(widths: tuple[int, ...]) -> None:
-    """Refuse odd widths of gated layers; ArgumentError says which."""
+    """Refuse odd widths of gated layers; ArgumentError names them."""
     if any(width % 2 for width in widths):
         raise ArgumentError(
             f"widths: gated layers are half odd, half even units; came {list(widths)}, want even."
@@ -74,17 +74,17 @@ def check_halves(widths: tuple[int, ...]) -> None:
 
 
 def split_key(key: PRNGKeyArray | None, count: int) -> Any:
-    """Return so many keys, or as many times none: then weights are zeros, for a file to fill."""
+    """Return `count` keys, or None `count` times without a key: weights are then zeros, for a file to fill."""
     return [None] * count if key is None else jax.random.split(key, count)
 
 
 def random_weights(
     key: PRNGKeyArray | None, rows: int, columns: int, scale: float = 1.0
 ) -> Float[AnyArray, "{rows} {columns}"]:
-    """Return normal weights that keep numbers of order one of the order `scale`; zeros without a key."""
+    """Return normal weights that map numbers of order one to the order of `scale`; zeros without a key."""
     if key is None:
         return zeros(rows, columns)
     normal = np.asarray(jax.random.normal(key, (rows, columns)))
-    # By NumPy, as JAX would compile a program for every shape. It multiplies by the reciprocal, too: these are its bits.
+    # In NumPy, as JAX would compile a program for every shape; bit for bit as JAX, which multiplies by the reciprocal.
     one = normal.dtype.type(1)
     return as_jax(scale * (normal * (one / np.sqrt(one * max(rows, 1)))), normal.dtype)
