@@ -2,7 +2,7 @@
 
 clips → a lap of each, from a root that goes along X
 standing, walk → laps of shorter strides
-walk, run → the run begins when the walk does and goes by its clock → laps of strides between theirs
+walk, run → the run begins when the walk does and goes by its clock → laps of strides between theirs, and of longer ones
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 STRIDES = (0.0, 1 / 3, 2 / 3)
 """Lengths of the shorter strides a motion on command is kept with, besides its own."""
 
-SHARES = (0.5, 1.0)
-"""Shares of a faster gait in the laps beyond, up to its own."""
+SHARES = (0.5, 1.0, 1.5)
+"""Shares of a faster gait in the laps beyond. Above 1 they go on from the slower gait to the faster one and beyond it, as people
+run faster by longer strides, too."""
 
 MIN_SPEED = 0.01
 """Least mean speed of a motion whose speed is commanded [m/s]."""
@@ -101,16 +102,20 @@ def on_command(
     laps.append(lap)
     if run is not None:
         own = _from_heading(run, entries, dt)
-        faster = _faster_gait(run, _speed(run, own, entries.velocity), walk, commands)
+        pace, stride = _pace_and_stride(run, _speed(run, own, entries.velocity), walk, commands)
+        fastest = SHARES[-1]
+        faster = FasterGait(1 + fastest * (pace - 1), 1 + fastest * (stride - 1), len(SHARES))
         commands = commands._replace(faster=faster)
-        fast = _by_clock_of(lap, own, faster.pace, body.model.nq, entries)
+        fast = _by_clock_of(lap, own, pace, body.model.nq, entries)
         for share in SHARES:
             laps.append(mixed_strides(body.model, lap, fast, share, share, feet, dt, clock))
     return np.concatenate(laps), commands
 
 
-def _faster_gait(run: Gait, speed: float, walk: Gait, commands: Commands) -> FasterGait:
-    """Return the gait of a clip in terms of the slower one; BadFileError if its strides are no longer and no quicker."""
+def _pace_and_stride(
+    run: Gait, speed: float, walk: Gait, commands: Commands
+) -> tuple[float, float]:
+    """Return (laps in the time of a slower one, length of a lap in slower ones) of a run; BadFileError if is no faster gait."""
     pace = (len(walk.states) - 1) / (len(run.states) - 1)
     stride = speed / (commands.own_speed * pace)
     if pace < LEAST_FASTER or stride < LEAST_FASTER:
@@ -118,7 +123,7 @@ def _faster_gait(run: Gait, speed: float, walk: Gait, commands: Commands) -> Fas
             f"{run.path}: {pace:.2g} laps in the time of one of {walk.path.name}, each {stride:.2g} times as long; wanted a "
             "faster gait, with quicker and longer strides."
         )
-    return FasterGait(pace, stride, len(SHARES))
+    return pace, stride
 
 
 def _by_clock_of(

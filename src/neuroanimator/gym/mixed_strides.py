@@ -1,8 +1,8 @@
-"""Strides between those of two gaits, of which the slower may be to stand: legs reach where feet are between the two.
+"""Strides between those of two gaits, or beyond the faster one: legs reach where feet are between the two, or beyond.
 
-Relative to the root a foot is where it is between its places in the two, and as far tilted. So one that stands on the floor in
-both still does, at a speed between theirs. On strides shorter than a walk's it is lifted by their square root, so that it clears
-the floor on short ones.
+The slower gait may be to stand. Relative to the root a foot is where it is between its places in the two, and as far tilted. So
+one that stands on the floor in both still does, at a speed between theirs. On strides shorter than a walk's it is lifted by their
+square root, so that it clears the floor on short ones.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ def mixed_strides(
 ) -> Float[np.ndarray, "L S"]:
     """Return a lap between that of a slow gait (a share of 0) and that of a fast one (1), all going at one clock's rate.
 
-    Roots are at the origin, their headings zero; feet are as high as a share `lifting` between the two says. `dt` lies between
-    states of a lap [s], `clock` is the entry of the clock's angle.
+    A share above 1 goes on beyond the fast one; no foot comes lower than in the two. Roots are at the origin, their headings
+    zero; feet are as high as a share `lifting` between the two says. `dt` lies between states of a lap [s], `clock` is the entry
+    of the clock's angle.
     """
     states = slow + share * (fast - slow)
     states[:, clock] = fast[:, clock]
@@ -49,7 +50,8 @@ def mixed_strides(
         slower = _foot_poses(model, data, slow[row, : model.nq], feet)
         away = _foot_poses(model, data, fast[row, : model.nq], feet) - slower
         wanted = slower + share * away
-        wanted[:, HEIGHT] = slower[:, HEIGHT] + lifting * away[:, HEIGHT]
+        lifted = lifting * away[:, HEIGHT]
+        wanted[:, HEIGHT] = slower[:, HEIGHT] + np.maximum(lifted, np.minimum(away[:, HEIGHT], 0))
         _normalise(wanted[:, 3:])
         for _ in range(STEPS):
             _reach_nearer(model, data, positions[row], wanted, feet)

@@ -6,10 +6,10 @@ function of the state alone.
     speed = own speed · pace · stride
 
 Slower than recorded the clock turns slower and strides are shorter, as people walk; faster it turns faster. Where there is a
-faster gait, a run, strides grow with the pace until they are those of the run, and only then the clock alone turns faster:
+faster gait, a run, pace and stride grow together until they are those of the run, and only then the clock alone turns faster:
 
-    pace = c + (1 − c) · speed / own speed                           below the own speed
-    pace = 1 + (P − 1) · (speed − own speed) / (run's − own speed)   from there to the run's, whose pace is P
+    pace = c + (1 − c) · speed / own speed          below the own speed
+    pace = 1 + (P − 1) s,  stride = 1 + (Q − 1) s   from there to the run, whose pace and stride are P and Q: 0 ≤ s ≤ 1
 
 At a pace of c, the least, strides have no length, and the body stands.
 """
@@ -121,9 +121,8 @@ class Commands(NamedTuple):
         if self.faster is None:
             return stride
         run = self.faster
-        running = xp.clip(pace, 1, run.pace)
-        grown = 1 + (run.pace * run.stride - 1) * (running - 1) / (run.pace - 1)
-        return xp.where(pace > 1, grown / running, stride)
+        share = xp.clip((pace - 1) / (run.pace - 1), 0, 1)
+        return xp.where(pace > 1, 1 + (run.stride - 1) * share, stride)
 
     def lap_number(self, states: Float[AnyArray, "*B S"], longest: int) -> Float[AnyArray, " *B"]:
         """Return which of the laps kept for strides of different lengths is to be shown, `longest` being that of stride 1."""
@@ -161,16 +160,21 @@ class Commands(NamedTuple):
             fastest = pressed / LEAST_RADIUS
             turned = xp.clip(turned, -fastest, fastest)
         if self.faster is not None:
-            run = self.faster
-            whole_share = run.pace * run.stride
-            grown = 1 + (run.pace - 1) * (share - 1) / (whole_share - 1)
-            pace = xp.where(
-                share < 1, pace, xp.where(share < whole_share, grown, share / run.stride)
-            )
+            running = self._running_pace(xp.maximum(share, 1))
+            pace = xp.where(share < 1, pace, running)
             fastest = LARGEST_ACCELERATION / xp.maximum(pressed, TINY)
             turned = xp.clip(turned, -fastest, fastest)
         told = with_entry(states, self.clock_rate, self.own_rate * pace)
         return with_entry(told, self.turning, turned)
+
+    def _running_pace(self, share: Float[AnyArray, " *B"]) -> Float[AnyArray, " *B"]:
+        """Return the pace at speeds in own speeds, at least 1: from the root s of (1 + (P − 1) s)(1 + (Q − 1) s) = share."""
+        xp = share.__array_namespace__()
+        assert self.faster is not None
+        pace, stride, _ = self.faster
+        p, q = pace - 1, stride - 1
+        root = (xp.sqrt((p + q) ** 2 + 4 * p * q * (share - 1)) - p - q) / (2 * p * q)
+        return xp.where(root < 1, 1 + p * root, share / stride)
 
     def draw(
         self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
