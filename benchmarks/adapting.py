@@ -1,14 +1,14 @@
-"""An arm of unknown masses and friction reaches and holds: planned for the nominal arm, for the one estimated on the way, and
+"""An arm of unknown masses and friction reaches and holds: planned for the nominal arm, for the one estimated online, and
 for the true one.
 
 python benchmarks/adapting.py               twelve arms: minutes, with the emulator of identification.py accuracy
 python benchmarks/adapting.py --bodies 1 --dry
 
 The arm is that of identification_cases/carrier_family.toml: three joints and a payload, six parameters within 30 % of nominal
-ones. Every arm begins upright at rest and is to be at random angles, planned again at each super step; what is told is how far
-its angles are off in the last of three seconds on the true physics, and how far the estimate is off the true parameters.
+ones. Every arm begins upright at rest and must reach random angles, planned again at each super step. Errors are those of its
+angles in the last of three seconds on the true physics, and those of the estimated parameters.
 
-Writes results/adapting.csv, a line an arm and method, and medians.
+Writes results/adapting.csv, a line per arm and method, and medians.
 """
 
 from __future__ import annotations

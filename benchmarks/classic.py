@@ -1,4 +1,4 @@
-"""What the seminar of 1999 leaves open, measured: the network of 1998, its training, its rivals; see docs/classic.md.
+"""Open questions of the seminar of 1999, measured: the network of 1998, its training, its rivals; see docs/classic.md.
 
 python benchmarks/classic.py units-pendulum      error over number of hidden units
 python benchmarks/classic.py units-dolphin       the same
@@ -8,13 +8,12 @@ python benchmarks/classic.py weights             the training error over two wei
 python benchmarks/classic.py torques             J over two torques, and descents on it
 python benchmarks/classic.py learning            on-line and batch learning beside today's
 python benchmarks/classic.py race                a genetic algorithm among the other searches
-python benchmarks/classic.py sensitivity         what the network has learnt, beside the mass matrix
+python benchmarks/classic.py sensitivity         sensitivity of the network to torques, beside the mass matrix
 python benchmarks/classic.py draw                every picture again, from the tables
 python benchmarks/classic.py tables              the tables of the page, from the same
 
-Several parts may be named; those that look at the same networks then train them once. `--quick` is small and writes nothing. A
-part takes five minutes at most on a core of its own. It writes results/classic_PART.csv and draws
-docs/images/classic/PART.png.
+Several parts may be named; those that use the same networks then train them once. `--quick` is small and writes nothing. A
+part takes at most five minutes on a core of its own, writes results/classic_PART.csv and draws docs/images/classic/PART.png.
 """
 
 from __future__ import annotations

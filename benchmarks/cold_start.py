@@ -1,11 +1,11 @@
-"""Seconds from typing to result, each in a process of its own, with nothing compiled and with everything kept.
+"""Seconds from command to result, each in a process of its own, with nothing compiled and with everything cached.
 
-Beside them the CPU time of all processes, which other work on the machine changes less.
+Also the CPU time of all processes, which other work on the machine affects less.
 
 python benchmarks/cold_start.py                       this tree: a table, and results/cold_start.csv
 python benchmarks/cold_start.py --src OTHER/src       and another tree, in turn with this one: before and after
 
-Every tree has a cache folder of its own, which is emptied before a cold run. A tree that keeps nothing is as
+Every tree has a cache folder of its own, which is emptied before a cold run. A tree without a cache is as
 slow warm as cold. The machine should be idle.
 """
 

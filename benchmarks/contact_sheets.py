@@ -1,4 +1,4 @@
-"""Draw every system's default film, and the leap, and lay twelve images of each side by side, to be looked at.
+"""Draw every system's default film, and the leap, and put twelve frames of each side by side, for inspection.
 
 python benchmarks/contact_sheets.py                    # films and sheets into out/films and out/sheets
 python benchmarks/contact_sheets.py --only fish leap   # some of them

@@ -1,9 +1,9 @@
 """Controllers, part by part; each writes results/control_PART.csv.
 
 python benchmarks/control.py tasks                      every task through the emulator, and its baselines: twenty minutes
-python benchmarks/control.py descents                   every way of descending on every task
-python benchmarks/control.py own                        cost terms of one's own beside the package's
-python benchmarks/control.py tasks --quick              one race a task: minutes; writes no file
+python benchmarks/control.py descents                   every method of descent on every task
+python benchmarks/control.py own                        a user's own cost terms beside the package's
+python benchmarks/control.py tasks --quick              one race per task: minutes; writes no file
 python benchmarks/control.py tasks --tasks truck-park   these tasks alone; writes no file
 """
 

@@ -1,11 +1,11 @@
-"""Find the motions that shipped systems are shown with, and write them beside the emulators.
+"""Find the motions that shipped systems are shown in, and write them beside the emulators.
 
 python benchmarks/default_motions.py                  all of them: some minutes
 python benchmarks/default_motions.py truck lander     some of them
 python -m neuroanimator_studio.ship --facts           afterwards: the studio's bundles, which show them too
 
-All are motions of the usual emulator, within what it was trained on (tests/animation/test_default_motions.py). For dolphin
-and truck leaving it is a cost; the others keep within by themselves.
+All are motions of the usual emulator, within its training data (tests/animation/test_default_motions.py). For dolphin
+and truck leaving them is a cost; the others stay within by themselves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Parts of deformables.py about emulators: how exact, how lasting, flat or in a hierarchy."""
+"""Parts of deformables.py about emulators: accuracy, stability, flat or in a hierarchy."""
 
 from __future__ import annotations
 

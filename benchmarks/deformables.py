@@ -1,6 +1,6 @@
 """Deformable bodies, part by part; each writes results/deformables_PART.csv.
 
-python benchmarks/deformables.py physics          what the physics costs in C and in JAX, and how exact it is
+python benchmarks/deformables.py physics          cost of the physics in C and in JAX, and its accuracy
 python benchmarks/deformables.py accuracy         shipped emulators after one super step and after a hundred
 python benchmarks/deformables.py long             100,000 super steps, with and without correction
 python benchmarks/deformables.py hierarchy        flat networks against hierarchies of equal cost

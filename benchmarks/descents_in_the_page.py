@@ -1,10 +1,10 @@
-"""How long the studio's page looks for controls, beside Python; writes results/descents_in_the_page.csv.
+"""Times of the studio's page to find controls, beside Python; writes results/descents_in_the_page.csv.
 
-python benchmarks/descents_in_the_page.py            every bundle, bays or places drawn at random
-python benchmarks/descents_in_the_page.py --quick    two places each; writes no file
+python benchmarks/descents_in_the_page.py            every bundle, random bays or targets
+python benchmarks/descents_in_the_page.py --quick    two targets each; writes no file
 
-The page's own code runs in Node, on the modules that ship. Both descend from the same guesses to the same places, one
-after the other, several times; times are the processor's. The controls of the page are judged on the physics, at the first
+The page's own code runs in Node, on the modules that ship. Both descend from the same guesses to the same targets, one
+after the other, several times; times are CPU times. The controls of the page are judged on the physics, at the first
 replay, and after the page has closed the gap. Needs `make page`.
 """
 

@@ -1,4 +1,4 @@
-"""The fish, and its gait, that comes far for little effort: `na.design` beside CMA-ES on the bodies' physics in C.
+"""The fish, and its gait, that swims far for little effort: `na.design` beside CMA-ES on the bodies' physics in C.
 
 python benchmarks/design.py accuracy                         errors of the family's emulator and of one fish's
 python benchmarks/design.py identify --seeds 2               parameters of fish from recordings
@@ -6,15 +6,15 @@ python benchmarks/design.py searches                         ten seeds: some min
 python benchmarks/design.py searches --seeds 2 --seconds 20 --dry
 
 Unknown are the length and the stiffness of a fish and 37 numbers of its gait. Both sides begin with the same fish at the same
-gait and get the same J, which na.design proves by the scheme of the truth; CMA-ES gets the physics as a user would run it, in
-float32, sixteen bodies side by side on every core. It is run until its J is as good as that of what na.design found in the
-same run, by the same physics, or for --seconds; compiling and importing are not counted of either.
+gait and get the same J, which na.design verifies by the scheme of the truth; CMA-ES gets the physics as a user would run it, in
+float32, sixteen bodies side by side on every core. It runs until its J is as good as that of na.design in the same run, by the
+same physics, or for --seconds; compiling and importing are not counted for either.
 
-A recording lasts four seconds: places of all mass points of a fish with random parameters, which swims by half its gait and half
-at random, with noise of half a millimetre.
+A recording lasts four seconds: positions of all mass points of a fish with random parameters, which swims half by its gait and
+half at random, with noise of half a millimetre.
 
-Writes results/design.csv, a line a search: J, distance and effort by the scheme of the truth; results/design_accuracy.csv, a
-line an emulator; and results/design_identify.csv, a line a recording and parameter.
+Writes results/design.csv, a line per search: J, distance and effort by the scheme of the truth; results/design_accuracy.csv, a
+line per emulator; and results/design_identify.csv, a line per recording and parameter.
 """
 
 from __future__ import annotations

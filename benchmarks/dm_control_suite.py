@@ -1,4 +1,4 @@
-"""Three tasks of dm_control by planning through an emulator of each one's model, learnt from defaults alone.
+"""Three tasks of dm_control by planning through an emulator of each one's model, trained with default settings.
 
 python benchmarks/dm_control_suite.py                  all of them, an hour on 2 cores; a table, and results/dm_control_suite.csv
 python benchmarks/dm_control_suite.py fish-swim        one of them; writes no file
@@ -7,12 +7,11 @@ python benchmarks/dm_control_suite.py --episodes 3     fewer episodes; writes no
 Needs dm_control: pip install "dm_control<1.0.50", the last one for this MuJoCo.
 Emulators are kept in out/dm_control and used again.
 
-For each: `new` on the task's own MJCF, `generate` and `train` as they are, then 20 episodes with seeds 0 to 19. What was
-chosen, the constants below and the costs, was chosen on seeds 100 to 103. Beside it: doing
-nothing, and random actions, in the same episodes.
+For each: `new` on the task's own MJCF, `generate` and `train` with defaults, then 20 episodes with seeds 0 to 19. The constants
+below and the costs were chosen on seeds 100 to 103. For comparison: doing nothing, and random actions, in the same episodes.
 
-What this is not: learning from reward alone. The model is known and may be reset to any state, and the
-objective is written by hand after the reward's own words.
+This is not learning from reward alone. The model is known and may be reset to any state, and the objective is written by hand
+after the reward.
 """
 
 from __future__ import annotations

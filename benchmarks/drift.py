@@ -1,13 +1,12 @@
-"""How emulators left to themselves for 10,000 super steps spend their time, beside the physics; writes results/drift.csv.
+"""Distributions of emulated motions over 10,000 super steps, beside the physics; writes results/drift.csv.
 
 python benchmarks/drift.py                 every emulator of 50 substeps that ships, some minutes on two cores
 python benchmarks/drift.py fish-50         some of them; writes no file
 python benchmarks/drift.py --quick         1,000 super steps; writes no file
 
-Physics and emulator go through 32 motions from the same random starts under the same random controls, as in training.
-Distances are between histograms over all of them, as shares of time spent elsewhere (total variation). Bounds
-(90 %) are from leaving out one run after the other; chance is the distance between two halves of the physics' own runs. See
-`na.measure_drift`.
+Physics and emulator make 32 motions from the same random starts under the same random controls, as in training.
+Distances are between histograms over all of them (total variation). Bounds (90 %) are from leaving out one run after the
+other; chance is the distance between two halves of the physics' own runs. See `na.measure_drift`.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
-"""A human who walks on command inside his emulator: does he stay up as on MuJoCo, is he worth as much, and what does a step cost?
+"""A human who walks on command inside his emulator: falls and returns beside those on MuJoCo, and the cost of a step.
 
 python benchmarks/emulated_walk.py                                     the policy in examples/human
 python benchmarks/emulated_walk.py human.policy.safetensors --sheet walk.png --dry
 
-The policy's emulator is what `neuroanimator train examples/human/human.policy.safetensors` makes. The same policy moves bodies
-on MuJoCo, at the step it learnt with, and in the emulator:
-- 100 bodies under random commands of all its speeds for 60 s, as in commanded.py: how many never fall, and by how much speed and
-  turning are off;
-- returns of 100 episodes of the task, as it is (pushes of up to 60 N s every 2 s in the mean) and without pushes, of 636 at most,
-  and how many are still on the motion at their end;
-- how far the emulator is off the physics after 1, 8, 16 and 32 super steps from states of a walk, under the same controls;
-- the time of a super step on one core: MuJoCo's four steps by `mujoco.rollout`, from states of a walk; the emulator in C; policy
+`neuroanimator train examples/human/human.policy.safetensors` makes the policy's emulator. The same policy moves bodies on MuJoCo,
+at the step it learnt with, and in the emulator:
+- 100 bodies under random commands of all its speeds for 60 s, as in commanded.py: number that never fall, and errors of speed and
+  turning rate;
+- returns of 100 episodes of the task, with pushes (up to 60 N s every 2 s in the mean) and without, of 636 at most, and number
+  still on the motion at their end;
+- errors of the emulator against the physics after 1, 8, 16 and 32 super steps from states of a walk, under the same controls;
+- time of a super step on one core: MuJoCo's four steps by `mujoco.rollout`, from states of a walk; the emulator in C; policy
   and emulator together in C.
 
 Writes results/emulated_walk.csv, results/emulated_walk_errors.csv and results/emulated_walk_speed.csv.

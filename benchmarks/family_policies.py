@@ -3,12 +3,12 @@
 python benchmarks/family_policies.py               trains two policies, ten minutes of a core each, and lets 20 fish swim
 python benchmarks/family_policies.py --bodies 1 --dry
 
-The policy of the family is told the true parameters, those that its pilot estimates on the way, the length alone (which anybody
-sees in the shape), or nominal ones. A robust policy learnt from the same bodies without being told. Every fish begins at rest on
-the true physics and gets another speed and heading every five seconds, six times. Errors are root mean squares of how far speed
-and heading are off at the end of each command.
+The policy of the family is given the true parameters, those that its pilot estimates online, the length alone (which the shape
+shows), or nominal ones. A robust policy learnt from the same bodies without parameters. Every fish begins at rest on the true
+physics and gets another speed and heading every five seconds, six times. Errors are root mean squares of the errors of speed and
+heading at the end of each command.
 
-Writes results/family_policies.csv, a line a fish and method, and medians.
+Writes results/family_policies.csv, a line per fish and method, and medians.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ Teller = Callable[[np.ndarray], np.ndarray]
 
 
 class Command(NamedTuple):
-    """What a fish is told."""
+    """Commands of a fish."""
 
     speed: float
     """[m/s]"""
@@ -73,7 +73,7 @@ class Command(NamedTuple):
 
 
 class Fish(NamedTuple):
-    """One fish of the family, at rest, and what it is told."""
+    """One fish of the family, at rest, and its commands."""
 
     seed: int
     rest: Float[np.ndarray, " S"]
@@ -152,7 +152,7 @@ class Method(NamedTuple):
     label: str
     """What the policy is of."""
     parameters: str
-    """What it is told of the parameters: true, estimated, length, nominal."""
+    """Parameters that it is given: true, estimated, length, nominal."""
     is_emulated: bool = False
     """Whether the emulator of the true body moves the fish, instead of the physics."""
 
@@ -221,7 +221,7 @@ ERRORS = (
     "effort",
     "parameter_error",
 )
-"""Columns whose medians are told."""
+"""Columns whose medians are written."""
 
 
 def medians(rows: Rows, methods: list[Method]) -> Rows:

@@ -1,15 +1,15 @@
-"""A human who follows motions recorded of an actor: how long learning takes, how many stay on the motion, how far feet slip.
+"""A human who follows motions recorded from an actor: time of learning, share on the motion, slip of the feet.
 
-python benchmarks/following.py                             a walk and a jog, learnt from nothing; see UPDATES
+python benchmarks/following.py                             a walk and a jog, learnt from scratch; see UPDATES
 python benchmarks/following.py jog --policy jog.policy.safetensors      one that 'neuroanimator policy' has learnt
 python benchmarks/following.py walk --updates 400 --seed 2 --dry
 python benchmarks/following.py walk --policy walk.policy.safetensors --sheet walk.png --dry
 
-Each run is what `neuroanimator policy` does with examples/human/human.toml, whose clip is another for the jog. Of 100 starts at
-random phases, without noise, those count that are on the motion after eleven rounds of it, never off by more than 0.25 m at the
-pelvis or 0.8 rad at the trunk. Slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step;
-that of the motion itself stands beside it. Core seconds are of a core's time, the emulator's making and all; seconds are those of
-a clock. Runs are by number of updates, so other work on the machine makes them longer, and changes nothing else.
+Each run is `neuroanimator policy` with examples/human/human.toml, with another clip for the jog. Of 100 starts at random phases,
+without noise, those count that are on the motion after eleven rounds of it, never off by more than 0.25 m at the pelvis or
+0.8 rad at the trunk. Slip is the distance per step that the lowest point of a sole moves along the floor while within 5 mm of it,
+given beside that of the motion itself. Core seconds are CPU time, the making of the emulator included; seconds are wall-clock
+time. Runs have a fixed number of updates, so other work on the machine makes them longer, and changes nothing else.
 
 Writes results/following.csv and results/following_curves.csv.
 """

@@ -1,14 +1,14 @@
-"""Bodies left to themselves for 8 to 17 s, emulated beside MuJoCo at the model's own step; results/free_motion.csv.
+"""Free motions of 8 to 17 s, emulated beside MuJoCo at the model's own step; results/free_motion.csv.
 
 python benchmarks/free_motion.py            half an hour on two cores; needs Gymnasium, whose ant it takes
-python benchmarks/free_motion.py cartpole   one of the bodies; the other's lines stay as they are
+python benchmarks/free_motion.py cartpole   one of the bodies; the other's lines stay
 python benchmarks/free_motion.py --quick    little data, few updates; writes no file
-python benchmarks/free_motion.py --folder F keeps what is made in the folder F
+python benchmarks/free_motion.py --folder F keeps datasets and emulators in the folder F
 
 The protocol of NeRD (Xu et al. 2025, arXiv 2508.15755): a cart-pole for 1,000 and an ant for 500 steps of 1/60 s from
-random starts, no control. Errors are distances from MuJoCo in fine steps, means over the way and over the starts. Bodies
-are ours and Gymnasium's, and their engine is another one. Emulators are made as `new` proposes, of a million transitions; the
-controls of half of the ant's runs cease somewhere, and its layers narrower than usual, for 100,000 weights are the most.
+random starts, no control. Errors are distances from MuJoCo in fine steps, means over time and over the starts. Bodies
+are ours and Gymnasium's, and their engine differs. Emulators have the settings that `new` proposes, and a million transitions;
+the controls of half of the ant's runs stop at some point, and its layers are narrower than usual, for at most 100,000 weights.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ TEST_SEED = 2**31
 
 
 PARTS = ("position", "orientation", "joints")
-"""Errors of the table, of parts of the state that are told together."""
+"""Errors of the table, each of several parts of the state."""
 
 
 class Case(NamedTuple):
@@ -64,7 +64,7 @@ class Case(NamedTuple):
 
     name: str
     model: str
-    """What `new` is told."""
+    """Arguments of `new`."""
     frames: int
     """Number of steps of the protocol."""
     sample: Callable[[System, np.random.Generator], Float[np.ndarray, " S"]]
@@ -74,7 +74,7 @@ class Case(NamedTuple):
     training: dict[str, Any]
     """What of the training is not as usual."""
     parts: dict[str, tuple[str, ...]]
-    """Names of the parts of the state whose errors are told together, by what they are called."""
+    """Names of the parts of the state that share an error, by its name."""
 
 
 def sample_cartpole(system: System, rng: np.random.Generator) -> Float[np.ndarray, " S"]:

@@ -1,11 +1,11 @@
-"""Emulators on a GPU: super steps a second by the size of the batch, beside the device's roofline and MuJoCo MJX.
+"""Emulators on a GPU: super steps per second by batch size, beside the device's roofline and MuJoCo MJX.
 
 python benchmarks/gpu.py                        batches of 1e3 to 1e7, and results/gpu.csv; without a GPU one line, and no file
-python benchmarks/gpu.py --device cpu --quick   the same program, small, on the processor: whether it works, no figures
+python benchmarks/gpu.py --device cpu --quick   the same program, small, on the CPU: a test, no figures
 
-Everything is float32, matrix products too. Compiling is timed apart. MJX (pip install mujoco-mjx) steps the pendulum by the
-cheapest scheme that is as exact over a super step as the emulator; without it that column is empty. The roofline is the
-lesser of what the measured rates of arithmetic and of memory allow: a super step reads and writes its own state and control
+Everything is float32, including matrix products. Compilation is timed separately. MJX (pip install mujoco-mjx) steps the pendulum
+by the cheapest scheme that is as accurate over a super step as the emulator; without it that column is empty. The roofline is the
+smaller of the limits by the measured rates of arithmetic and of memory: a super step reads and writes its own state and control
 once, weights stay on the chip.
 """
 
@@ -54,7 +54,7 @@ DIVISIONS = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 40, 50)
 """Physics steps in a super step, tried for each integrator."""
 
 EVALUATIONS = {"euler": 1, "implicitfast": 1, "rk4": 4}
-"""How often an integrator computes accelerations in a step: what is cheapest is told by it."""
+"""Number of accelerations that an integrator computes in a step: its cost."""
 
 ROUNDING = 1e-5
 """Maximum difference of a super step in JAX from one in C, over the largest number."""

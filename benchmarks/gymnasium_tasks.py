@@ -1,4 +1,4 @@
-"""Tasks of Gymnasium by planning through an emulator of each one's model, learnt from defaults and from its own episodes.
+"""Tasks of Gymnasium by planning through an emulator of each one's model, trained with defaults and on its own episodes.
 
 python benchmarks/gymnasium_tasks.py                 all of them, half an hour on 2 cores; tables, and results/gymnasium_*.csv
 python benchmarks/gymnasium_tasks.py Swimmer-v5      one of them
@@ -6,14 +6,13 @@ python benchmarks/gymnasium_tasks.py --episodes 3    fewer episodes; writes no f
 
 Needs Gymnasium: pip install "neuroanimator[gym]" gymnasium[mujoco]. Emulators are kept in out/gymnasium and used again.
 
-For each: `new` on the environment's name, `generate` and `train` as they are; rounds of one episode of 1,000 steps each
-(seeds 100 on), after each of which `learn_from` teaches the emulator what it saw (of the hopper none: they did not help);
-then the episodes that count, seeds 10 to 19, with the emulator as it then is. What was chosen, the constants below and the
-costs, was chosen on seeds 100 to 109.
-Beside it: doing nothing and random actions in the same episodes, and what agents are published to come to.
+For each: `new` on the environment's name, `generate` and `train` with defaults; rounds of one episode of 1,000 steps each
+(seeds 100 on), after each of which `learn_from` trains the emulator on it (none for the hopper: they did not help);
+then the episodes for the score, seeds 10 to 19, with the resulting emulator. The constants below and the costs were chosen on
+seeds 100 to 109. For comparison: doing nothing and random actions in the same episodes, and published returns of agents.
 
-What this is not: learning from reward alone. The model is known and may be reset to any state, all of its state is read
-exactly, and the objective is written by hand after the reward's own words.
+This is not learning from reward alone. The model is known and may be reset to any state, the whole state is read exactly, and the
+objective is written by hand after the reward.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-"""Make the motions that the human follows of markers: examples/human/walk.csv, jog.csv and run.csv.
+"""Make the motions that the human follows from markers: examples/human/walk.csv, jog.csv and run.csv.
 
 git clone https://github.com/google-deepmind/mujoco_mpc
 python benchmarks/human_clips.py mujoco_mpc/mjpc/tasks/humanoid/tracking/keyframes
 
-The key frames of that tracking task (Apache-2.0) hold where sixteen points of an actor's body are, 30 times a second; of angles
-they hold the first pose's alone. The data were obtained from mocap.cs.cmu.edu; that database was created with funding from NSF
+The key frames of that tracking task (Apache-2.0) hold the positions of sixteen points of an actor's body, 30 times a second, and
+angles of the first pose only. The data were obtained from mocap.cs.cmu.edu; that database was created with funding from NSF
 EIA-0196217.
 
 markers → angles by least squares on MuJoCo's kinematics → the floor levelled → one cycle cut out and closed
-        → sampled anew, one control apart → velocities by central differences
+        → resampled, one control apart → velocities by central differences
 
-The run is the jog, unbent and averaged with its mirror image half a cycle later: the actor leans into a turn, which who runs
-straight ahead does not.
+The run is the jog, straightened and averaged with its mirror image half a cycle later: the actor leans into a turn, a straight
+run does not.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Make the skin of the human: examples/human/skin/*.skn, which human.xml shows in place of its capsules.
+"""Make the skin of the human: examples/human/skin/*.skn, which human.xml shows instead of its capsules.
 
 pip install scikit-image fast-simplification
 python benchmarks/human_skin.py
 python benchmarks/human_skin.py dress examples/human/*.policy.safetensors    # policies learnt before he had one, or another
 
-Of what was learnt before, `dress` rewrites the name of the physics and the look: the physics is the same.
+In earlier policies, `dress` rewrites the name of the physics and the look: the physics is the same.
 
-The skin is a look and nothing else: MuJoCo gives it no mass and no contact. Each garment is a smooth union of cones and
-ellipsoids that stand in the frames of the bodies, with the arms held a little away from the trunk and the legs apart:
+The skin is only a look: MuJoCo gives it no mass and no contact. Each garment is a smooth union of cones and
+ellipsoids in the frames of the bodies, with the arms slightly away from the trunk and the legs apart:
 
 signed distances on a grid → marching cubes → fewer triangles → weights, smooth across the joints → a .skn file
 """

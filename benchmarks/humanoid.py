@@ -1,4 +1,4 @@
-"""Does a network a limb pay? MuJoCo's humanoid, floating freely; writes results/humanoid.csv.
+"""Does a network per limb pay? MuJoCo's humanoid, floating freely; writes results/humanoid.csv.
 
 python benchmarks/humanoid.py          ten minutes on two cores; needs Gymnasium, whose model it takes
 python benchmarks/humanoid.py --quick  a minute or two: little data, few updates; writes no file

@@ -1,16 +1,16 @@
 """Emulators of families, and ten parameters of an arm of one of them from recordings, beside MuJoCo's own toolbox.
 
-python benchmarks/identification.py accuracy                      errors of families' emulators and of one body's of each
-python benchmarks/identification.py recordings                    six recordings; wants pip install 'mujoco[sysid]'
+python benchmarks/identification.py accuracy                      errors of families' emulators, and of one body of each
+python benchmarks/identification.py recordings                    six recordings; needs pip install 'mujoco[sysid]'
 python benchmarks/identification.py recordings --seeds 1 --dry
 python benchmarks/identification.py summary                       medians and ratios of these two tables
 
 Emulators are taken from the folder --emulators, and made there if they are missing: 15 minutes of two cores. A recording
 lasts five seconds, of a body with ten parameters within 30 % of nominal ones, with noise of one per cent in angles and
-velocities. Whoever identifies gets the same files and bounds, and begins at nominal values. Both sides run in turn in one
+velocities. All methods get the same files and bounds, and begin at nominal values. Both sides run in turn in one
 process on the cores it may use.
 
-Writes results/identification_accuracy.csv, results/identification.csv (a line a run, failures too) and
+Writes results/identification_accuracy.csv, results/identification.csv (a line per run, including failures) and
 results/identification_summary.csv (medians).
 """
 

@@ -1,20 +1,20 @@
-"""How many samples learning where it is weak saves, against samples drawn as datasets are; results/improve.csv.
+"""Samples saved by learning where an emulator is weak, against samples drawn like datasets; results/improve.csv.
 
 python benchmarks/improve.py                 pendulum, truck and lander, half an hour on two cores
 python benchmarks/improve.py fish            others; writes no file
 
-A small emulator is trained on a small dataset. Then three arms give it new super steps in rounds, each as many, and after each
-round as many weight updates on old and new windows, from the weights of the round before:
+A small emulator is trained on a small dataset. Then three arms give it equally many new super steps in rounds, and after each
+round equally many weight updates on old and new windows, from the weights of the round before:
 
-random    runs as `generate` draws them
-anywhere  runs drawn as `improve` draws what it may simulate, usual and shifted, without choosing among them
-improve   a quarter of them drawn so; the rest chosen by the errors to be expected
+random    runs drawn like those of `generate`
+anywhere  runs from the distributions of `improve`, usual and shifted, without choosing among them
+improve   a quarter of them drawn so; the rest chosen by expected error
 
-All learn as `improve` does: large errors count less, and what has forgotten usual motions is drawn back to its first weights.
-An arm has reached a tolerance after the first round in which the 95th percentile of one-step errors on the shifted test of
-benchmarks/trust.py (controls at their bounds that jump or stay, starts 1.2 to 2 times as fast) is that share of what it was,
-and on usual motions at most 1.05 times what it was. Samples are super steps by the true physics, the probes among them; tests
-are not counted. They do not depend on what else the machine does.
+All learn like `improve`: large errors count less, and an emulator that forgot usual motions is moved back towards its first
+weights. An arm has reached a tolerance after the first round in which the 95th percentile of one-step errors on the shifted test
+of benchmarks/trust.py (controls at their bounds that jump or stay, starts 1.2 to 2 times as fast) is that share of its old value,
+and on usual motions at most 1.05 times its old value. Samples are super steps by the true physics, including the probes; tests
+are not counted. They do not depend on other work on the machine.
 """
 
 from __future__ import annotations

@@ -7,42 +7,41 @@ python benchmarks/large_bodies.py flex [cape flag jelly]          the same meshe
 python benchmarks/large_bodies.py fidelity [cape flag jelly]      emulators that ship: wrinkles, a million super steps
 python benchmarks/large_bodies.py gradients [cape flag jelly]     emulators that ship: their gradients, and what limits them
 python benchmarks/large_bodies.py fidelity jelly --quick          one path, short runs; writes nothing
-python benchmarks/large_bodies.py own_flex [cloth jelly]          flexes of one's own, from `new` on; --folder keeps what is made
+python benchmarks/large_bodies.py own_flex [cloth jelly]          a user's own flexes, from `new` on; --folder keeps all files
 
-Equal error: runs of 1 s along smooth random paths of what moves that training never saw, some time after rest. The truth is
-the teacher's physics with all nodes. Beside the emulator stand the physics started from the state as the emulator knows it
-(nodes put together of the shapes), the shape of the start carried along, and cheaper physics: fewer small steps, coarser
-meshes, whose nodes are interpolated. Errors are of all nodes [% of the body's size, root mean square]: mean and 95th
-percentile of runs; of normals the mean angle. Times are of one core, one body, in float32, in turn. A factor is the time of
-the cheapest physics that is as exact as the emulator, over the emulator's.
+Equal error: runs of 1 s along smooth random paths of the movers that training never saw, some time after rest. The truth is
+the teacher's physics with all nodes. The emulator is compared with the physics started from its state (nodes decoded from the
+shapes), the initial shape carried along, and cheaper physics: fewer small steps, coarser meshes, whose nodes are interpolated.
+Errors are of all nodes [% of the body's size, root mean square]: mean and 95th percentile of runs; of normals the mean angle.
+Times are of one core, one body, in float32, in turn. A factor is the time of the cheapest physics that is as accurate as the
+emulator, over the emulator's.
 
-Physics: a cloth of 1 m hangs by its upper edge from a bar that is moved, and a ball of 0.15 m passes through it: 1 s
+Physics: a cloth of 1 m hangs by its upper edge from a moving bar, and a ball of 0.15 m passes through it: 1 s
 from rest. Times are of one core in float32: of one cloth, and of one of sixteen side by side. Differences are of all
-nodes, root mean square, from the same mesh in the most small steps, and from the finest mesh in as many, at the nodes both have.
+nodes, root mean square, from the same mesh in the most small steps, and from the finest mesh in equally many, at common nodes.
 
-Gradients: along the same paths as equal error. They are those of the squared distance of one node (a cloth's lowest corner,
-the top of the jelly), of the mean of the patch within 0.1 sizes of it, or of all nodes, from a point, after 0.5 s, by all
-controls and by six knots of splines. Told are cosines of the angle between the emulator's, as descents have it, and central
-differences of the physics with all nodes, by a step of 2 % of a control's largest rate, of some runs by 10 %, too. Beside
-them stand the gradient of a body that is carried along as it is, differences of where the physics has the node as the shapes
-tell it at the end, and of physics that starts every super step from what the shapes tell: what an emulator without an error
-would say.
+Gradients: along the same paths as equal error. The cost is the squared distance of one node (a cloth's lowest corner, the top of
+the jelly), of the mean of the patch within 0.1 sizes of it, or of all nodes, from a point, after 0.5 s; the gradient is with
+respect to all controls, or to six knots of splines. Results are cosines between the emulator's gradient, as in descents, and
+central differences of the physics with all nodes, by a step of 2 % of a control's largest rate, for some runs also 10 %. Compared
+are the gradient of a body carried along rigidly, differences of the physics whose node is read through the shapes at the end, and
+of physics that starts every super step from the shapes: the result of an emulator without error.
 
-Fidelity: along the same paths, for 5 s. Spectra, by octaves, are of where nodes are from their rest: by cosines over the mesh's
-grid after 1 s, and in time. A million super steps go along random paths. Penetration is by how much a node, or the middle of
-a face, must be moved to be out of what strikes it: of the physics, the emulator, and the emulator as it is drawn. Also writes
+Fidelity: along the same paths, for 5 s. Spectra, by octaves, are of the nodes' displacements from rest: by cosines over the
+mesh's grid after 1 s, and in time. A million super steps go along random paths. Penetration is the distance that a node, or the
+middle of a face, must move to leave a collider: of the physics, the emulator, and the emulator as drawn. Also writes
 results/large_bodies_spectra.csv and docs/images/soft-spectra.png.
 
-Flex: cape, flag and jelly as MuJoCo's flexes, held by what holds them and moved as that moves, from rest, for 1 s along
-a smooth random path that does not turn; without air, and without colliders. Materials are those of the definitions as far
-as MuJoCo has them. `full` is the whole mesh, elastic; `full, edges as equalities` a cloth as MuJoCo's documentation has
-it, of which the time alone is shown; `trilinear` and `quadratic` are MuJoCo's reduced bodies, 8 and 27 nodes of a box
-around. Errors are of all nodes [% of the size, root mean square], from `full` in 64 steps a super step. All are timed in
+Flex: cape, flag and jelly as MuJoCo's flexes, attached to the same movers, from rest, for 1 s along
+a smooth random path that does not turn; without air, and without colliders. Materials follow the definitions as far
+as MuJoCo has them. `full` is the whole mesh, elastic; `full, edges as equalities` a cloth as in MuJoCo's documentation,
+shown with its time alone; `trilinear` and `quadratic` are MuJoCo's reduced bodies, with 8 and 27 nodes of a surrounding
+box. Errors are of all nodes [% of the size, root mean square], from `full` in 64 steps per super step. All are timed in
 turn with the emulator's super step.
 
-Own flexes: two models of MuJoCo's as somebody writes them (large_bodies_cases/models), a cloth of 225 nodes tied to a bar
-and a jelly of 216 on the ground that a paddle strikes, taken from `new` to an emulator without an edit, by half (cloth)
-and a quarter (jelly) of the usual data and updates. Errors are those of equal error, the physics are MuJoCo's in the teacher's,
+Own flexes: two typical MuJoCo models (large_bodies_cases/models), a cloth of 225 nodes tied to a bar
+and a jelly of 216 on the ground that a paddle strikes, taken without an edit from `new` to an emulator, with half (cloth)
+and a quarter (jelly) of the usual data and updates. Errors are those of equal error, the physics MuJoCo's in the teacher's,
 the model's own and longer steps.
 """
 
@@ -267,7 +266,7 @@ def fidelity_tables(
 
 
 def gradients(names: list[str], paths: int) -> None:
-    """Print each body's cosines, of so many runs; write those of all."""
+    """Print each body's cosines, of `paths` runs; write those of all."""
     found: dict[str, Columns] = {}
     for name in names:
         system, emulator = shipped(name)

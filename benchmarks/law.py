@@ -1,17 +1,16 @@
-"""How numbers, hidden units and times of a cloth's emulator grow with its nodes, beside those of the physics.
+"""Growth of a cloth emulator's state, hidden units and times with its nodes, beside the physics.
 
 python benchmarks/law.py            100 to 10,000 nodes; five minutes on one core, and a quarter of an hour for 10,000
-python benchmarks/law.py 100        the cloth of 100 nodes along an edge; the others' rows stay as they are
+python benchmarks/law.py 100        the cloth of 100 nodes along an edge; the others' rows stay
 python benchmarks/law.py --quick    small meshes and trainings, a minute; writes nothing
 
-One cloth of 1 m × 1 m, in ever finer squares, hangs by its upper edge from a bar that is moved; air holds it back. A
-super step is 1/30 s, and the physics takes as many small steps for it as there are nodes along an edge, at least 20: a
-wave passes as many edges. Errors are of all nodes [% of the cloth's size, root mean square] along smooth paths of the
-bar that were never seen before.
+One cloth of 1 m × 1 m, in ever finer squares, hangs by its upper edge from a moving bar, damped by air. A super step
+is 1/30 s, and the physics takes one small step for each node along an edge, at least 20: a wave passes as many edges.
+Errors are of all nodes [% of the cloth's size, root mean square] along smooth unseen paths of the bar.
 
 numbers        the fewest shapes that leave out at most 0.3 %
 hidden_units   the narrowest of several hidden layers with which the emulator of these is off by at most 1 % after a second; none
-               where no layer tried is
+               if no layer tried is
 emulator_us    a super step of that emulator in C, latent
 explicit_us    the same time by the physics: small steps of extended position-based dynamics in C
 implicit_us    one step of backward Euler of the same springs: a sparse factorisation and its solution (SuperLU), nothing
@@ -117,7 +116,7 @@ QUICK = Extent((6, 9), 24, (4, 16), 240, 500)
 
 
 def made(folder: Path, side: int, shapes: int) -> tuple[SoftSystem, tuple[str, str, int]]:
-    """Return the cloth of so many nodes along an edge, told by so many shapes; and its name, definition and substeps."""
+    """Return the cloth with this number of nodes along an edge and of shapes; and its name, definition and substeps."""
     steps = max(LEAST_STEPS, side)
     (folder / "cloth.obj").write_text(obj_text(sheet(side), grid_faces(side, side)))
     text = TOML.format(
@@ -149,7 +148,7 @@ def left_out(test: Test) -> Float[np.ndarray, " K"]:
 
 
 def trained(folder: Path, carried: tuple[str, str, int], width: int, extent: Extent) -> na.Emulator:
-    """Return the emulator with so many hidden units."""
+    """Return the emulator with this number of hidden units."""
     name, definition, substeps = carried
     data = folder / "data"
     if not data.exists():
@@ -215,7 +214,7 @@ def implicit_matrix(body: SoftBody) -> csc_matrix:
 
 
 def row_of(side: int, extent: Extent, folder: Path) -> dict[str, Any]:
-    """Return the figures of the cloth with so many nodes along an edge."""
+    """Return the figures of the cloth with this number of nodes along an edge."""
     many, _ = made(folder, side, extent.shapes)
     errors = left_out(unseen(many, FRAME))
     within = np.flatnonzero(errors <= LEFT_OUT)

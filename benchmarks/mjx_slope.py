@@ -1,7 +1,8 @@
-"""Slopes of a return by MJX's own derivatives (`pip install mujoco-mjx`), for benchmarks; the package does not use it.
+"""Gradients of a return by MJX's own derivatives (`pip install mujoco-mjx`), for benchmarks; the package does not use it.
 
-MJX differentiates backwards through a contact solver of one iteration alone: `opt.iterations` is 1, and the line search has
-`LINE_SEARCH` steps. All else is the model's own. So these are slopes of a physics whose contacts are less exact than MuJoCo's.
+MJX differentiates in reverse only through a contact solver of one iteration: `opt.iterations` is 1, and the line search has
+`LINE_SEARCH` steps. Everything else is the model's own. So these are gradients of a physics with contacts less
+exact than MuJoCo's.
 """
 
 from __future__ import annotations

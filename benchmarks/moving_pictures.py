@@ -5,8 +5,8 @@ python benchmarks/moving_pictures.py life           # one of them
 python benchmarks/moving_pictures.py --out pictures
 
 Leap, swing-up and human are on the true physics: the springs and the water of the dolphin, MuJoCo's arm, and MuJoCo's human, who
-is pushed; his motion is written as GLB, too, and pictures of a round of his walk and of him inside the emulator. They need OpenGL
-(EGL or OSMesa). The shark's is the studio's page, an image at a time, as Chromium draws it; all of its fish are emulators.
+is pushed; his motion is also written as GLB, with pictures of a round of his walk and of him inside the emulator. They need
+OpenGL (EGL or OSMesa). The shark's is the studio's page, drawn frame by frame in Chromium; all of its fish are emulators.
 """
 
 from __future__ import annotations
@@ -245,7 +245,7 @@ def write_sheet(clip: na.Clip, out: Path) -> None:
 
 
 def walked_on(walkers: Walkers, seconds: float, speed: float, turning: float) -> list[np.ndarray]:
-    """Return the states (S,) of the one body that walks on, as it is told [s], [m/s], [rad/s]."""
+    """Return the states (S,) of the one body that walks on under commands [s], [m/s], [rad/s]."""
     walkers.told = np.array([[speed, turning]])
     states = []
     for _ in range(round(seconds / walkers.policy.dt)):

@@ -1,7 +1,7 @@
-"""Anybody's model: new, generate, train, evaluate, animate and control of ten, by what is proposed alone; results/own_models.csv.
+"""Users' models: new, generate, train, evaluate, animate and control of ten, by proposed settings alone; results/own_models.csv.
 
 python benchmarks/own_models.py                     about an hour and a half on two cores; needs Gymnasium, whose models it takes
-python benchmarks/own_models.py hopper arm          some of the models; the others' lines stay as they are
+python benchmarks/own_models.py hopper arm          some of the models; the others' lines stay
 python benchmarks/own_models.py --quick             little data, few updates; writes no file
 """
 

@@ -1,10 +1,10 @@
-"""How fast a policy learns to walk on command: transitions a second by the number of bodies that learn side by side.
+"""Learning speed of a policy that walks on command: transitions per second by the number of bodies side by side.
 
 python benchmarks/policy_updates.py --bodies 128 1024
 JAX_PLATFORMS=cpu python benchmarks/policy_updates.py --bodies 1024 --dry
 
-Updates of `neuroanimator policy examples/human/commanded.toml` are timed by the wall clock, after one that compiles. Bodies are
-moved by MuJoCo on all cores; networks are JAX's, on a GPU where it sees one. The rollout is MuJoCo, the policy and the task.
+Updates of `neuroanimator policy examples/human/commanded.toml` are timed by the wall clock, after one that compiles. MuJoCo moves
+the bodies on all cores; networks are JAX's, on a GPU if it finds one. The rollout is MuJoCo, the policy and the task.
 
 Writes results/policy_updates.csv, by default.
 """

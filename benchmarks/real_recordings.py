@@ -1,18 +1,18 @@
-"""Held against the real world: pendulums, a robot and tossed cubes as recorded; results/real_recordings.csv.
+"""Compared with the real world: recorded pendulums, a robot and tossed cubes; results/real_recordings.csv.
 
 python benchmarks/real_recordings.py --data FOLDER           with a folder of checkouts of the authors' files
-python benchmarks/real_recordings.py --data FOLDER --fetch   puts those that are missing there first
+python benchmarks/real_recordings.py --data FOLDER --fetch   fetches missing ones first
 python benchmarks/real_recordings.py --data FOLDER --quick   one case, no fit; writes no file
-python benchmarks/real_recordings.py --data FOLDER --rows b  some of the rows; the others' lines stay as they are
+python benchmarks/real_recordings.py --data FOLDER --rows b  some of the rows; the others' lines stay
 python benchmarks/real_recordings.py --data FOLDER --write RECORDINGS   only writes them as recordings of this project
 python benchmarks/real_recordings.py --data FOLDER --excerpts EXCERPTS  only writes a few seconds of each, with licences
 
 Rows: (a) physics with the authors' own parameters; (b) physics with ours, fitted by finite differences, and through the
 emulator of a family; (c) that emulator at these parameters; (d) the same after it has learnt from the training part; (e) a
 network of the training part alone; (f) persistence, constant velocity and a linear model;
-(n) what noise in the measured starts alone makes of (a), a lower bound of every error. Every method begins at the same
-measured states of unseen motion. What each error is: real_recordings_cases/errors.py; which runs are unseen: the modules
-that read them.
+(n) the error of (a) due to noise in the measured starts alone, a lower bound of every error. Every method begins at the
+same measured states of unseen motion. Errors are defined in real_recordings_cases/errors.py, unseen runs in the modules that
+read them.
 """
 
 from __future__ import annotations

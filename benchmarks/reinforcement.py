@@ -1,27 +1,27 @@
-"""PPO inside emulators and on MuJoCo: wall-clock to a fixed return, and what a policy learnt inside is worth outside.
+"""PPO inside emulators and on MuJoCo: wall-clock time to a fixed return, and the return outside of a policy learnt inside.
 
 python benchmarks/reinforcement.py                 all tasks, 45 minutes on 2 cores; tables, and results/reinforcement*.csv
-python benchmarks/reinforcement.py Swimmer-v5      one of them; its rows of the files are exchanged
+python benchmarks/reinforcement.py Swimmer-v5      one of them; its rows of the files are replaced
 python benchmarks/reinforcement.py --seeds 1       other seeds than 0 to 2; writes no file
-python benchmarks/reinforcement.py --emulators     makes the emulators that are missing, and ends
-python benchmarks/reinforcement.py --cpu           counts processor time, on a machine with other work; writes no file
+python benchmarks/reinforcement.py --emulators     only makes missing emulators
+python benchmarks/reinforcement.py --cpu           counts CPU time, on a machine with other work; writes no file
 
 Needs stable-baselines3: pip install "neuroanimator[gym]" "gymnasium[mujoco]" stable-baselines3. Emulators are kept in
-out/reinforcement and used again, with the processor time they took beside them.
+out/reinforcement and used again, with their CPU time beside them.
 
 The same algorithm (PPO of stable-baselines3), the same settings, the same task (rules of episodes), on
 
 - `inside`: an emulator, all rows in one compiled call; episodes end where its score is above `trust_limit`, and further out cost;
 - `inside, unguarded`: without that;
-- `inside, first emulator`: in the emulator as defaults make it, before any policy acted on MuJoCo;
-- `MuJoCo`: the physics on both cores by mujoco.rollout, no Python in its loop: more steps a second than any vectorisation of
-  Gymnasium's or stable-baselines3's of the same environment, which are measured beside it;
-- `MuJoCo, Gymnasium`: Gymnasium's environment itself in the faster of stable-baselines3's vectorisations, eight of them: what
-  people use. The same settings, rollouts as much longer as there are fewer rows;
+- `inside, first emulator`: in the emulator made with defaults, before any policy acted on MuJoCo;
+- `MuJoCo`: the physics on both cores by mujoco.rollout, no Python in its loop: more steps per second than any vectorisation of
+  the same environment by Gymnasium or stable-baselines3, which are also measured;
+- `MuJoCo, Gymnasium`: Gymnasium's environment itself in the faster of stable-baselines3's vectorisations, eight of them: common
+  practice. The same settings, with rollouts longer in proportion to the fewer rows;
 - `MuJoCo, zoo`: the same with the settings of rl-baselines3-zoo, which suit few environments at a time.
 
-Time is what the learner takes: it stands still while policies are judged. A policy is judged by its mean action, in 16 episodes
-in its own world and 16 on MuJoCo; the last one in 10 of Gymnasium's environment itself, nothing of this package in between.
+Time is the learner's: the clock stops while policies are judged. A policy is judged by its mean action, in 16 episodes
+in its own world and 16 on MuJoCo; the last one in 10 of Gymnasium's environment itself, without this package.
 Settings were chosen on seeds 100 and above.
 """
 
@@ -231,7 +231,7 @@ def run(
 
 
 def row_of(task: LearningTask, arm: Arm, seed: int, learnt: Learnt) -> dict[str, Any]:
-    """Return what came of an arm and a seed."""
+    """Return the result of an arm and a seed."""
     last = learnt.points[-1]
     outside = None
     if task.is_gymnasium:

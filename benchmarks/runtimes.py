@@ -1,14 +1,14 @@
-"""What runs an emulator: C, JAX, WebAssembly and ONNX, C written by hand as the limit, and a swimmer's physics in C.
+"""Runtimes of an emulator: C, JAX, WebAssembly and ONNX, C written by hand as the limit, and a swimmer's physics in C.
 
 python benchmarks/runtimes.py                        all systems: results/runtimes.csv and results/runtimes_sizes.csv
 python benchmarks/runtimes.py --systems fish --rounds 20 --out /tmp/try
 
 Everything runs on one core, all cases of an emulator in turn, in float32 and from rest under random controls. Times are
-nanoseconds a super step: the median and the 99th percentile of all rounds, compiling not counted. A rollout has 200 super
-steps, a gradient is J and its gradient over 100, as a descent asks for it (of node: what the last state says of all
-before), and motions in batches make ten each. What is exported, and what is
-written by hand, has agreed with JAX before it is timed. `emulator.step` and `emulator.rollout` are as users call them.
-share_of_roofline is the time that the products of its weights take alone, in float32 from where they lie, over that of C.
+nanoseconds per super step: the median and the 99th percentile of all rounds, without compilation. A rollout has 200 super
+steps, a gradient is J and its gradient over 100, as in a descent (in node: the gradient of the last state with respect to all
+before), and motions in batches make ten each. Exports, and code written by hand, are checked against JAX before they are
+timed. `emulator.step` and `emulator.rollout` are called as by users. share_of_roofline is the time of the products with its
+weights alone, in float32 from their place in memory, over that of C.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Beyond one emulator and one process: what docs/scale.md says, measured. Each part writes results/scale_PART.csv.
+"""Beyond one emulator and one process: the figures of docs/scale.md. Each part writes results/scale_PART.csv.
 
-python benchmarks/scale.py stream           50 million windows in 1 GB, against windows in memory, killed on the way
-python benchmarks/scale.py stream --quick   the same with 2 million and few updates: whether it works, no figures
+python benchmarks/scale.py stream           50 million windows in 1 GB, against windows in memory, killed in between
+python benchmarks/scale.py stream --quick   the same with 2 million and few updates: a test, no figures
 python benchmarks/scale.py bytes            one dataset by processes and by Ray, on one node and on four, with kills: one hash
 python benchmarks/scale.py fleet            24 small trainings on four nodes, one of which is killed
 python benchmarks/scale.py overhead         Ray beside processes: tasks of 10 ms to 10 s, and shards of the usual size
 python benchmarks/scale.py crowd            1 to 10,000 fish and trucks on this machine, on one core and on all
-python benchmarks/scale.py costs            what a transition costs in each stage
-python benchmarks/scale.py model            the same, and what it comes to for up to 1e12 transitions on 1,000 nodes
+python benchmarks/scale.py costs            cost of a transition in each stage
+python benchmarks/scale.py model            the same, extrapolated to 1e12 transitions on 1,000 nodes
 
 Ratios are measured in one run, their two sides in turn.
 """

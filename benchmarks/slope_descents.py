@@ -1,15 +1,14 @@
-"""Descent a second: what slopes gain on the true physics within a second of one core, an emulator's beside the physics' own.
+"""Descents of one second: gain on the true physics within a second of one core, by gradients of an emulator and of the physics.
 
 python benchmarks/slope_descents.py                     Hopper-v5, Walker2d-v5, Ant-v5, human
 python benchmarks/slope_descents.py human --keep policies --dry
 
-From states of the policies that walking_slopes.py is about, the controls of the next half second begin as the policy has them.
-Each iteration takes one slope, one step of Adam, and one rollout on the physics, which says what is earned and where the next
-slope is taken. After a second of one core's time, in which compilation is not counted, the best return so far counts. `gain` is
-by how much it is above the policy's own `return`, in the median over starts and at least; `iterations` is how many there were.
-Slopes are the emulator's at true states, central differences of the physics, and MJX's where `mujoco-mjx` is installed; `random`
-takes no slope, but keeps what random changes of the best controls improve. Each has the best, by its median, of the rates in
-`RATES`.
+From states of the policies of walking_slopes.py, the controls of the next half second start from the policy's. Each iteration
+takes one gradient, one step of Adam, and one rollout on the physics, which gives the return and the states for the next gradient.
+After a second of one core's time, without compilation, the best return so far counts. `gain` is its excess over the policy's own
+`return`, median and minimum over starts; `iterations` is the number of iterations. Gradients are the emulator's at true states,
+central differences of the physics, and MJX's if `mujoco-mjx` is installed; `random` takes no gradient, but keeps random changes
+of the best controls that improve them. Each has the best, by its median, of the rates in `RATES`.
 
 Writes results/slope_descents.csv.
 """

@@ -2,22 +2,22 @@
 
 python benchmarks/soft_control.py flag                                           the flag that ships
 python benchmarks/soft_control.py flag --targets 2 --seconds 10 --dry
-python benchmarks/soft_control.py cloth cloth.toml cloth.emulator.safetensors    a cloth of one's own
+python benchmarks/soft_control.py cloth cloth.toml cloth.emulator.safetensors    a user's own cloth
 python benchmarks/soft_control.py throw --folder throws                          a jelly that a plate throws into a bin
 
-flag, cloth  the corner that hangs lowest is brought to a point by moving what holds the cloth
-throw        a jelly of 392 nodes that nothing holds is thrown into a bin by the path of the plate it lies on
+flag, cloth  the lowest corner is brought to a point by moving the mover that holds the cloth
+throw        a free jelly of 392 nodes is thrown into a bin by the path of the plate under it
 
-A target of flag and cloth is where the node comes to at the end of a random motion of the true physics from rest, so that
-it can be reached; motions that leave the node where it is are drawn again. Of a throw it is the middle of the rim of a bin of
-1.5 sizes that stands 0.5 to 1 sizes away, in a random direction; its distance is from where the jelly is on its way to when it is
-released (soft_control_cases/throw.py). Its emulator is trained first, or found in the folder.
+A target of flag and cloth is the node's position at the end of a random motion of the true physics from rest, so that
+it can be reached; motions that do not move the node are drawn again. For a throw it is the middle of the rim of a bin of
+1.5 sizes that stands 0.5 to 1 sizes away, in a random direction; its distance is from the point that the jelly is headed to at
+the release (soft_control_cases/throw.py). Its emulator is trained first, or found in the folder.
 
-The emulator's way is `na.synthesise`: descent by its gradient, replays on the true physics, corrections by what those
-show. CMA-ES asks the physics at its user's step, with fewer small steps than the truth, as many bodies side by side as it
+The emulator's method is `na.synthesise`: descent by its gradient, replays on the true physics, corrections by their errors.
+CMA-ES evaluates the physics at its user's step, with fewer small steps than the truth, as many bodies side by side as it
 can, for the same cost of the same splines. Both are judged on the true physics with all nodes [% of the body's size],
-CMA-ES with what it had after the time that the emulator's way took, after as many small steps of physics, and at its end.
-A node is there within 2 % of its target; a jelly if all its nodes lie within the walls of the bin, which then stands in the
+CMA-ES by its result after the time of the emulator's method, after the same number of small steps of physics, and at its end.
+A node succeeds within 2 % of its target; a jelly if all its nodes are within the walls of the bin, which is then part of the
 physics, a second and a half after the release. All on one core, compiled before.
 Writes results/soft_control_TASK.csv.
 """

@@ -1,13 +1,13 @@
-"""What the studio's page costs: its size, how soon there is a picture, the emulator's work an image, and what it keeps.
+"""Costs of the studio's page: its size, the time to the first picture, the emulator's work per frame, and memory.
 
 python benchmarks/studio_page.py                   ten minutes; results/studio_page.csv
-python benchmarks/studio_page.py --minutes 0.5     a shorter look at what it keeps; writes no file
+python benchmarks/studio_page.py --minutes 0.5     a shorter test of memory; writes no file
 python benchmarks/studio_page.py --soft cape.emulator.safetensors    one soft body, and 100 more; results/studio_soft.csv
 
-Needs Chromium and Playwright. Pictures are drawn by the processor, as where there is no graphics card; work is what the
-page measures around its own calls of WebAssembly, and says on its panel. The server is started from the shell. Of soft
-bodies drawing is left out, which is a graphics card's: counted is all that the page's script does for an image, the
-emulator's super steps and what is handed to the card among it.
+Needs Chromium and Playwright. The CPU draws the pictures, as without a graphics card; work is the time that the page
+measures around its own calls of WebAssembly, and shows on its panel. The server is started from the shell. For soft
+bodies drawing, which a graphics card does, is left out: all of the page's script for a frame counts, including the
+emulator's super steps and the transfer to the card.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Swing-up of the three-link pendulum: three ways to descend, strong and weak motors.
+"""Swing-up of the three-link pendulum: three methods of descent, strong and weak motors.
 
 python benchmarks/swing_up.py            table, and results/swing_up.csv
 """

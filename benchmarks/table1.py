@@ -5,7 +5,7 @@ python benchmarks/table1.py --quick                         n = 50, fewer runs: 
 python benchmarks/table1.py --quick --substeps 25,50,100,200 --keep   all of them, ten minutes; writes results/table1.csv
 python benchmarks/table1.py --systems fish --substeps 25    these rows alone; the others in results/table1.csv stay
 python benchmarks/table1.py --quick --json                  rows as JSON
-python benchmarks/table1.py --seeds 5                       four further trainings a row: hours
+python benchmarks/table1.py --seeds 5                       four further trainings per row: hours
 
 Emulators of machines at n = 200 do not ship: they are trained in out/table1 by the recipes of those that do.
 """

@@ -74,7 +74,7 @@ SCHOOLS = 3
 """Number of schools measured, each from a seed of its own."""
 
 SCHOOL_SPEED = 0.9
-"""A school is told to swim at this share of the highest speed."""
+"""Commanded speed of a school, as a share of the highest speed."""
 
 TANK_LENGTHS = (4.6, 4.6, 2.7)
 """Half the extent of a school's tank, in body lengths."""

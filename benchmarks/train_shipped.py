@@ -4,8 +4,8 @@ python benchmarks/train_shipped.py                    every one, about two hours
 python benchmarks/train_shipped.py pendulum 50        one of them
 python benchmarks/train_shipped.py pendulum 50 large  the same in its large size
 python benchmarks/train_shipped.py cape               a soft body, about an hour
-python benchmarks/train_shipped.py trust              what those that ship know, measured again by runs they never saw
-python benchmarks/train_shipped.py bounds [NAME...]   how far their rollouts go astray, likewise; after `trust`, half an hour
+python benchmarks/train_shipped.py trust              trust of those that ship, measured again on unseen runs
+python benchmarks/train_shipped.py bounds [NAME...]   their error bounds, in the same way; after `trust`, half an hour
 """
 
 from __future__ import annotations

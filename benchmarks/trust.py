@@ -1,22 +1,22 @@
-"""How well scores tell where an emulator errs, what they are worth beside others, and what they cost; results/trust.csv.
+"""How well scores detect large errors of an emulator, beside other scores, and their cost; results/trust.csv.
 
 python benchmarks/trust.py                 every emulator of 50 substeps that ships, some minutes on two cores
 python benchmarks/trust.py fish-50         some of them; writes no file
 python benchmarks/trust.py draws [NAME…]   its AUROC for six draws of super steps; results/trust_draws.csv, some minutes
-python benchmarks/trust.py bounds [NAME…]  whether bounds of errors keep what they promise; results/trust_bounds.csv, ten minutes
-python benchmarks/trust.py others          the same of other sizes and super steps; results/trust_others.csv, twenty minutes
-python benchmarks/trust.py hybrid [NAME…]  what a tenth of the time by the physics is worth; results/trust_hybrid.csv, ten minutes
+python benchmarks/trust.py bounds [NAME…]  coverage of error bounds; results/trust_bounds.csv, ten minutes
+python benchmarks/trust.py others          the same for other sizes and super steps; results/trust_others.csv, twenty minutes
+python benchmarks/trust.py hybrid [NAME…]  gain from physics a tenth of the time; results/trust_hybrid.csv, ten minutes
 
 Super steps are of two kinds, half of each: as in training, and shifted: controls at their bounds that jump at every super
 step, controls held at their bounds for twenty, and starts that move 1.2 to 2 times as fast. An error is large if it is above the
-95th percentile of errors on the first kind. AUROC is how often a large error has the higher score: 0.5 is guessing.
+95th percentile of errors on the first kind. AUROC is the probability that a large error has the higher score: 0.5 is guessing.
 
 The baselines are fitted to the same unseen super steps as the score, and judged on others:
 
-ranges    how far the farthest feature lies outside of what training showed (all that `covers` knew before)
-features  Mahalanobis distance of all that the network sees
+ranges    distance of the farthest feature outside its range in training (formerly the basis of `covers`)
+features  Mahalanobis distance of all features
 units     Mahalanobis distance of all units of the last layer
-heads     disagreement of eight last layers, each fitted to as many super steps drawn with replacement
+heads     disagreement of eight last layers, each fitted to equally many super steps drawn with replacement
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Bodies with fewer motors than joints, which have to pump: swing-ups from hanging, by `new`, `train` and `control` as they are.
+"""Bodies with fewer motors than joints, which have to pump: swing-ups from hanging, by defaults of `new`, `train` and `control`.
 
 python benchmarks/underactuated.py                    100 starts of each; results/underactuated.csv
 python benchmarks/underactuated.py --starts 10 --dry  fewer; writes no file
 
 Starts are near hanging. A swing-up counts if MuJoCo's own motion ends within 0.2 rad and 1 rad/s of upright in every joint.
-`descents alone` is the same without the search for first guesses among random motions. In closed loop a body counts if it is
-upright, on MuJoCo, throughout the last 10 s of 12 s after its swing-up. Seconds are those until the way is found, once
-programs are compiled.
+`descents alone` is the same without the search for initial guesses among random motions. In closed loop a body counts if it is
+upright, on MuJoCo, throughout the last 10 s of 12 s after its swing-up. Seconds are until the controls are found, without
+compilation.
 """
 
 from __future__ import annotations

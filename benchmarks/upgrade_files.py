@@ -1,10 +1,10 @@
-"""Rewrite the shipped emulators and policies to today's format: other words, the same numbers.
+"""Rewrite the shipped emulators and policies to today's format: other names, the same numbers.
 
     python benchmarks/upgrade_files.py FOLDER...
 
 Nothing of an older format was ever released. Each file is read, its names are changed, and it is written again in place;
-`tests/golden` holds what the files predicted before. Tensors used to be named by the paths of fields; `TENSORS` and
-`FIELDS` say what each field was called, in the words of before and of between.
+`tests/golden` holds the files' earlier predictions. Tensors used to be named by the paths of fields; `TENSORS` and
+`FIELDS` hold the older names of each field.
 """
 
 from __future__ import annotations
