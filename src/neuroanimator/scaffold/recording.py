@@ -97,12 +97,12 @@ def propose_recording(path: Path) -> Proposal:
     }
     if control:
         values["control"] = control
-    where = "are stillest" if control else "begin, for nothing drives what is recorded"
+    where = "are stillest" if control else "begin, since nothing drives the system"
     comments = PART_TITLES | {
         "substeps": note,
         "physics.step": f"the sampling interval [s]; {len(recording.states)} runs",
         "state.rate": "where one column adds up to another's changes, noise left aside",
-        "state.rest": f"where the recordings {where}; motions begin there if nothing else is said",
+        "state.rest": f"where the recordings {where}; motions begin there by default",
     }
     warnings += [
         *_outliers(recording, samples),
