@@ -20,7 +20,7 @@ objective = na.Objective.of(
     na.reach_position(system, target, within=0.04),
 )
 options = na.DescentOptions(
-    # A wave along the body: all muscles at one frequency.
+    # A wave along the body: one frequency for all muscles.
     parametrisation=Periodic.of(steps, emulator.dt, system.gait.period, system.bounds),
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )

@@ -30,7 +30,7 @@ found = na.synthesise(
 
 
 def distance(states: np.ndarray) -> float:
-    """Return how far [m] the fish comes along x."""
+    """Return the distance [m] that the fish swims along x."""
     position = na.read_pose(system.structure, states[[0, -1]]).position
     return float((position[1] - position[0]) @ ahead)
 

@@ -7,11 +7,11 @@ import numpy as np
 import neuroanimator as na
 from neuroanimator.control import Steered
 
-DEPTH = 4.2  # [m] it starts so far under its rest, for a run-up
+DEPTH = 4.2  # [m] depth below its rest at which it starts, for a run-up
 SECONDS = 4.2
 TEMPO = 1.5  # times the frequency of its gait
-TOP = 3.3  # [s] when it is highest
-ENTRY = 3.85  # [s] when it dives in again
+TOP = 3.3  # [s] time of its highest point
+ENTRY = 3.85  # [s] time at which it dives in again
 STEEP = np.radians(50)  # below the horizontal
 
 emulator = na.load_emulator("dolphin-50")
@@ -20,7 +20,7 @@ steps = round(SECONDS / emulator.dt)
 start = np.array(system.rest)
 start[2 : 3 * 23 : 3] -= DEPTH
 
-# What pulls left and right alike cannot twist it in flight: only muscles of the gait may pull.
+# A pull that is the same left and right cannot twist it in flight: only muscles of the gait may pull.
 bounds = na.Bounds.symmetric(np.where(np.array(system.gait.amplitudes) == 0, 1e-3, 1.0))
 
 # A first guess: its gait, but faster, and its back bent upward at first.

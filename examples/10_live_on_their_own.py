@@ -17,7 +17,7 @@ LENGTH = 0.26  # [m] of a fish
 seconds = 30.0
 corners = np.mgrid[-0.6:0.61:0.4, -0.4:0.41:0.4, 0:1].reshape(3, -1).T  # twelve fish, 40 cm apart
 starts = np.tile(system.rest, (len(corners), 1))
-points = slice(0, 3 * 23)  # the state begins with the places of 23 mass points
+points = slice(0, 3 * 23)  # the state begins with the positions of 23 mass points
 starts[:, points] += np.tile(corners, 23)
 
 # Stroll with the others, mostly level, run into nobody, and stay off the glass.

@@ -1,4 +1,4 @@
-"""Steer a fish as a game would: a shipped policy moves its muscles, at any rate, to wherever it is told to go."""
+"""Steer a fish as a game would: a shipped policy turns speed and turn rate into muscles, at any frame rate."""
 
 from pathlib import Path
 

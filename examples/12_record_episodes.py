@@ -9,7 +9,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
-os.environ["MINARI_DATASETS_PATH"] = str(Path("episodes").resolve())  # not given: ~/.minari
+os.environ["MINARI_DATASETS_PATH"] = str(Path("episodes").resolve())  # default: ~/.minari
 import minari
 
 TASK = "neuroanimator/lander-land-v0"  # the emulator flies, not the physics
@@ -38,7 +38,7 @@ env.create_dataset(
     code_permalink="https://example.org/record_episodes.py",
 )
 
-dataset = minari.load_dataset(NAME)  # as anybody does who is given the folder
+dataset = minari.load_dataset(NAME)  # as anyone with the folder would
 returns = [episode.rewards.sum() for episode in dataset]
 print(f"{dataset.total_episodes} episodes of {dataset.total_steps} steps in all")
 print(f"the best of them earned {max(returns):.2f}, the worst {min(returns):.2f}")

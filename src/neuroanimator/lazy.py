@@ -1,4 +1,4 @@
-"""Names of a package that are imported on first use, so that `neuroanimator --help` does not wait for JAX and MuJoCo."""
+"""Names of a package, imported on first use, so that `neuroanimator --help` does not wait for JAX and MuJoCo."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ EVERYTHING = "*"
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return the `__getattr__` and the `__dir__` of a package whose names live in modules of it.
+    """Return the `__getattr__` and the `__dir__` of a package whose names are defined in its modules.
 
-    Its `__init__.pyi` imports them, as type checkers read it.
+    Its `__init__.pyi` imports them, for type checkers.
     """
 
     def load(name: str) -> Any:
@@ -36,7 +36,7 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
 
 @cache
 def _imports(package: str) -> dict[str, str]:
-    """Return the module from which each name is imported in the stub of a package."""
+    """Return the module of each name imported in the stub of a package."""
     stub = (resources.files(package) / "__init__.pyi").read_text(encoding="utf-8")
     found = {}
     for node in ast.parse(stub).body:
@@ -47,7 +47,7 @@ def _imports(package: str) -> dict[str, str]:
 
 @cache
 def _homes(package: str) -> dict[str, str]:
-    """Return the module of each name; nothing is imported for that."""
+    """Return the module of each name, without importing anything."""
     found = dict(_imports(package))
     generous = found.pop(EVERYTHING, None)
     if generous is not None:
@@ -56,7 +56,7 @@ def _homes(package: str) -> dict[str, str]:
 
 
 def _all_of(module: str) -> list[str]:
-    """Return the `__all__` of a module, as its source says it."""
+    """Return the `__all__` of a module, from its source."""
     package, _, name = module.rpartition(".")
     source = (resources.files(package) / f"{name}.py").read_text(encoding="utf-8")
     for node in ast.parse(source).body:

@@ -1,4 +1,4 @@
-"""Output for people: progress on stderr, as bars on a terminal and as a line now and then elsewhere; plain tables on stdout."""
+"""Output for people: progress on stderr, as bars on a terminal or occasional lines elsewhere; plain tables on stdout."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from rich.text import Text
 from neuroanimator.text import print_line, printable
 
 SHOWN_AFTER = 0.3
-"""A phase shorter than this is not shown [s]: it would only flicker."""
+"""Minimum duration of a phase that is shown [s]: shorter ones would only flicker."""
 
 LINE_EVERY = 10.0
-"""Time between two lines of progress where there is no terminal [s]."""
+"""Time between two lines of progress without a terminal [s]."""
 
 
 class Bar:
-    """A bar; does nothing where progress is not shown."""
+    """A progress bar; does nothing if progress is not shown."""
 
     def __init__(
         self, progress: Display | None, title: str, total: int | None, *, is_visible: bool = True
     ):
-        """`total` is None where the length is not known."""
+        """`total` is None if the length is unknown."""
         self._progress = progress
         self._task: TaskID | None = None
         if progress is not None:
@@ -57,7 +57,7 @@ class Bar:
             self._progress.update(self._task, visible=True)
 
     def end(self) -> None:
-        """Leave the bar as it is: nothing more will come."""
+        """Stop the bar and leave it on the screen."""
         if self._progress is not None and self._task is not None:
             self._progress.stop_task(self._task)
 
@@ -71,7 +71,7 @@ class Bar:
 def progress_bar(title: str, total: int) -> Iterator[Bar]:
     """Show a bar of `total` units with rate and time left while the block runs.
 
-    Where a command line runs without a terminal, a line says every `LINE_EVERY` seconds how far it is.
+    Without a terminal, a command prints a line of progress every `LINE_EVERY` seconds.
     """
     with _screen.shown() as progress:
         bar = Bar(progress, title, total)
@@ -83,9 +83,9 @@ def progress_bar(title: str, total: int) -> Iterator[Bar]:
 
 @contextmanager
 def inner_bar(title: str, total: int) -> Iterator[Bar]:
-    """Show a bar of `total` units beside those there are, where a command line runs (`show_phases`).
+    """Show a bar of `total` units beside existing ones, if a command line runs (`show_phases`).
 
-    It is there while the block runs, and not at all where that is quick.
+    It is shown while the block runs, and not at all for a quick block.
     """
     if not _screen.shows_phases:
         yield Bar(None, title, total)
@@ -96,10 +96,10 @@ def inner_bar(title: str, total: int) -> Iterator[Bar]:
 
 @contextmanager
 def phase(name: str) -> Iterator[None]:
-    """Say what is going on while the block runs, where a command line runs (`show_phases`).
+    """Show the phase `name` while the block runs, if a command line runs (`show_phases`).
 
-    How long each phase took is in `phase_seconds`; a phase within another counts for itself alone. What other threads do
-    meanwhile is no phase: the main thread waits for it in one of its own.
+    The time of each phase is in `phase_seconds`; that of a nested phase counts only once. Work of other threads is not a
+    phase: the main thread waits for it in its own.
     """
     if current_thread() is not main_thread():
         yield
@@ -113,7 +113,7 @@ def phase(name: str) -> Iterator[None]:
 
 
 def show_phases() -> None:
-    """Show phases from now on: what the command line does, and a library does not."""
+    """Show phases from now on, as the command line does, but a library does not."""
     _screen.shows_phases = True
 
 
@@ -128,7 +128,7 @@ def seconds_in_all() -> float:
 
 
 def phase_seconds() -> dict[str, float]:
-    """Return how long each phase took in this process [s], in the order they began."""
+    """Return the time of each phase of this process [s], in the order of their starts."""
     return dict(_clock.seconds)
 
 
@@ -148,13 +148,13 @@ def _shown_soon(progress: Display | None, title: str, total: int | None) -> Iter
 
 
 class _Clock:
-    """Seconds spent in every phase, those of inner phases not counted twice."""
+    """Time spent in every phase [s], without counting inner phases twice."""
 
     def __init__(self):
         self.seconds: dict[str, float] = {}
         self.began = time.perf_counter()
         self._within: list[float] = []
-        """Time that the inner phases of every open phase took [s]."""
+        """Time of the inner phases of every open phase [s]."""
 
     @contextmanager
     def running(self, name: str) -> Iterator[None]:
@@ -174,7 +174,7 @@ class _Clock:
 
 
 class _PlainDisplay:
-    """Bars and phases where there is no terminal: every `LINE_EVERY` seconds a line on the innermost of them."""
+    """Bars and phases without a terminal: every `LINE_EVERY` seconds a line on the innermost one."""
 
     def __init__(self):
         self._tasks: dict[TaskID, _PlainTask] = {}
@@ -225,19 +225,19 @@ class _PlainDisplay:
 
 @dataclass
 class _PlainTask:
-    """A bar or a phase where there is no terminal."""
+    """A bar or a phase without a terminal."""
 
     description: str
     total: float | None
-    """None for a phase, whose length is not known."""
+    """Total of a bar; None for a phase, whose length is unknown."""
     note: str
     is_visible: bool
     completed: float = 0.0
     began: float = field(default_factory=time.monotonic)
-    """When it began [s]."""
+    """Time at which it began [s]."""
 
     def __str__(self) -> str:
-        """Return how far it is, and how long it still takes if it goes on like that."""
+        """Return its progress, and the estimated time left."""
         spent = time.monotonic() - self.began
         if self.total is None:
             return f"{self.description} ... {spent:.0f} s"
@@ -253,7 +253,7 @@ Display = Progress | _PlainDisplay
 
 
 class _Screen:
-    """The one live display of a process: bars and phases are lines of it."""
+    """The only live display of a process, with bars and phases as its lines."""
 
     def __init__(self):
         self.shows_phases = False
@@ -263,7 +263,7 @@ class _Screen:
 
     @contextmanager
     def shown(self) -> Iterator[Display | None]:
-        """Yield the display, which lasts as long as it is used; None where progress is not shown."""
+        """Yield the display, which lasts as long as it is used; None if progress is not shown."""
         is_terminal = sys.stderr.isatty()
         if self.is_hidden or not (is_terminal or self.shows_phases):
             yield None
@@ -282,7 +282,7 @@ class _Screen:
 
 
 class _Count(MofNCompleteColumn):
-    """Progress as a count of the total; nothing where there is no number."""
+    """Progress as a count of the total; empty without a total."""
 
     def render(self, task: Task) -> Text:
         if task.total is None:
@@ -291,7 +291,7 @@ class _Count(MofNCompleteColumn):
 
 
 class _Remaining(TimeRemainingColumn):
-    """Time left; nothing where it is not known."""
+    """Time left; empty if it is unknown."""
 
     def render(self, task: Task) -> Text:
         if task.total is None:
@@ -346,11 +346,11 @@ BARS = "▁▂▃▄▅▆▇█"
 """Bars of a small histogram, from the lowest to the highest."""
 
 PLAIN_BARS = ".:-=+*#@"
-"""The same on a terminal that has no other letters."""
+"""The same for a terminal without these characters."""
 
 
 def sparkline(counts: Iterable[float]) -> str:
-    """Return a histogram as one letter a bar, the highest bar full; a blank where there is nothing at all."""
+    """Return a histogram as one character per bar, the highest bar full; a blank for an empty bar."""
     counts = list(counts)
     bars = BARS if _can_print(BARS) else PLAIN_BARS
     most = max(counts, default=0)
@@ -373,5 +373,5 @@ def _can_print(text: str) -> bool:
 
 @cache
 def warn_once(message: str) -> None:
-    """Print one line on stderr; the same one never again."""
+    """Print a line on stderr, each only once."""
     print_line(f"neuroanimator: {message}", to_stderr=True)

@@ -1,6 +1,6 @@
-"""Text from outside as it may be shown: on a terminal, in an error, in a table.
+"""Foreign text made safe to show: on a terminal, in an error, in a table.
 
-Names out of files are checked when they are read (`files/names.py`); these are the second fence, at each border.
+Names from files are checked when they are read (`files/names.py`); this is the second line of defence, at each border.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 MAX_QUOTE = 60
-"""Characters of foreign text an error shows at most."""
+"""Maximum number of characters of foreign text in an error."""
 
 MAX_LISTED = 12
-"""Names an error lists at most."""
+"""Maximum number of names in an error."""
 
 SMALL_NUMBER = 1e-4
-"""Numbers below it are written with a power of ten."""
+"""Number below which a power of ten is written."""
 
 LARGE_NUMBER = 1e6
-"""Numbers from there on are written with a power of ten."""
+"""Number from which a power of ten is written."""
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """Characters at the start of a cell that make a spreadsheet run it (OWASP, CSV injection)."""
 
 
 def printable(text: str) -> str:
-    """Return `text` with characters that do not print written out, such as `\\x1b`.
+    """Return `text` with unprintable characters escaped, such as `\\x1b`.
 
-    That is every control character (C0, C1, line breaks), marks that reverse the direction of writing, and bytes
-    that are no text.
+    These are all control characters (C0, C1, line breaks), marks that reverse the writing direction, and bytes that are
+    not text.
     """
     return "".join(letter if letter.isprintable() else _written_out(letter) for letter in text)
 
@@ -45,7 +45,7 @@ def quoted(value: object, limit: int = MAX_QUOTE) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return the names with commas; of very many the first ones, and how many more there are."""
+    """Return the names with commas; of very many the first ones, and the number of others."""
     every = list(names)
     shown = ", ".join(every[:MAX_LISTED])
     if len(every) > MAX_LISTED:
@@ -54,13 +54,13 @@ def listed(names: Iterable[str]) -> str:
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """Return a question with the one of `names` that is most like `name`, and a blank; nothing where none is like it."""
+    """Return a question with the one of `names` most similar to `name`, and a blank; empty if none is similar."""
     like = get_close_matches(name, [*names], n=1)
     return f"Did you mean {like[0]}? " if like else ""
 
 
 def short_number(number: float) -> str:
-    """Return a number as people write it: three significant digits, a power of ten only where there are many zeros."""
+    """Return a readable number: three significant digits, and a power of ten only instead of many zeros."""
     if not math.isfinite(number):
         return str(number)
     if number and not SMALL_NUMBER <= abs(number) < LARGE_NUMBER:
@@ -71,7 +71,7 @@ def short_number(number: float) -> str:
 
 
 def table_cell(text: str) -> str:
-    """Return the head of a column as one line that no spreadsheet takes for a formula."""
+    """Return the head of a column as one line that no spreadsheet reads as a formula."""
     shown = printable(text)
     if text.startswith(FORMULA_STARTS):
         return "'" + shown
@@ -84,7 +84,7 @@ def print_line(line: str, *, to_stderr: bool = False) -> None:
 
 
 def open_streams() -> None:
-    """Let results and remarks hold any letter: one that the terminal's encoding lacks is written out, as `\\xb7`."""
+    """Let results and remarks hold any character: one that the terminal's encoding lacks is escaped, as `\\xb7`."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -83,7 +83,7 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     write_report([found], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert page.count("<svg class=plot") == 6 + (found.bounded is not None)
-    assert ("How far rollouts go astray" in page) == (found.bounded is not None)
+    assert ("Errors of rollouts and their bounds" in page) == (found.bounded is not None)
     assert "In turns with the physics" in page
     assert page.count("<svg class=bars") == 9
     assert found.inspection is not None

@@ -25,7 +25,7 @@ def test_a_card_says_what_it_is_and_what_was_measured(tmp_path: Path):
     assert body.lstrip().startswith("# pendulum, n = 100\n")
     titles = [line for line in body.splitlines() if line.startswith("## ")]
     assert titles == [
-        "## How it was made", "## How far to believe it", "## State", "## Control", "## Use it",
+        "## How it was made", "## How far to trust it", "## State", "## Control", "## Use it",
     ]  # fmt: skip
     assert "| equal error speedup |" in body
     assert "| N·m |" in body.partition("## Control")[2]

@@ -41,7 +41,7 @@ def test_the_report_of_a_controller_shows_the_motion_the_descent_and_the_control
     write_control_report(synthesis, path, asked=[("start", "at <rest>")])
     page = path.read_text()
     assert "at &lt;rest&gt;" in page
-    for words in ("J over the iterations", "Controls over time", "Where the emulator strayed"):
+    for words in ("J over the iterations", "Controls over time", "Errors of the emulator"):
         assert f"<h3>{words}</h3>" in page
     assert f"{synthesis.outcome.cost_physics:.3f}" in page
     assert page.count("<svg class=plot") == 2
@@ -56,7 +56,7 @@ def test_the_table_of_errors_is_of_what_was_measured(synthesis: Synthesis):
     error = np.sqrt((apart**2).mean(axis=0))
     worst = int((error / np.ptp(outcome.physics_states, axis=0)).argmax())
     name = synthesis.emulator.state.names[worst].rpartition(" ")[0]
-    table = control_html(synthesis, Markup()).split("Where the emulator strayed")[1]
+    table = control_html(synthesis, Markup()).split("Errors of the emulator")[1]
     first = re.findall(r"<tr><td>(.*?)</td><td>.*?</td><td>(.*?)</td>", table)[0]
     assert first[0] == name
     assert float(first[1]) == pytest.approx(error[worst], rel=0.01)

@@ -1,4 +1,4 @@
-"""Bones that go with mass points: their positions and orientations as weighted sums of the points' positions."""
+"""Bones that follow mass points: their positions and orientations as weighted sums of the points' positions."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from neuroanimator.state.rotation import quaternions_of
 
 MAX_POINTS = 300
-"""Mass points a bone may go with: a skeleton may come from a stranger."""
+"""Maximum number of mass points a bone may follow: a skeleton may come from a stranger."""
 
 SUM_TOLERANCE = 1e-6
 """Tolerance of sums of weights read from a file: they were rounded when they were written."""
 
 MIN_LENGTH = 1e-12
-"""Directions are never divided by less [m], so that none is 0/0."""
+"""Smallest length that a direction is divided by [m], so that none is 0/0."""
 
 NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 """The quaternion wxyz of a bone along the world's axes."""
@@ -25,14 +25,14 @@ NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 Entry = Annotated[int, Field(ge=0, le=10**6)]
 Weight = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
 Weights = tuple[tuple[Entry, Weight], ...]
-"""Of mass points: the first of the three state entries of each one's position, and how much it counts."""
+"""Mass points: the first of the three state entries of each one's position, and its weight."""
 
 
 class Binding(BaseModel):
     """A bone's attachment to mass points.
 
     It lies at the weighted mean `position`. Its X axis points along the weighted difference `forward`, its Z axis
-    along `up` as far as that is across (Gram and Schmidt); without them it keeps the world's axes. Moving
+    along the part of `up` across it (Gram and Schmidt); without them it keeps the world's axes. Moving
     and rotating all mass points moves and rotates a bone that has both.
     """
 
@@ -58,13 +58,13 @@ class Binding(BaseModel):
 
     @property
     def last_entry(self) -> int:
-        """The last state entry that is read."""
+        """Last state entry that is read."""
         weights = (*self.position, *self.forward, *self.up)
         return 2 + max(entry for entry, _ in weights)
 
 
 def binding_from_json(row: Any) -> Binding:
-    """Return what `Binding.model_dump` wrote; ValueError names what is wrong with it."""
+    """Return the binding that `Binding.model_dump` wrote; ValueError names what is wrong with it."""
     fields = {}
     for name, pairs in dict(row).items():
         fields[name] = tuple(tuple(pair) for pair in pairs)

@@ -7,16 +7,16 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 DARK = 0.04045
-"""Up to this value, sRGB is a straight line."""
+"""Value up to which sRGB is a straight line."""
 
 SLOPE = 12.92
-"""The slope of that line: sRGB per amount of light."""
+"""Slope of that line: sRGB per amount of light."""
 
 OFFSET = 0.055
-"""Beyond it, sRGB plus this is proportional to a power of the light."""
+"""Offset that, added to sRGB beyond that line, makes it proportional to a power of the light."""
 
 EXPONENT = 2.4
-"""The exponent of the light as a function of sRGB, beyond the straight line."""
+"""Exponent of the light as a function of sRGB, beyond the straight line."""
 
 
 def linear_of(colours: ArrayLike) -> Float[np.ndarray, "*B"]:

@@ -13,10 +13,10 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 POINTS_AROUND = 20
-"""Points around a body: its sections look round."""
+"""Number of points around a body: enough for sections to look round."""
 
 RINGS_PER_SECTION = 3
-"""Rings from one section of a body or fin to the next."""
+"""Number of rings from one section of a body or fin to the next."""
 
 CHORD = np.array([0.0, 0.12, 0.4, 0.75, 1.0])
 """Positions of points along a fin's section, from its leading edge, 0, to its trailing edge, 1."""
@@ -25,10 +25,10 @@ CHORD_THICKNESS = np.array([0.0, 0.75, 1.0, 0.55, 0.1])
 """Thickness at those points: round in front; blunt behind, so that each side has normals of its own."""
 
 BALL_RINGS = 8
-"""Rings of a ball from pole to pole, the poles included."""
+"""Number of rings of a ball from pole to pole, the poles included."""
 
 BALL_POINTS_AROUND = 12
-"""Points in each ring of a ball."""
+"""Number of points in each ring of a ball."""
 
 BOX_ARC = np.tan(np.radians([15.0, 30.0, 45.0]))
 """Positions of points along a box's rounded edge, from the flat side to the middle of the edge, over its radius."""
@@ -37,10 +37,10 @@ BOX_FLAT = np.linspace(-1, 1, 5)
 """Positions of points along the flat side between two edges, -1 to 1."""
 
 TIP_SIZE = 1e-9
-"""A ring smaller than this is a tip, and no length is divided by less [m]."""
+"""Size below which a ring is a tip, and smallest length divided by [m]."""
 
 MIN_AREA = TIP_SIZE**2
-"""No normal is divided by a smaller area [m²]."""
+"""Smallest area that a normal is divided by [m²]."""
 
 
 class Surface(NamedTuple):
@@ -141,7 +141,7 @@ def box_surface(
 
 
 def _box_axis(half: float, radius: float) -> Float[np.ndarray, " K"]:
-    """Return where a box of half side `half` has points along one axis [m]: an edge, the flat side, an edge."""
+    """Return the positions of the points of a box of half side `half` along one axis [m]: an edge, the flat side, an edge."""
     core = half - radius
     edge = core + radius * BOX_ARC
     other_edge = -(core + radius * BOX_ARC[::-1])
@@ -165,11 +165,11 @@ def _box_triangles(count: int) -> Int[np.ndarray, "M 3"]:
 
 
 Beyond = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Of the last row of a curve and the one before it, the row beyond the end."""
+"""Function from the last row of a curve and the one before it to the row beyond the end."""
 
 
 def _section_beyond(end: Float[np.ndarray, " 4"], inner: Float[np.ndarray, " 4"]) -> np.ndarray:
-    """Return the section beyond the end of a body: through a tip the other side comes out, so that it is round."""
+    """Return the section beyond the end of a body: past a tip, the opposite side, so that the tip is round."""
     _, half_width, top, bottom = end
     is_tip = abs(half_width) <= TIP_SIZE and abs(top - bottom) <= TIP_SIZE
     if not is_tip:

@@ -1,4 +1,4 @@
-"""A skin of triangles that follow the bones of a model, as an emulator's file carries it: whole numbers in base64."""
+"""A skin of triangles that follow the bones of a model, as an emulator's file carries it: integers in base64."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ MAX_TRIANGLES = 20_000
 """Maximum number of triangles."""
 
 MAX_PARTS = 32
-"""Maximum number of parts of one colour each."""
+"""Maximum number of parts, each of one colour."""
 
 MAX_BONES = 255
 """Maximum number of bones that vertices follow: their numbers take one byte."""
 
 MAX_BONE = 10_000
-"""Largest number of a bone in its skeleton, before that is known."""
+"""Largest bone number accepted before the skeleton is known."""
 
 MAX_TEXT = 2**20
 """Maximum number of characters of an array."""
 
 INFLUENCES = 4
-"""Bones a vertex follows, as glTF has them."""
+"""Number of bones a vertex follows, as in glTF."""
 
 WHOLE = 255
-"""Sum of the four weights of a vertex, which are whole numbers."""
+"""Sum of the four weights of a vertex, which are integers."""
 
 LARGEST = 2**16 - 1
 """Largest coordinate of a vertex, in steps from the skin's lowest corner."""
@@ -52,11 +52,11 @@ Component = Annotated[float, Field(ge=-2, le=2, allow_inf_nan=False)]
 """A component of a quaternion."""
 
 Numbers = Annotated[str, Field(max_length=MAX_TEXT, pattern=r"^[A-Za-z0-9+/]*={0,2}$")]
-"""Little-endian whole numbers without a sign, in base64."""
+"""Little-endian unsigned integers, in base64."""
 
 
 class BoundBone(Table):
-    """A bone that vertices follow, and where it is in the pose that the skin was made in."""
+    """A bone that vertices follow, and its pose when the skin was made."""
 
     number: int = Field(ge=0, le=MAX_BONE)
     """Its number in the skeleton."""
@@ -67,7 +67,7 @@ class BoundBone(Table):
 
 
 class SkinPart(Table):
-    """Triangles of one colour, those after the part before."""
+    """Triangles of one colour, after those of the part before."""
 
     name: str = Field(pattern=LABEL_PATTERN)
     colour: tuple[Share, Share, Share]
@@ -86,7 +86,7 @@ class SkinArrays(NamedTuple):
     bones: Int[np.ndarray, "V 4"]
     """Numbers of the bones that a vertex follows, in the skeleton."""
     weights: Float[np.ndarray, "V 4"]
-    """How much it follows each; the rows add up to 1."""
+    """Weight of each of those bones; the rows add up to 1."""
 
 
 class MeshSkin(Table):
@@ -96,17 +96,17 @@ class MeshSkin(Table):
     bones: tuple[BoundBone, ...] = Field(min_length=1, max_length=MAX_BONES)
     parts: tuple[SkinPart, ...] = Field(min_length=1, max_length=MAX_PARTS)
     lowest: tuple[Coordinate, Coordinate, Coordinate]
-    """Corner from which coordinates are counted [m]."""
+    """Corner from which coordinates are measured [m]."""
     step: float = Field(gt=0, le=1, allow_inf_nan=False)
     """Unit of the coordinates [m]."""
     vertices: Numbers
-    """16 bits a coordinate (V, 3)."""
+    """Coordinates (V, 3), 16 bits each."""
     triangles: Numbers
-    """16 bits a vertex (M, 3)."""
+    """Vertices of the triangles (M, 3), 16 bits each."""
     influences: Numbers
-    """8 bits: places in `bones` of the four that each vertex follows (V, 4)."""
+    """Indices into `bones` of the four that each vertex follows (V, 4), 8 bits each."""
     weights: Numbers
-    """8 bits (V, 4): how much it follows each; rows add up to 255."""
+    """Weights of those bones (V, 4), 8 bits each; rows add up to 255."""
 
     @model_validator(mode="after")
     def _check(self) -> MeshSkin:
@@ -135,7 +135,7 @@ class MeshSkin(Table):
         return self
 
     def fits(self, bone_positions: Sequence[Sequence[float]]) -> bool:
-        """Return whether the bones at these positions [m] are all that vertices follow."""
+        """Return whether the bones at these positions [m] include all that vertices follow."""
         return max(bone.number for bone in self.bones) < len(bone_positions)
 
     @cached_property
@@ -154,8 +154,8 @@ class MeshSkin(Table):
     def of(
         cls, arrays: SkinArrays, bones: Sequence[BoundBone], parts: Sequence[SkinPart]
     ) -> MeshSkin:
-        """Return the skin of `arrays` as a file holds it: coordinates in steps of a power of two, so that they are kept
-        whenever they are read and written again."""
+        """Return the skin of `arrays` as a file holds it: coordinates in steps of a power of two, so that reading and
+        writing them again keeps them."""
         lowest = arrays.vertices.min(axis=0)
         extent = float(np.ptp(arrays.vertices, axis=0).max())
         step = 2.0 ** np.ceil(np.log2(max(extent, 1e-6) / (LARGEST - 1)))
@@ -176,7 +176,7 @@ class MeshSkin(Table):
 
 
 def _whole_weights(weights: Float[np.ndarray, "V 4"]) -> Int[np.ndarray, "V 4"]:
-    """Return weights as whole numbers that add up to `WHOLE`: the largest takes what rounding leaves."""
+    """Return weights as integers that add up to `WHOLE`: the largest takes what rounding leaves."""
     whole = np.round(WHOLE * weights).astype(int)
     rows = np.arange(len(whole))
     whole[rows, whole.argmax(axis=1)] += WHOLE - whole.sum(axis=1)

@@ -1,4 +1,4 @@
-"""Names by which users find the colours and parts of a scene in the files they open."""
+"""Names of the colours and parts of a scene in the files that users open."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from neuroanimator.appearance.skeleton import Shape, Skeleton
 
 MAX_FLOOR_THICKNESS = 0.05
-"""A box in the scenery that is thinner than this share of its other sides is a floor."""
+"""Thickness below which a box in the scenery is a floor, over its other sides."""
 
 
 FLOOR = "floor"
@@ -30,7 +30,7 @@ def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
 
 
 def unique(name: str, taken: Iterable[str], separator: str = " ") -> str:
-    """Return `name`, numbered after the `separator` if it is among those `taken`, in whatever letters: engines mind no case."""
+    """Return `name`, numbered after the `separator` if it is among those `taken` in upper or lower case: engines ignore case."""
     known = {other.casefold() for other in taken}
     number = 1
     own = name
@@ -41,7 +41,7 @@ def unique(name: str, taken: Iterable[str], separator: str = " ") -> str:
 
 
 def identifier(name: str, taken: set[str]) -> str:
-    """Return `name` as an identifier that none of `taken` is, and add it to them: other signs become underscores."""
+    """Return `name` as an identifier not among `taken`, and add it to them: other characters become underscores."""
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
     if plain[0].isdigit():
         plain = f"_{plain}"

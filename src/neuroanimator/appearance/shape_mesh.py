@@ -11,10 +11,10 @@ from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.state.rotation import rotate
 
 AROUND = 20
-"""Points around a shape's axis: smooth at arm's length."""
+"""Number of points around a shape's axis: smooth at arm's length."""
 
 ALONG = 12
-"""Points from pole to pole: with those around, 240 points a capsule."""
+"""Number of points from pole to pole: with those around, 240 points a capsule."""
 
 
 class Mesh(NamedTuple):
@@ -63,7 +63,7 @@ def _rounded(axes: Float[np.ndarray, " 3"], half_length: float) -> Mesh:
 
 
 def _cylinder(size: Float[np.ndarray, " D"]) -> Mesh:
-    """Return the mantle and two caps; corners are doubled where the surface has an edge."""
+    """Return the side and two caps; corners are doubled where the surface has an edge."""
     radius = size[0]
     half_length = size[1]
     ring = np.concatenate([_circle(), np.zeros((AROUND, 1))], axis=-1)
@@ -133,4 +133,4 @@ MAKERS = {
     "cylinder": _cylinder,
     "box": _box,
 }
-"""Function of each kind of shape that makes its triangles from its sizes."""
+"""Function that makes the triangles of each kind of shape from its sizes."""

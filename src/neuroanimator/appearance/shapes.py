@@ -1,4 +1,4 @@
-"""A surface of thousands of nodes in few numbers: a mean, and shapes that are added to it by their amplitudes.
+"""A surface of thousands of nodes in few numbers: a mean, and shapes added to it, each times its amplitude.
 
 An emulator carries both in few bits, so that its motions are drawn without physics; its states hold the amplitudes.
 """
@@ -23,13 +23,13 @@ MAX_SHAPES = 256
 """Maximum number of shapes."""
 
 LARGEST = 2**15 - 1
-"""Largest number of 16 bits with a sign."""
+"""Largest signed 16-bit integer."""
 
 LARGEST_FINE = 2**7 - 1
-"""Largest number of 8 bits with a sign."""
+"""Largest signed 8-bit integer."""
 
 COARSE_MODES = 16
-"""Number of modes kept in 16 bits: those after them move nodes by a few percent of the body's size, and are kept in 8."""
+"""Number of modes kept in 16 bits: later ones move nodes by a few percent of the body's size, and are kept in 8."""
 
 MAX_DISTANCE = 1e6
 """Largest coordinate drawn [m]."""
@@ -40,22 +40,22 @@ TENSORS = ("mean", "modes", "fine_modes", "scales", "faces")
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """N nodes, of which a state says where they are by K amplitudes."""
+    """N nodes whose positions a state gives by K amplitudes."""
 
     mean: Float[np.ndarray, "N 3"]
-    """Where the nodes are in the anchor's frame if every amplitude is zero [m]."""
+    """Positions of the nodes in the anchor's frame at zero amplitudes [m]."""
     modes: Float[np.ndarray, "K N 3"]
-    """Displacement of the nodes by each amplitude; across modes orthogonal, each of root mean square 1 a node."""
+    """Displacement of the nodes by each amplitude; modes are orthogonal, each of root mean square 1 a node."""
     faces: Int[np.ndarray, "F 3"]
     """Corners of the triangles, counterclockwise from outside."""
     first: int
     """State entry of the first amplitude [m, root mean square a node]."""
     placement: Placement
-    """State entries of the frame that all nodes go and turn with: the anchor's."""
+    """State entries of the frame that all nodes move and turn with: the anchor's."""
 
     @cached_property
     def digest(self) -> str:
-        """Hash of all that makes up the shapes: two that are alike in a file are equal."""
+        """Hash of everything in the shapes: two that are equal in a file are equal."""
         content = hashlib.sha256(f"{self.first} {self.placement}".encode())
         for array in self.tensors().values():
             content.update(array.tobytes())
@@ -75,13 +75,13 @@ class Shapes:
     def decode(
         self, states: Float[np.ndarray, "*B S"], nodes: Any = slice(None)
     ) -> Float[np.ndarray, "*B n 3"]:
-        """Return where nodes are [m], all of them or those numbered; each costs its own rows alone."""
+        """Return the positions of nodes [m], all or those numbered; the cost is proportional to their number."""
         return self.placement.to_world(states, self.unplaced(states, nodes))
 
     def unplaced(
         self, states: Float[np.ndarray, "*B S"], nodes: Any = slice(None)
     ) -> Float[np.ndarray, "*B n 3"]:
-        """Return where nodes are in the anchor's frame [m]."""
+        """Return the positions of nodes in the anchor's frame [m]."""
         modes = self.modes[:, nodes]
         return self.mean[nodes] + np.tensordot(states[..., self.amplitudes], modes, axes=1)
 
@@ -92,12 +92,12 @@ class Shapes:
 
     @cached_property
     def _inverse_overlaps(self) -> Float[np.ndarray, "K K"]:
-        """Inverse of the modes' products with each other: nearly the identity, for modes are rounded."""
+        """Inverse of the modes' products with each other: nearly the identity, as modes are rounded."""
         rows = self.modes.reshape(len(self.modes), -1)
         return np.linalg.inv(rows @ rows.T / len(self.mean))
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """Return the arrays as files hold them: modes as numbers of 16 and 8 bits, each in units of its own scale."""
+        """Return the arrays as files hold them: modes as 16-bit and 8-bit integers, each in units of its own scale."""
         largest = np.full(len(self.modes), LARGEST)
         largest[COARSE_MODES:] = LARGEST_FINE
         scales = np.abs(self.modes).max(axis=(1, 2)) / largest

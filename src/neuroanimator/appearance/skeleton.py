@@ -35,16 +35,16 @@ SHAPE_KINDS = tuple(SHAPE_SIZES)
 """Kinds of shapes, as MuJoCo calls them."""
 
 MAX_SIZES = 3
-"""Sizes a shape may have: MuJoCo gives every shape three."""
+"""Maximum number of sizes of a shape: MuJoCo gives every shape three."""
 
 MAX_BONES = 500
-"""A skeleton may come from a stranger, and every bone is drawn; a model has at most as many bodies."""
+"""Maximum number of bones, and of bodies of a model: a skeleton may come from a stranger, and every bone is drawn."""
 
 MAX_PIECES = 5000
-"""Joints, and shapes, one bone may have: the world of a model may have many."""
+"""Maximum number of joints, and of shapes, of one bone: the world of a model may have many."""
 
 MAX_ENTRIES = 10**9
-"""State entries a joint may read up to, before the state's own size is known."""
+"""Largest state entry a joint may read before the state's size is known."""
 
 MAX_DISTANCE = 1e6
 """Largest position and size drawn [m]."""
@@ -56,10 +56,10 @@ UNIT_TOLERANCE = 1e-3
 """Tolerance of the length of a quaternion or an axis read from a file, which should be 1."""
 
 MAX_COMPONENT = 2.0
-"""Largest component an axis or a quaternion may have before its length is looked at."""
+"""Largest component an axis or a quaternion may have before its length is checked."""
 
 MAX_REASON = 80
-"""Characters of Python's own reason that a message quotes."""
+"""Maximum number of characters of Python's own reason that a message quotes."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,11 @@ class Shape:
 
 @dataclass(frozen=True)
 class Bone:
-    """One rigid part: where it hangs, what moves it, and what is drawn of it."""
+    """One rigid part: its parent, the joints that move it, and its shapes."""
 
     name: str
     parent: int
-    """Index of the bone it hangs from; -1 for the world."""
+    """Index of its parent bone; -1 for the world."""
     offset: Numbers
     """Its origin in the parent's frame [m], joints at their references."""
     orientation: Numbers
@@ -92,7 +92,7 @@ class Bone:
     joints: tuple[Joint, ...]
     shapes: tuple[Shape, ...]
     binding: Binding | None = None
-    """Mass points it goes with, instead of joints; it then hangs from the world.
+    """Mass points it follows, instead of joints; its parent is then the world.
 
     Its `offset` and `orientation` are those at rest.
     """
@@ -104,7 +104,7 @@ class Bone:
 
     @property
     def is_moving(self) -> bool:
-        """Whether anything moves it against its parent."""
+        """Whether anything moves it relative to its parent."""
         return bool(self.joints) or self.binding is not None
 
 
@@ -116,10 +116,10 @@ class Skeleton:
     skin: Skin | None = None
     """The skin drawn around bones, if there is one; bones may have shapes besides."""
     shapes: Shapes | None = None
-    """The surface of a soft body, if there is one; not part of `to_json`, for a file holds it as arrays."""
+    """The surface of a soft body, if there is one; not part of `to_json`, as a file holds it as arrays."""
 
     def is_moved(self, number: int) -> bool:
-        """Return whether anything moves bone `number`, or one it hangs from; what nothing moves is scenery."""
+        """Return whether anything moves bone `number` or one of its ancestors; a bone that nothing moves is scenery."""
         while number >= 0:
             if self.bones[number].is_moving:
                 return True
@@ -204,7 +204,7 @@ def _skeleton_from_json(described: Any, state_size: int | None) -> Skeleton:
     if described["skin"] is None:
         return Skeleton(bones)
     skin = skin_from_json(described["skin"])
-    # The skins of deformable bodies are made around their bones, which hang from the world.
+    # The skins of deformable bodies are made around their bones, whose parent is the world.
     is_bound = isinstance(skin, MeshSkin) or all(bone.binding is not None for bone in bones)
     if not is_bound or not skin.fits([bone.offset for bone in bones]):
         raise ValueError("skeleton: its skin needs other bones")
@@ -221,7 +221,7 @@ def _bone_to_json(bone: Bone) -> dict[str, Any]:
 
 
 def _bone_from_json(row: Any, number: int) -> Bone:
-    """Return a bone; only those before it, of which there are `number`, can be its parent."""
+    """Return a bone; only one of the `number` bones before it can be its parent."""
     if isinstance(row, dict):
         row = {"binding": None, **row}
     _check_keys(row, Bone)
@@ -295,7 +295,7 @@ def _pieces(rows: Any, label: str) -> list[Any]:
 
 
 def _check_keys(row: Any, described: type, valid_kinds: tuple[str, ...] = ()) -> None:
-    """Refuse a row that has not the fields of the class `described`, or a kind that is none of `valid_kinds`."""
+    """Refuse a row without exactly the fields of the class `described`, or of a kind not among `valid_kinds`."""
     what = described.__name__.lower()
     names = {field.name for field in fields(described)}
     if not isinstance(row, dict) or {*row} != names:
@@ -305,7 +305,7 @@ def _check_keys(row: Any, described: type, valid_kinds: tuple[str, ...] = ()) ->
 
 
 def _entries_read(bone: Bone) -> int:
-    """Return how many state entries there must be at least for what moves `bone`."""
+    """Return the smallest number of state entries that holds all that moves `bone`."""
     ends = [joint.entry + JOINT_SIZES.get(joint.kind, 1) for joint in bone.joints]
     if bone.binding is not None:
         ends.append(bone.binding.last_entry + 1)

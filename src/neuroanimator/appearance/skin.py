@@ -6,8 +6,8 @@
     belly = [0.9, 0.9, 0.9]
     sections = [[0, 0, 0, 0], [-0.1, 0.02, 0.03, -0.03], [-0.2, 0, 0, 0]]
 
-An emulator carries this table and not its triangles: `skin_mesh` makes them, wherever the skin is drawn. The skin of a
-MuJoCo model is made of triangles to begin with: see `MeshSkin`.
+An emulator carries this table and not its triangles: `skin_mesh` makes them when the skin is drawn. The skin of a
+MuJoCo model consists of triangles from the start: see `MeshSkin`.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ Length = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
 """A coordinate [m]."""
 
 Size = Annotated[float, Field(ge=0, le=1e3, allow_inf_nan=False)]
-"""A length that has no sign [m]."""
+"""A length of 0 or more [m]."""
 
 MAX_SECTIONS = 40
-"""Sections a body or a fin may have: a skin may come from a stranger, and its triangles grow with them."""
+"""Maximum number of sections of a body or a fin: a skin may come from a stranger, and its triangles grow with them."""
 
 MAX_FINS = 12
-"""Fins a body may have, for the same reason."""
+"""Maximum number of fins of a body, for the same reason."""
 
 BOX_CORNERS = 8
-"""Bones a box is bound to, one at every corner."""
+"""Number of bones a box is bound to, one at every corner."""
 
 
 class Fin(Table):
@@ -45,9 +45,9 @@ class Fin(Table):
     edge: tuple[tuple[Length, Length, Length, Size], ...] = Field(
         min_length=2, max_length=MAX_SECTIONS
     )
-    """From one end of the blade to the other: x, y, z of its leading edge, and how far it reaches behind it."""
+    """From one end of the blade to the other: x, y, z of its leading edge, and its chord behind it."""
     thickness: Annotated[float, Field(gt=0, le=1)] = 0.12
-    """Thickness, over its reach behind its edge."""
+    """Thickness over chord."""
     both: bool = False
     """Whether there is another one, mirrored, on the right."""
 
@@ -59,11 +59,11 @@ class Swimmer(Table):
     back: Colour
     belly: Colour
     fin: Colour | None = None
-    """Colour of the fins; the back's if not given."""
+    """Colour of the fins; that of the back if not given."""
     sections: tuple[tuple[Length, Size, Length, Length], ...] = Field(
         min_length=3, max_length=MAX_SECTIONS
     )
-    """From nose to tail: x, half the width, top and bottom; one without any size ends in a rounded tip."""
+    """From nose to tail: x, half the width, top and bottom; a section of zero size ends in a rounded tip."""
     fins: tuple[Fin, ...] = Field((), max_length=MAX_FINS)
     eye: tuple[Length, Length, Length, Size] | None = None
     """Position and radius of the left eye; the right one is its mirror image."""
@@ -75,12 +75,12 @@ class Swimmer(Table):
 
 
 class Box(Table):
-    """A box with rounded edges that goes with the mass points at its eight corners."""
+    """A box with rounded edges that follows the mass points at its eight corners."""
 
     kind: Literal["box"]
     face: Colour
     rim: Colour | None = None
-    """Colour of the edges; the faces' if not given."""
+    """Colour of the edges; that of the faces if not given."""
     margin: Size = 0.0
     """Distance of the skin outside the corners' mass points."""
     rounding: Annotated[float, Field(gt=0, le=1)] = 0.25

@@ -23,7 +23,7 @@ from neuroanimator.appearance.skin import Box, Fin, Skin, Swimmer
 from neuroanimator.state.rotation import rotation_matrices
 
 BELLY = 0.0
-"""Shade of a swimmer's belly: where its colour lies in the palette."""
+"""Shade of a swimmer's belly: the position of its colour in the palette."""
 BACK = 0.4
 """Shade of its back."""
 FIN = 0.6
@@ -43,13 +43,13 @@ PUPIL_COLOUR = (0.03, 0.03, 0.04)
 """Red, green and blue of a pupil: nearly black."""
 
 PUPIL_COSINE = 0.7
-"""Cosine of the angle to which the pupil reaches, seen from the middle of the eye."""
+"""Cosine of the angle that the pupil spans, seen from the middle of the eye."""
 
 EYE_DEPTH = 0.5
-"""Thickness of the eye over its width: it does not stand out."""
+"""Thickness of the eye over its width, so that it does not bulge."""
 
 BELLY_HEIGHT = 0.28
-"""Share of a body's height below which it is as light as its belly."""
+"""Share of a body's height below which it has its belly's colour."""
 
 BELLY_TO_BACK = 0.42
 """Share of a body's height over which it darkens from there to the back."""
@@ -58,14 +58,14 @@ RIM_START = 0.7
 """Distance from the middle of a box's face, over half its side, from which the rim's colour begins to show."""
 
 RIM_WIDTH = 0.2
-"""Distance over half the side across which it becomes the rim's colour alone."""
+"""Distance, over half the side, across which it turns fully into the rim's colour."""
 
 MIN_HEIGHT = 1e-9
-"""Heights of a body are never divided by less [m]: at its tips it has none."""
+"""Smallest height of a body that is divided by [m]: it is 0 at the tips."""
 
 
 class SkinMesh(NamedTuple):
-    """A skin in the world, in its bind pose: the one that it was made in."""
+    """A skin in the world, in its bind pose."""
 
     points: Float[np.ndarray, "V 3"]
     """Points of the skin [m]."""
@@ -222,7 +222,7 @@ def _left_eye(
 
 
 def _countershade(body: Surface, sections: Float[np.ndarray, "K 4"]) -> Float[np.ndarray, " V"]:
-    """Return a shade per point: light below, dark above, as animals are that are lit from above."""
+    """Return a shade per point: light below and dark above, as in animals lit from above."""
     order = np.argsort(sections[:, 0])
     x, _, top, bottom = sections[order].T
     tops = np.interp(body.points[:, 0], x, top)

@@ -16,7 +16,7 @@ from neuroanimator.systems.system import Runs, Scheme
 from neuroanimator.training.validation import noise_differences
 
 LOST = 1e3
-"""Magnitude of error that stands for larger ones, and for those that are no finite number."""
+"""Magnitude of error that stands for larger and non-finite ones."""
 
 
 def root_mean_square(
@@ -27,12 +27,12 @@ def root_mean_square(
 
 
 def bounded(errors: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."]:
-    """Return `errors` between ±`LOST`, which stands for what is not finite, too."""
+    """Return `errors` clipped to ±`LOST`, which stands for non-finite ones, too."""
     return np.clip(np.nan_to_num(errors, nan=LOST), -LOST, LOST)
 
 
 def step_errors(relative: Float[np.ndarray, "N M"]) -> Float[np.ndarray, " N"]:
-    """Return one number for each super step: the root mean square over what moves, at most `LOST`."""
+    """Return the error of each super step: the root mean square over what moves, at most `LOST`."""
     with np.errstate(over="ignore", invalid="ignore"):
         return bounded(root_mean_square(relative, axis=1))
 
@@ -40,7 +40,7 @@ def step_errors(relative: Float[np.ndarray, "N M"]) -> Float[np.ndarray, " N"]:
 def emulate(
     emulator: Emulator, starts: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
 ) -> Float[np.ndarray, "B F S"]:
-    """Return the emulator's trajectories (B, T+1, S), also those that come to no finite numbers."""
+    """Return the emulator's trajectories (B, T+1, S), including those that become non-finite."""
     return np.asarray(emulator.rollout(starts, controls, may_diverge=True), float)
 
 
@@ -61,9 +61,9 @@ def one_step_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"]
 def rollout_error(
     frame: Frame, emulated: Float[np.ndarray, "B T S"], truth: Float[np.ndarray, "B T S"]
 ) -> Float[np.ndarray, " T"]:
-    """Return rms errors of trajectories at each moment, over the rms distance the truth gets from its start.
+    """Return rms errors of trajectories at each moment, over the truth's rms distance from its start.
 
-    What gets nowhere is left out.
+    What stays at its start is left out.
     """
     reach = root_mean_square(frame.difference(truth[:, :1], truth), axis=(0, 1))
     moves = reach >= MIN_CHANGE
@@ -72,13 +72,13 @@ def rollout_error(
 
 
 def error_after(errors: Float[np.ndarray, " T"], dt: float, seconds: float) -> float:
-    """Return the one of rollout `errors`, `dt` [s] apart, after `seconds`, to the nearest super step but the first."""
+    """Return the rollout error after `seconds`, at the nearest super step but the first; `errors` are `dt` [s] apart."""
     step = max(1, round(seconds / dt))
     return float(errors[min(step, len(errors) - 1)])
 
 
 def unseen_errors(emulator: Emulator, test: HeldOut, seconds: float) -> tuple[float, float]:
-    """Return (one-step error, rollout error after `seconds`) on a test; infinite for what is no number."""
+    """Return (one-step error, rollout error after `seconds`) on a test; infinite instead of NaN."""
     emulated = emulate(emulator, test.states[:, 0], test.controls)
     errors = rollout_error(test.frame, emulated, test.states)
     error = np.nan_to_num(error_after(errors, emulator.dt, seconds), nan=np.inf)
@@ -102,7 +102,7 @@ def runs_error(test: HeldOut, runs: Runs) -> float:
 
 
 def self_divergence(test: HeldOut) -> Float[np.ndarray, " T"]:
-    """Return how far the physics at its own step strays from fine physics."""
+    """Return the rollout error of the physics at its own step against fine physics."""
     system = test.system
     threads = core_count()
     starts = test.states[:, 0]
@@ -114,9 +114,9 @@ def self_divergence(test: HeldOut) -> Float[np.ndarray, " T"]:
 def noise_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"] | None:
     """Return the rms one-step error that noise alone makes in what moves, over the standard deviation of the change.
 
-    A super step begins at a state with noise, which the motion carries on, and is compared with another state with noise:
-    both count, and are independent. What the motion makes of noise is what the emulator makes of as much again.
-    None where nobody knows the noise: of a simulated system, which has none, and of datasets of older versions.
+    A super step begins at a noisy state, whose noise the motion carries on, and is compared with another noisy state:
+    both count, and are independent. The noise carried on is measured by adding noise of the same size to the emulator's input.
+    None where the noise is unknown: for a simulated system, which has none, and for datasets of older versions.
     """
     if test.noise is None:
         return None

@@ -13,10 +13,10 @@ from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.training.validation import coasted
 
 RIDGE_REGRESSION = "ridge regression"
-"""The predictor that is linear in the state's features and the control, fitted to a dataset."""
+"""Name of the predictor linear in the state's features and the control, fitted to a dataset."""
 
 RIDGE_STRENGTH = 1e-6
-"""Weight of the squared coefficients in the ridge regression, for each example."""
+"""Weight of the squared coefficients in the ridge regression, per example."""
 
 
 def baselines(data: Dataset | None, test: HeldOut) -> dict[str, float]:
@@ -47,7 +47,7 @@ def _regressed(data: Dataset, test: HeldOut) -> Float[np.ndarray, "N S"]:
 def _linear_features(
     test: HeldOut, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
 ) -> Float[np.ndarray, "N F"]:
-    """Return what the regression is linear in: sines and cosines of angles, the other entries, the control and 1."""
+    """Return the features of the regression: sines and cosines of angles, the other entries, the control and 1."""
     structure = test.system.structure
     angles = states @ np.array(structure.angles, dtype=float).reshape(-1, states.shape[1]).T
     local = test.frame.local(states)
@@ -59,7 +59,7 @@ def _linear_features(
 def _ridge(data: Dataset, test: HeldOut) -> Float[np.ndarray, "F V"]:
     """Return the coefficients that fit the changes of `data` best, with a small weight on their squares.
 
-    Sums are all that is kept of the data: they may be larger than memory.
+    Only sums of the data are kept: they may be larger than memory.
     """
     gram = np.zeros(())
     moment = np.zeros(())

@@ -1,4 +1,4 @@
-"""Whether the bounds of rollouts' errors keep on unseen runs what they promise."""
+"""Whether the bounds of rollouts' errors hold on unseen runs."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from neuroanimator.emulator.error_bounds import USUAL_LEVEL
 from neuroanimator.evaluation.held_out import HeldOut
 
 SECONDS = (0.5, 1.0, 2.0)
-"""Horizons whose shares are told in words [s]."""
+"""Horizons whose shares are printed [s]."""
 
 
 @dataclass(frozen=True)
 class BoundedErrors:
-    """Errors and their bounds on unseen runs, super step by super step, in standard deviations of its usual change."""
+    """Errors and their bounds on unseen runs, super step by super step, in standard deviations of the usual change."""
 
     level: float
-    """The share of motions that shall stay below the bounds."""
+    """Share of motions that should stay below the bounds."""
     runs: int
     times: Float[np.ndarray, " T"]
-    """Since the start [s]."""
+    """Time since the start [s]."""
     median: Float[np.ndarray, " T"]
-    """Half of the errors are below it."""
+    """Median error."""
     high: Float[np.ndarray, " T"]
-    """A share `level` of the errors is below it."""
+    """Quantile `level` of the errors."""
     bound: Float[np.ndarray, " T"]
-    """Half of the motions' bounds are below it."""
+    """Median of the motions' bounds."""
     covered: Float[np.ndarray, " T"]
     """Share of the motions that stay below their own bounds."""
 
@@ -44,7 +44,7 @@ class BoundedErrors:
 def bounded_errors(
     emulator: Emulator, test: HeldOut, emulated: Float[np.ndarray, "B F S"]
 ) -> BoundedErrors | None:
-    """Return errors and bounds of the `emulated` (B, T+1, S) test runs; None of an emulator without bounds."""
+    """Return errors and bounds of the `emulated` (B, T+1, S) test runs; None for an emulator without bounds."""
     calibration = emulator.calibration
     if calibration is None:
         return None

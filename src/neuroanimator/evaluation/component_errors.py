@@ -1,4 +1,4 @@
-"""One-step errors number by number, in its own unit and beside how much it changes; and how they are spread."""
+"""One-step errors number by number, each in its own unit and beside its usual change; and their distribution."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from neuroanimator.systems.system import System
 from neuroanimator.text import short_number
 
 BINS = 24
-"""Bars of the histogram of errors."""
+"""Number of bars of the histogram of errors."""
 
 SMALLEST = 1e-7
-"""Errors below this are counted in the first bar: float32 knows no smaller ones."""
+"""Error below which all are counted in the first bar: float32 resolves no smaller ones."""
 
 AXES = ("x", "y", "z")
-"""The axes that an orientation's error is told about."""
+"""Axes about which an orientation's error is given."""
 
 
 @dataclass(frozen=True)
@@ -34,27 +34,27 @@ class ComponentError:
     error: float
     """Root mean square, in `unit`."""
     worst: float
-    """The largest magnitude, in `unit`."""
+    """Largest magnitude, in `unit`."""
     change: float
     """Standard deviation of its change in a super step, in `unit`."""
     relative: float | None
-    """`error` over `change`; None of what never moves."""
+    """`error` over `change`; None for what never moves."""
 
 
 @dataclass(frozen=True)
 class ErrorSpread:
-    """How the one-step errors of single super steps are spread, in standard deviations of the change."""
+    """Distribution of the one-step errors of single super steps, in standard deviations of the change."""
 
     mean: float
     median: float
     high: float
-    """5 % of the super steps have a larger error."""
+    """Quantile 0.95 of the errors."""
     worst: float
-    """The largest; infinite where one came to no finite number."""
+    """Largest error; infinite if one is not finite."""
     edges: Float[np.ndarray, " B1"]
-    """Ends of the histogram's bars; a bar is as many times as wide as the one before."""
+    """Ends of the histogram's bars, in a geometric sequence."""
     counts: Int[np.ndarray, " B"]
-    """Super steps in each bar; all of them together."""
+    """Number of super steps in each bar; they add up to all."""
 
     def __str__(self) -> str:
         """Return the quantiles as a sentence."""
@@ -66,7 +66,7 @@ class ErrorSpread:
 
 
 def component_errors(test: HeldOut, errors: Float[np.ndarray, "N V"]) -> tuple[ComponentError, ...]:
-    """Return what `errors` (N, V) [units of the state] come to, number by number."""
+    """Return the summary of `errors` (N, V) [units of the state], number by number."""
     sound = errors[np.isfinite(errors).all(axis=1)]
     rms = root_mean_square(sound) if len(sound) else np.full(errors.shape[1], np.inf)
     worst = np.abs(errors).max(axis=0, initial=0)
@@ -83,7 +83,7 @@ def component_errors(test: HeldOut, errors: Float[np.ndarray, "N V"]) -> tuple[C
 def change_names(system: System) -> list[tuple[str, str]]:
     """Return name and unit of each number that describes a change of the state.
 
-    They are those of the state's entries, but of an orientation's: it turns about three axes.
+    They are those of the state's entries, except for an orientation: it turns about three axes.
     """
     names = entry_names(system.state)
     units = entry_units(system.state)
@@ -102,7 +102,7 @@ def change_names(system: System) -> list[tuple[str, str]]:
 
 
 def error_spread(errors: Float[np.ndarray, " N"]) -> ErrorSpread:
-    """Return how `errors` (N,), none below zero, are spread; what is not finite counts as infinite."""
+    """Return the distribution of `errors` (N,), none below zero; non-finite ones count as infinite."""
     errors = np.where(np.isfinite(errors), errors, np.inf)
     sound = errors[np.isfinite(errors)]
     least = max(float(sound.min(initial=1.0)), SMALLEST)

@@ -15,13 +15,13 @@ from neuroanimator.files.atomic import write_whole
 
 
 def quartiles(values: ArrayLike, digits: int = 3) -> str:
-    """Return the quartiles of `values` (N,) with so many digits, such as `92.1-96.3`."""
+    """Return the quartiles of `values` (N,) to `digits` significant digits, such as `92.1-96.3`."""
     low, high = np.percentile(np.asarray(values), [25, 75])
     return f"{low:.{digits}g}-{high:.{digits}g}"
 
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write rows, the machine's description in the first line. A cell is empty where a row has no such key."""
+    """Write rows, the machine's description in the first line. A cell is empty where a row lacks its key."""
     text = io.StringIO()
     text.write(f"# {describe_machine()}\n")
     columns = list(dict.fromkeys(key for row in rows for key in row))

@@ -1,7 +1,7 @@
-"""Whether an emulator left to itself for long goes on as the physics does: how it spends its time, not where it is.
+"""Whether an emulator's long rollouts behave as the physics does: how they spend their time, not where they are.
 
-After seconds no two motions of a pendulum are alike, and their states tell nothing. What they do is: how fast, with
-how much energy and in which postures. That is compared as histograms over all super steps of many runs.
+After seconds no two motions of a pendulum are alike, and comparing states says nothing. How fast they are, with how
+much energy and in which postures, can be compared: as histograms over all super steps of many runs.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.systems.system import System
 
 RUNS = 32
-"""Number of runs of each."""
+"""Number of runs of the physics, and of the emulator."""
 
 STEPS = 10_000
-"""Super steps of a run."""
+"""Number of super steps of a run."""
 
 BLOCK = 500
 """Number of super steps rolled out at once."""
 
 EVERY = 5
-"""Interval, in super steps, between those looked at: neighbours are alike."""
+"""Number of super steps between two samples: neighbours are alike."""
 
 BINS = 32
-"""Bins of a histogram: of an angle equally wide, of all else equally often visited by the physics."""
+"""Number of bins of a histogram: equally wide for an angle, else equally often visited by the physics."""
 
 DRAWS = 200
 """Number of ways to halve the physics' runs."""
@@ -45,20 +45,20 @@ SEED = 11
 
 
 class Drift(NamedTuple):
-    """How differently physics and emulator spend their time, by one number."""
+    """Difference between how physics and emulator spend their time, by one number."""
 
     quantity: str
     distance: float
-    """Total variation: the share of the emulator's time that would have to be spent elsewhere to be the physics'."""
+    """Total variation: the share of the emulator's time that would have to be spent elsewhere to match the physics."""
     low: float
     high: float
     """Bounds of the distance with 90 % confidence, by leaving out one run after the other (jackknife)."""
     chance: float
-    """The same distance between two halves of the physics' runs: what so few runs differ by anyhow."""
+    """The same distance between two halves of the physics' runs: what a small number of runs differs by anyway."""
 
 
 NOT_ANGLES = ("kinetic energy", "speed")
-"""Names of the quantities that are no angles within a whole turn [rad]."""
+"""Names of the quantities that are not angles within a whole turn [rad]."""
 
 
 def measure_drift(
@@ -69,10 +69,10 @@ def measure_drift(
     seed: int = SEED,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Drift]:
-    """Return how far the emulator's histograms are from those of the physics that taught it, number by number.
+    """Return the distances of the emulator's histograms from those of the physics that taught it, number by number.
 
     Both go through `runs` motions of `steps` super steps from the same random starts under the same random controls.
-    `on_progress` is told (super steps done, of all). Raises ArgumentError for a system that cannot be simulated.
+    `on_progress` is called with (super steps done, of all). Raises ArgumentError for a system that cannot be simulated.
     """
     system = system_of(emulator)
     rng = np.random.default_rng(seed)
@@ -96,7 +96,7 @@ def measure_drift(
 
 
 def _mark_lost(system: System, path: Float[np.ndarray, "B F S"]) -> Float[np.ndarray, "B S"]:
-    """Set runs that are lost to NaN, and return the states from which to go on: of those that are lost, rest."""
+    """Set lost runs to NaN, and return the states from which to go on: rest, for lost runs."""
     is_lost = ~np.isfinite(path).all(axis=(1, 2)) | system.has_diverged(path)
     path[is_lost] = np.nan
     return np.where(is_lost[:, None], system.rest, path[:, -1])
@@ -105,10 +105,10 @@ def _mark_lost(system: System, path: Float[np.ndarray, "B F S"]) -> Float[np.nda
 def quantities(
     system: System, states: Float[np.ndarray, "N S"]
 ) -> dict[str, Float[np.ndarray, " N"]]:
-    """Return what is looked at of `states`, by name: kinetic energy [J], speed, and every angle [rad].
+    """Return the quantities of `states` that are compared, by name: kinetic energy [J], speed, and every angle [rad].
 
-    The speed is that of the centroid, or else of all that is counted in m/s, or else in rad/s. Of what is free to turn the
-    angle is the one between its own vertical and the world's.
+    The speed is that of the centroid, or else of all entries in m/s, or else in rad/s. The angle of a body that is free
+    to turn is the one between its own vertical and the world's.
     """
     found = {}
     energies = system.kinetic_energies(states)
@@ -152,7 +152,7 @@ def _tilts(orientations: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, " N"]:
 def _known_quantities(
     system: System, paths: Float[np.ndarray, "B T S"]
 ) -> dict[str, Float[np.ndarray, "B T"]]:
-    """Return the quantities of every run; what is lost is no number."""
+    """Return the quantities of every run; NaN where it is lost."""
     rows = paths.reshape(-1, paths.shape[-1])
     is_known = np.asarray(np.isfinite(rows).all(axis=1))
     found = quantities(system, np.where(is_known[:, None], rows, system.rest))
@@ -203,7 +203,7 @@ def _between_halves(counts: Int[np.ndarray, "B K"]) -> float:
 def _counts(
     values: Float[np.ndarray, "B T"], edges: Float[np.ndarray, " E"]
 ) -> Int[np.ndarray, "B K"]:
-    """Return how often each run is in each bin; the last one is for what is lost."""
+    """Return how often each run is in each bin; the last bin is for lost ones."""
     bins = np.searchsorted(edges, values, side="right")
     bins = np.where(np.isfinite(values), bins, len(edges) + 1)
     return np.stack([np.bincount(row, minlength=len(edges) + 2) for row in bins])

@@ -44,7 +44,7 @@ MAX_NAMED = 6
 """Maximum number of state entries named in a note; the others are counted."""
 
 INSPECTED_PER_RUN = INSPECTED_RUNS // HELD_OUT_RUNS
-"""Number of runs inspected for each that is simulated finely."""
+"""Number of inspected runs per finely simulated run."""
 
 NO_OPPONENT = (
     "Learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
@@ -52,7 +52,7 @@ NO_OPPONENT = (
 """Sentence on the speed of an emulator of recordings."""
 
 NONE = "none"
-"""Value in a row of a figure that there is not."""
+"""Value in a row of a figure that does not exist."""
 
 
 @dataclass(frozen=True)
@@ -60,43 +60,43 @@ class EvaluationBudget:
     """How thoroughly to measure."""
 
     runs: int = HELD_OUT_RUNS
-    """Unseen runs."""
+    """Number of unseen runs."""
     seconds: float | None = None
     """Length of the unseen runs [s]; the usual one if not given."""
     transitions: int = MAX_TRANSITIONS
-    """Super steps on which one-step errors are measured, at most."""
+    """Maximum number of super steps on which one-step errors are measured."""
     repeats: int = REPEATS
-    """Timings of each side."""
+    """Number of timings of each side."""
     starts: int = 1000
-    """Random starts that might diverge; 0 leaves that out."""
+    """Number of random starts checked for divergence; 0 leaves that out."""
     steps: int = 2000
-    """Super steps rolled out from each."""
+    """Number of super steps rolled out from each."""
     rounds: int = 5
-    """Sets of unseen runs, in a table."""
+    """Number of sets of unseen runs, in a table."""
     hybrid_runs: int = 0
-    """Unseen runs in which emulator and physics take turns; 0 leaves that out."""
+    """Number of unseen runs in which emulator and physics take turns; 0 leaves that out."""
 
     @property
     def inspected(self) -> int:
-        """Unseen runs that are inspected: more, as conditions are looked for in them. They are cheaper by far."""
+        """Number of unseen runs inspected for weak conditions: more, as they are far cheaper."""
         return INSPECTED_PER_RUN * self.runs
 
 
 THOROUGH = EvaluationBudget(hybrid_runs=16)
-"""A minute for each emulator."""
+"""Budget of a minute for each emulator."""
 
 SOFT_BODY = EvaluationBudget(
     runs=16, seconds=2.0, transitions=160, repeats=3, starts=100, steps=150
 )
-"""The same for a soft body, whose physics takes milliseconds for a super step: `THOROUGH` would take many minutes."""
+"""The same for a soft body, whose physics takes milliseconds a super step: `THOROUGH` would take many minutes."""
 
 QUICK = EvaluationBudget(runs=8, transitions=320, repeats=3, starts=200, steps=300, rounds=1)
-"""Seconds for each emulator."""
+"""Budget of seconds for each emulator."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The errors and the speed of one emulator, and the words on them."""
+    """The errors and the speed of one emulator, and sentences on them."""
 
     system: str
     substeps: int
@@ -122,23 +122,23 @@ class Evaluation:
     baselines: dict[str, float]
     """One-step errors of cheap predictors; ridge regression only with a dataset."""
     diverged: int
-    """Random starts whose long rollouts diverged."""
+    """Number of random starts whose long rollouts diverged."""
     diverged_starts: int
     """Number of random starts tried."""
     still: list[str] = field(default_factory=list)
     """State entries that never move and are left out of all errors."""
     noise: Float[np.ndarray, " S"] | None = None
-    """Standard deviation of the noise in each state entry of recordings; None where nobody knows it."""
+    """Standard deviation of the noise in each state entry of recordings; None where unknown."""
     noise_by_entry: Float[np.ndarray, " M"] | None = None
-    """One-step errors that this noise alone makes, in what `error_by_entry` is in."""
+    """One-step errors that this noise alone makes, in the units of `error_by_entry`."""
     inspection: Inspection | None = None
-    """Where it is good and where it is weak; None if that was not looked for."""
+    """Where it is good and where it is weak; None if that was not measured."""
     bounded: BoundedErrors | None = None
-    """Whether bounds of errors keep what they promise; None where nobody measured any."""
+    """Whether bounds of errors hold; None where there are none."""
     window: WindowErrors | None = None
-    """How far a soft body goes astray in the windows of training's validation; None of all else."""
+    """Errors of a soft body in the windows of training's validation; None for other systems."""
     hybrid: Mapping[float, HybridGain] = field(default_factory=dict)
-    """What turns with the physics are worth by the score from which it takes over; empty if that was not looked at."""
+    """Gain of turns with the physics, by the score from which it takes over; empty if not measured."""
 
     @property
     def weak_spots(self) -> tuple[WeakSpot, ...]:
@@ -147,7 +147,7 @@ class Evaluation:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the emulator is of any use, and why."""
+        """Whether the emulator is useful, and why."""
         verdict = judge(
             self.one_step_error,
             self.baselines,
@@ -162,7 +162,7 @@ class Evaluation:
 
     @property
     def is_unmatched(self) -> bool:
-        """Whether no physics that was tried is as accurate from what the state tells: of a soft body, its shapes alone."""
+        """Whether no physics tried is as accurate from what the state holds: for a soft body, its shapes alone."""
         speed = self.measured_speed
         return speed is not None and speed.equal_error_opponent.error > self.one_step_error
 
@@ -248,7 +248,7 @@ class Evaluation:
 
     @property
     def is_own_reference(self) -> bool:
-        """Whether the physics at its own step is what all errors are held against, so that it has none itself."""
+        """Whether all errors are measured against the physics at its own step, which then has none itself."""
         return self.self_divergence is not None and not self.self_divergence.any()
 
     @property
@@ -258,13 +258,13 @@ class Evaluation:
 
     @property
     def noise_error(self) -> float | None:
-        """The one-step error that a perfect emulator would have, by the recordings' noise; None where nobody knows it."""
+        """The one-step error of a perfect emulator, due to the recordings' noise; None where unknown."""
         if self.noise_by_entry is None:
             return None
         return float(root_mean_square(self.noise_by_entry))
 
     def rollout_error_at(self, seconds: float) -> float:
-        """Return the rollout error after `seconds` [s], to the nearest super step but the first."""
+        """Return the rollout error after `seconds` [s], at the nearest super step but the first."""
         return error_after(self.rollout_errors, self.dt, seconds)
 
     def row(self) -> dict[str, str | int | float]:
@@ -307,7 +307,7 @@ def evaluate(
 ) -> Evaluation:
     """Return the evaluation of `emulator` on unseen runs, drawn from `seed`.
 
-    The test of an emulator of recordings is what `data` kept apart; there are no speed-ups then.
+    An emulator of recordings is tested on the runs that `data` kept apart; there are no speed-ups then.
     """
     if budget is None:
         is_soft = emulator.spec.skeleton.shapes is not None

@@ -20,7 +20,7 @@ from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.training.train import Report
 
 MAX_SHOWN = 3
-"""Maximum number of state entries drawn of a motion."""
+"""Maximum number of state entries of a motion that are drawn."""
 
 ROW_HEIGHT = 1.9
 """Height of a row of curves [inch]."""
@@ -32,7 +32,7 @@ MARGIN = 0.1
 """Room above and below the physics and a sound emulator, over their range."""
 
 MAX_OVER = 3.0
-"""Distance from the physics' range, over that range, beyond which an emulator is drawn out of the picture."""
+"""Distance from the physics' range, over that range, beyond which an emulator's curve leaves the picture."""
 
 COLOURS = {
     "euler": "#2b5a94",
@@ -42,7 +42,7 @@ COLOURS = {
     "implicit": "#8a94a0",
     "rk4": "#7a4f9a",
 }
-"""Colour of each integrator; those of MuJoCo and of mass-spring bodies that are alike share one."""
+"""Colour of each integrator; similar ones of MuJoCo and of mass-spring bodies share one."""
 
 MIN_ERROR = 1e-6
 """Error below which a scheme is not drawn: it is the reference itself."""
@@ -67,7 +67,7 @@ def draw_motion(axes: Axes, evaluation: Evaluation) -> None:
 
 
 def _motion_label(evaluation: Evaluation) -> str:
-    """Return what the motion's axis says: the units of the entries drawn."""
+    """Return the label of the motion's axis: the units of the entries drawn."""
     units = dict.fromkeys(entry.rsplit(" ", 1)[-1] for entry in evaluation.entries[:MAX_SHOWN])
     if list(units) == ["rad"]:
         return "joint angles [rad]"
@@ -75,7 +75,7 @@ def _motion_label(evaluation: Evaluation) -> str:
 
 
 def draw_rollout_errors(axes: Axes, evaluation: Evaluation) -> None:
-    """Draw how errors grow along unseen runs, above how far the physics strays from itself."""
+    """Draw the growth of errors along unseen runs, above the physics' divergence from itself."""
     times = evaluation.times[1:]
     axes.plot(times, evaluation.rollout_errors[1:], color=EMULATOR, label="emulator")
     noise = evaluation.self_divergence
@@ -85,7 +85,7 @@ def draw_rollout_errors(axes: Axes, evaluation: Evaluation) -> None:
 
 
 def draw_bounds(axes: Axes, bounded: BoundedErrors) -> None:
-    """Draw errors along unseen runs and the bounds that were foretold."""
+    """Draw errors along unseen runs and their predicted bounds."""
     axes.plot(bounded.times, bounded.bound, color=PHYSICS, label=f"bound of {bounded.level:.0%}")
     high = f"{bounded.level:.0%} of errors are below"
     axes.plot(bounded.times, bounded.high, color=EMULATOR, label=high)
@@ -112,7 +112,7 @@ def draw_error_spread(axes: Axes, spread: ErrorSpread) -> None:
 
 
 def draw_trust(axes: Axes, bands: Sequence[TrustBand]) -> None:
-    """Draw median and large errors over the score of trust."""
+    """Draw median and large errors against the trust score."""
     middles = [band.middle for band in bands]
     axes.plot(middles, [band.median for band in bands], "o-", color=EMULATOR, label="median")
     large = [band.large for band in bands]
@@ -127,7 +127,7 @@ def draw_trust(axes: Axes, bands: Sequence[TrustBand]) -> None:
 
 
 def draw_segments(segments: Sequence[Segment], truth_name: str = "physics") -> Figure:
-    """Return a figure with a row for each segment: the numbers that are most wrong in it, by physics and emulator.
+    """Return a figure with a row for each segment: the most erroneous numbers in it, by physics and emulator.
 
     `truth_name` is what the legend calls the physics.
     """
@@ -151,7 +151,7 @@ def draw_segments(segments: Sequence[Segment], truth_name: str = "physics") -> F
 
 
 def _limits(curve: Curve) -> tuple[float, float]:
-    """Return the ends of the vertical axis: all of the physics, and of the emulator what is not far away."""
+    """Return the ends of the vertical axis: all of the physics, and the emulator where it is not far away."""
     low = curve.physics.min()
     high = curve.physics.max()
     reach = MAX_OVER * max(high - low, 1e-9)
@@ -162,7 +162,7 @@ def _limits(curve: Curve) -> tuple[float, float]:
 
 
 def draw_work(axes: Axes, evaluations: Sequence[Evaluation]) -> None:
-    """Draw error over cost: the physics' schemes as timed in the first evaluation, and a star for each emulator."""
+    """Draw error against cost: the physics' schemes as timed in the first evaluation, and a star for each emulator."""
     speed = evaluations[0].speed
     for integrator in sorted({opponent.scheme.integrator for opponent in speed.opponents}):
         _draw_integrator(axes, speed, integrator)
@@ -190,7 +190,7 @@ def _draw_integrator(axes: Axes, speed: Speed, integrator: str) -> None:
 
 
 def draw_training(axes: Axes, reports: Sequence[Report]) -> None:
-    """Draw loss and errors over the updates."""
+    """Draw loss and errors against updates."""
     updates = [report.update for report in reports]
     errors = [report.error for report in reports]
     axes.plot(updates, errors, color=EMULATOR, label="error after one super step")

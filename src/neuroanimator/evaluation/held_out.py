@@ -22,7 +22,7 @@ from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import Scheme, System
 
 HELD_OUT_SEED = 2**31
-"""Test runs are drawn from this seed, one above the largest a dataset may have."""
+"""Seed of test runs, one above the largest a dataset may have."""
 
 HELD_OUT_SECONDS = 5.0
 """Length of a test run [s], the longest horizon reported."""
@@ -31,10 +31,10 @@ HELD_OUT_RUNS = 32
 """Default number of runs in a test."""
 
 MAX_TRANSITIONS = 1_600
-"""Number of super steps on which one-step errors are measured; the physics takes each by every scheme."""
+"""Maximum number of super steps on which one-step errors are measured; the physics takes each by every scheme."""
 
 SAME_TIME = 1e-9
-"""Super steps that differ by less are the same [s]."""
+"""Difference below which two super steps are the same [s]."""
 
 
 class SuperSteps(NamedTuple):
@@ -47,17 +47,17 @@ class SuperSteps(NamedTuple):
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Unseen runs and what fine physics makes of them."""
+    """Unseen runs and their motions by fine physics."""
 
     system: System
     dt: float
     states: Float[np.ndarray, "B _ S"]
-    """(B, T+1, S) by the system's `fine` scheme."""
+    """States (B, T+1, S) by the system's `fine` scheme."""
     controls: Float[np.ndarray, "B T C"]
     change_scale: Float[np.ndarray, " V"]
     """Standard deviation of the change in one super step, in the body's own frame: the unit of every error.
 
-    What never moves has none, and no error: see `moves`.
+    A number that never moves has none, and no error: see `moves`.
     """
     most_transitions: int = MAX_TRANSITIONS
     noise: Float[np.ndarray, " S"] | None = None
@@ -70,7 +70,7 @@ class HeldOut:
 
     @property
     def moves(self) -> Bool[np.ndarray, " V"]:
-        """Whether each number of a change varies at all: a target that stands still has no error to speak of."""
+        """Whether each number of a change varies at all: a target at rest has no meaningful error."""
         return self.change_scale >= MIN_CHANGE
 
     def relative(self, errors: Float[np.ndarray, "*B V"]) -> Float[np.ndarray, "*B M"]:
@@ -90,7 +90,7 @@ class HeldOut:
 
     @property
     def transitions(self) -> SuperSteps:
-        """At most `most_transitions` super steps, evenly taken from all runs.
+        """At most `most_transitions` super steps, taken evenly from all runs.
 
         They come from the first `RUN_STEPS` super steps, as the examples of a dataset do.
         """
@@ -103,9 +103,9 @@ class HeldOut:
         )
 
     def moments(self, count: int) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
-        """Return the states of `count` random moments of the runs, and the controls given then.
+        """Return the states at `count` random moments of the runs, and their controls.
 
-        They are the same at every call, so that all physics is timed from the same ones.
+        They are the same at every call, so that all physics is timed on the same ones.
         """
         rng = np.random.default_rng(0)
         runs = rng.integers(0, len(self.states), count)
@@ -125,7 +125,7 @@ def system_of(emulator: Emulator) -> System:
 
 
 def replayable_system(emulator: Emulator) -> System:
-    """Return the physics `emulator` stands for; where its model is not at hand, the system without physics.
+    """Return the physics `emulator` stands for; where its model is missing, the system without physics.
 
     Raises BadFileError as `system_of` does.
     """
@@ -149,8 +149,8 @@ def held_out_runs(
 ) -> HeldOut:
     """Return `count` unseen runs of the emulator's system under random, never idle controls, by its `fine` scheme or `scheme`.
 
-    They last `HELD_OUT_SECONDS` if nothing else is said, of a slow system longer. Shifted ones use the full range and
-    another control at every super step: training seldom saw such.
+    They last `HELD_OUT_SECONDS` by default, longer for a slow system. Shifted ones use the full range and a new control at
+    every super step, which training seldom saw.
     """
     rng = np.random.default_rng([HELD_OUT_SEED, seed])
     system = system_of(emulator)
@@ -189,7 +189,7 @@ def make_test(
 
 
 def recorded_runs(emulator: Emulator, data: Dataset | None) -> HeldOut:
-    """Return the runs of `data` that were kept for the test; of an emulator of recordings."""
+    """Return the runs of `data` that were kept for the test of an emulator of recordings."""
     spec = emulator.spec
     if data is None or data.held_out is None:
         raise ArgumentError(

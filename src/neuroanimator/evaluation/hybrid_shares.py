@@ -1,4 +1,4 @@
-"""What taking turns with the physics is worth: the physics' share of the time, and how far motions go astray."""
+"""Gain of taking turns with the physics: the physics' share of the time, and the motions' errors."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from neuroanimator.systems.hybrid import HybridMotion, hybrid_rollout
 from neuroanimator.systems.system import System
 
 THRESHOLDS = (2.0, 1.0, 0.5, 0.25)
-"""Scores from which on the physics takes over, in reports: from well beyond the edge of training to the midst of it."""
+"""Trust scores above which the physics takes over, in reports: from well beyond the edge of training to its middle."""
 
 RUN_SECONDS = 2.0
-"""Length of runs [s], where they are as long as that."""
+"""Maximum length of runs [s]."""
 
 
 @dataclass(frozen=True)
 class HybridGain:
-    """What turns with the physics are worth."""
+    """Gain of turns with the physics."""
 
     physics_share: float
     """Share of the super steps that the physics made."""
     error: float
-    """Rms error over how far the physics gets from the start: at the end of several motions, all along a single one."""
+    """Rms error over the physics' distance from the start: at the end of several motions, or along a single one."""
     emulator_error: float
     """That of the emulator alone."""
 
@@ -45,7 +45,7 @@ class HybridGain:
 
 
 def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> dict[float, HybridGain]:
-    """Return what each of `THRESHOLDS` comes to on the first seconds of `count` unseen runs."""
+    """Return the gain at each of `THRESHOLDS` on the first seconds of `count` unseen runs."""
     steps = min(test.controls.shape[1], round(RUN_SECONDS / emulator.dt) or 1)
     truth = test.states[:count, : steps + 1]
     controls = test.controls[:count, :steps]
@@ -67,7 +67,7 @@ def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> dict[float, 
 def hybrid_gain(
     emulator: Emulator, system: System, motion: HybridMotion, controls: Float[np.ndarray, "T C"]
 ) -> HybridGain:
-    """Return what the turns of `motion` were worth: it is held against the physics alone from the same start."""
+    """Return the gain of the turns of `motion`: it is compared with the physics alone from the same start."""
     start = motion.states[0]
     truth = system.simulate_fastest(start[None], controls[None], emulator.dt).states
     alone = emulate(emulator, start[None], controls[None])

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 PACKAGES = ("jax", "mujoco", "numpy")
-"""The versions of these are told with every table."""
+"""Packages whose versions are written with every table."""
 
 
 def describe_machine() -> str:

@@ -1,4 +1,4 @@
-"""A model card: what an emulator is, what it was taught by, how far to believe it, and how to use it, in Markdown.
+"""A model card in Markdown: what an emulator is, what taught it, how far to trust it, and how to use it.
 
     neuroanimator evaluate my_robot.emulator.safetensors --card README.md
 
@@ -21,11 +21,11 @@ MAX_PARTS = 40
 """Maximum number of parts of a state or control named in a table; the others are counted."""
 
 RECORDED = ("seed", "optimizer", "updates", "batch", "learning_rate")
-"""Settings of a training that are named, if the file says them."""
+"""Settings of a training that are named, if the file has them."""
 
 
 def write_card(emulator: Emulator, file: Path, evaluation: Evaluation, path: str | Path) -> None:
-    """Write the card of `emulator`, which was read from `file`, to `path`: what it says of itself, and what was measured."""
+    """Write the card of `emulator`, which was read from `file`, to `path`: its own description, and what was measured."""
     metadata = read_metadata(file)
     made = metadata.get("provenance") or {}
     training = made.get("training") or {}

@@ -1,4 +1,4 @@
-"""Reports as pages: what is filled into the templates, and how values are written there."""
+"""Reports as pages: values filled into templates, and how they are written there."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 """The folder of all templates."""
 
 MARKDOWN_SIGNS = "\\`*[]<>|#!"
-"""Letters that Markdown reads as markup or as the border of a cell."""
+"""Characters that Markdown reads as markup or as the border of a cell."""
 
 
 def write_page(path: str | Path, template: str, **values: Any) -> None:
@@ -38,17 +38,17 @@ def write_page(path: str | Path, template: str, **values: Any) -> None:
 
 
 def render(template: str, **values: Any) -> Markup:
-    """Return the HTML of `template` filled with `values`; text that is no `Markup` is escaped."""
+    """Return the HTML of `template` filled with `values`; text other than `Markup` is escaped."""
     return Markup(_environment(as_text, True).get_template(template).render(values))
 
 
 def render_markdown(template: str, **values: Any) -> str:
-    """Return the Markdown of `template` filled with `values`; text that is no `Markup` is escaped."""
+    """Return the Markdown of `template` filled with `values`; text other than `Markup` is escaped."""
     return _environment(as_markdown, False).get_template(template).render(values)
 
 
 def as_text(value: object) -> object:
-    """Return a value as a page shows it: numbers with three digits, text with whatever does not print written out."""
+    """Return a value as a page shows it: numbers with three digits, text with unprintable characters escaped."""
     if isinstance(value, float):
         return short_number(value)
     if isinstance(value, str) and not isinstance(value, Markup):
@@ -57,7 +57,7 @@ def as_text(value: object) -> object:
 
 
 def as_markdown(value: object) -> object:
-    """Return a value as it may stand in Markdown: no markup, no table, no line of its own."""
+    """Return a value that is safe in Markdown: no markup, no table, no line break."""
     if isinstance(value, Markup):
         return value
     plain = printable(str(as_text(value)))

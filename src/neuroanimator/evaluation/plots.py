@@ -12,29 +12,29 @@ from matplotlib.figure import Figure
 from neuroanimator.text import printable
 
 EMULATOR = "#e8892b"
-"""The emulator's colour in all plots."""
+"""Colour of the emulator in all plots."""
 
 PHYSICS = "#2b5a94"
-"""The physics' colour in all plots."""
+"""Colour of the physics in all plots."""
 
 QUIET = "#8a94a0"
-"""The colour of what is drawn for comparison."""
+"""Colour of what is drawn for comparison."""
 
 WIDTH = 8.0
 """Width of several plots side by side [inch]."""
 
 ALONE = (5.4, 3.0)
-"""Width and height of a plot that stands alone [inch]: its words can be read on a phone, too."""
+"""Width and height of a single plot [inch]: its text can be read on a phone, too."""
 
 SALT = "neuroanimator"
-"""Salt of the ids in SVG, which else would be drawn at random."""
+"""Salt of the ids in SVG, which would otherwise be random."""
 
 BAR_HEIGHT = 16
-"""Height of the highest bar of a small histogram, over the width of a bar that is 10."""
+"""Height of the highest bar of a small histogram, over the width of a bar."""
 
 
 def plot(draw: Callable[..., None], *subjects: object) -> Markup:
-    """Return what `draw` draws of its `subjects` on the axes that come first, as inline SVG."""
+    """Return the drawing that `draw(axes, *subjects)` makes, as inline SVG."""
     figure = Figure(figsize=ALONE, layout="constrained")
     axes = figure.add_subplot()
     draw(axes, *subjects)
@@ -44,18 +44,18 @@ def plot(draw: Callable[..., None], *subjects: object) -> Markup:
 
 
 def inline_svg(figure: Figure) -> Markup:
-    """Return a figure as it may stand in a page."""
+    """Return a figure as inline SVG for a page."""
     text = svg_text(figure)
     return Markup(text[text.index("<svg") :].replace("<svg", "<svg class=plot", 1))
 
 
 def label(text: str) -> str:
-    """Return foreign text as Matplotlib shows it unchanged: what is between dollars it reads as formulas."""
+    """Return foreign text so that Matplotlib shows it unchanged: it reads text between dollars as formulas."""
     return printable(text).replace("$", r"\$")
 
 
 def svg_text(figure: Figure) -> str:
-    """Return a figure as the text of an SVG file: the same every time, without its date and with ids made of contents."""
+    """Return a figure as the text of an SVG file: the same every time, without a date and with ids made from contents."""
     buffer = io.StringIO()
     with rc_context({"svg.hashsalt": SALT}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
@@ -69,7 +69,7 @@ def small_bars(counts: Sequence[float]) -> Markup:
     for number, count in enumerate(counts):
         if count <= 0:
             continue
-        height = max(BAR_HEIGHT * 10 * count / most, 2)  # one of thousands is seen, too
+        height = max(BAR_HEIGHT * 10 * count / most, 2)  # one in thousands is visible, too
         top = BAR_HEIGHT * 10 - height
         bars.append(f"M{10 * number} {top:.0f}h9v{height:.0f}h-9z")
     box = f"0 0 {10 * len(counts)} {BAR_HEIGHT * 10}"

@@ -13,7 +13,7 @@ from neuroanimator.evaluation.page import write_page
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS
 
 Returns = Float[np.ndarray, " E"]
-"""Of one episode each."""
+"""Return of each of E episodes."""
 
 
 def write_policy_report(
@@ -37,7 +37,7 @@ def write_policy_report(
 
 
 def draw_learning(axes: Axes, curve: Sequence[tuple[float, float]]) -> None:
-    """Draw what a policy earned on the way over the super steps it learnt from."""
+    """Draw a policy's mean return against the super steps it learnt from."""
     axes.plot(*zip(*curve, strict=True), "o-", ms=3, color=PHYSICS)
     axes.set(xlabel="super steps of the physics", ylabel="mean return")
 

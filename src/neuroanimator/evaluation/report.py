@@ -34,14 +34,14 @@ def write_report(
 
 
 def training_html(emulator: Path) -> Markup:
-    """Return the curve of the training that made the file `emulator`; a line that says so where nothing is known of it."""
+    """Return the curve of the training that made the file `emulator`, or a line that says that it is unknown."""
     path = run_folder(emulator) / METRICS
     file = f"{path.parent.name}/{path.name}"
     return render("training.html", reports=read_metrics(path), file=file, figures=figures)
 
 
 def noise_rows(evaluation: Evaluation) -> list[dict[str, object]]:
-    """Return the recordings' noise and what it makes of the error, number by number."""
+    """Return the recordings' noise and its part of the error, number by number."""
     assert evaluation.noise is not None
     assert evaluation.noise_by_entry is not None
     errors = zip(evaluation.error_by_entry, evaluation.noise_by_entry, strict=True)

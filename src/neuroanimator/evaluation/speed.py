@@ -1,4 +1,4 @@
-"""How fast: compiled against compiled, one core against one core, interleaved in one process.
+"""Speed: compiled against compiled, one core against one core, interleaved in one process.
 
 An emulator is timed in JAX and as C generated from it; the faster counts, as the physics is C.
 
@@ -47,31 +47,31 @@ from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import Scheme
 
 PHYSICS_STEPS = 20_000
-"""Length of the timed run: the measure of the 1998 table."""
+"""Number of physics steps in the timed run, as in the 1998 table."""
 
 TIMED_SUPER_STEPS = 8_000
-"""Super steps in one timed call of the emulator, so that the call itself (30 µs from Python) does not count."""
+"""Number of super steps in one timed call of the emulator, so that the call itself (30 µs from Python) does not count."""
 
 TIMED_CONTROLS = 0.3
-"""The emulator is timed under random controls of at most this share of their range."""
+"""Largest random control under which the emulator is timed, as a share of its range."""
 
 IN_JAX = "emulator in JAX"
-"""The name of the emulator timed in JAX."""
+"""Name of the emulator timed in JAX."""
 
 IN_C = "emulator in C"
-"""The name of the emulator timed in generated C."""
+"""Name of the emulator timed in generated C."""
 
 REPEATS = 9
 """Number of timings of each side; the median is reported."""
 
 PIECES = 40
-"""Number of fresh states a timed run of the physics begins from: few enough that Python between them does not count."""
+"""Number of fresh states that a timed run of the physics starts from: too few for the Python between them to count."""
 
 OPPONENT_INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4")
-"""MuJoCo's integrators, each of which is timed."""
+"""MuJoCo's integrators, all of them timed."""
 
 OPPONENT_DIVISIONS = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 40, 50)
-"""Physics steps per super step tried for each integrator, besides the system's own."""
+"""Numbers of physics steps per super step tried for each integrator, besides the system's own."""
 
 
 @dataclass(frozen=True)
@@ -87,28 +87,28 @@ class Opponent:
 
 @dataclass(frozen=True)
 class Speed:
-    """Both speed-ups, one core, one trajectory."""
+    """Both speed-ups, on one core, of one trajectory."""
 
     emulator_seconds: float
     """Time of a super step, by the faster of generated C and JAX [s]."""
     physics_seconds: float
     """Time of a physics step of the system's own scheme [s]."""
     nominal: float
-    """`PHYSICS_STEPS` of the system's own scheme against the super steps that replace them."""
+    """Speed-up of the super steps that replace `PHYSICS_STEPS` of the system's own scheme."""
     equal_error: float
-    """The speed-up against the fastest physics whose error is no larger than the emulator's."""
+    """Speed-up over the fastest physics whose error is no larger than the emulator's."""
     equal_error_opponent: Opponent
     """That fastest physics."""
     opponents: tuple[Opponent, ...]
     """Every way of stepping the physics that was tried."""
     physics: str = "MuJoCo"
-    """Who steps the physics: `MuJoCo` or a `C twin`, compiled, `JAX` without one, a `Python function`, which is not."""
+    """Name of the physics: `MuJoCo` or a `C twin`, compiled; `JAX` without a twin; a `Python function`, not compiled."""
     jax_seconds: float | None = None
     """Time of a super step in JAX [s]."""
 
     @property
     def runtime(self) -> str:
-        """What the emulator was fastest in."""
+        """The emulator's fastest runtime."""
         if self.jax_seconds is None or self.emulator_seconds >= self.jax_seconds:
             return "JAX"
         return "generated C"
@@ -119,7 +119,7 @@ class _TimedPhysics(NamedTuple):
 
     name: str
     players: dict[str, Callable[[], None]]
-    """By integrator, a function that takes `steps` physics steps."""
+    """Functions that take `steps` physics steps, by integrator."""
     steps: int
     schemes: set[Scheme]
     error: Callable[[HeldOut, Scheme], float]
@@ -198,21 +198,21 @@ def _opponents(test: HeldOut, physics: _TimedPhysics, per_step: dict[str, float]
 def _fastest(opponents: list[Opponent], error: float) -> Opponent:
     """Return the fastest opponent whose error is at most `error`.
 
-    An error that is no number is no worse than any: then it is the fastest of all.
+    If `error` is NaN, it is the fastest of all.
     """
     able = [opponent for opponent in opponents if opponent.error <= error]
     return min(able or opponents, key=lambda opponent: opponent.seconds)
 
 
 def measure_emulator(emulator: Emulator, repeats: int = REPEATS) -> float:
-    """Return the time of one super step [s], where there is no physics to compare it with."""
+    """Return the time of one super step [s], for an emulator with no physics to compare with."""
     with one_core():
         seconds = interleaved(emulator_players(emulator), repeats)
     return min(seconds.values()) / TIMED_SUPER_STEPS
 
 
 def interleaved(players: dict[str, Callable[[], Any]], repeats: int = REPEATS) -> dict[str, float]:
-    """Return each player's median time [s], all played in turn so that a slow moment hits all."""
+    """Return each player's median time [s]; they are played in turn, so that a slow moment hits all."""
     times: dict[str, list[float]] = {name: [] for name in players}
     for _ in range(repeats):
         for name, play in players.items():
@@ -223,7 +223,7 @@ def interleaved(players: dict[str, Callable[[], Any]], repeats: int = REPEATS) -
 
 
 def emulator_players(emulator: Emulator) -> dict[str, Callable[[], Any]]:
-    """Return functions that take `TIMED_SUPER_STEPS` super steps, compiled: in JAX, and in C where that can be had."""
+    """Return functions that take `TIMED_SUPER_STEPS` super steps, compiled: in JAX, and in C where available."""
     players: dict[str, Callable[[], Any]] = {IN_JAX: emulator_player(emulator)}
     program = program_of(emulator)
     if program is not None:
@@ -233,7 +233,7 @@ def emulator_players(emulator: Emulator) -> dict[str, Callable[[], Any]]:
 
 
 def emulator_player(emulator: Emulator) -> Callable[[], None]:
-    """Return a function that takes `TIMED_SUPER_STEPS` super steps in JAX, already compiled: a rollout, as users have it."""
+    """Return a function that takes `TIMED_SUPER_STEPS` super steps in JAX, already compiled: a rollout, as users run it."""
     start, controls = _timed_motion(emulator)
     run = compiled(emulator, rollout)
     run(start, controls)
@@ -255,7 +255,7 @@ def _timed_motion(
 def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., Any]:
     """Return `function` of the emulator and arrays as a compiled function of the arrays.
 
-    The weights go in as arguments, as in use: constants could be folded into the code.
+    The weights are passed as arguments, as in use: constants could be folded into the code.
     """
     weights, rest = eqx.partition(emulator, eqx.is_array)
     run = jax.jit(lambda weights, *inputs: function(eqx.combine(weights, rest), *inputs))
@@ -263,7 +263,7 @@ def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., 
 
 
 def physics_player(system: MujocoSystem, test: HeldOut, integrator: str) -> Callable[[], None]:
-    """Return a function that runs `PHYSICS_STEPS` steps of MuJoCo inside C from unseen states, under random controls.
+    """Return a function that runs `PHYSICS_STEPS` steps of MuJoCo within C from unseen states, under random controls.
 
     A fresh state of the test begins each of the `PIECES`, so that contacts are as frequent as in use. A step's
     cost hardly depends on its length, so each integrator is timed at the system's own.

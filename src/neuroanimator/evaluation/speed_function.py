@@ -14,13 +14,13 @@ from neuroanimator.systems.functions.step_file import call_step
 from neuroanimator.systems.system import Scheme
 
 PYTHON_FUNCTION = "Python function"
-"""What reports call the one that steps the physics."""
+"""Name in reports of this physics."""
 
 ROUNDING = 1e-9
-"""Two steps that differ by no more than this share are the same."""
+"""Relative difference up to which two steps are the same."""
 
 FUNCTION_STEPS = 500
-"""Calls in one timed run: milliseconds, so that the clock's grain does not count."""
+"""Number of calls in one timed run: milliseconds, so that the clock's resolution does not count."""
 
 
 def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
@@ -38,14 +38,14 @@ def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
         for state, control, body in zip(states, controls, bodies, strict=True):
             function(state, control, dt, **body)
 
-    # A fault is told here, not while the clock runs.
+    # Errors are raised here, not while the clock runs.
     for state, control, body in zip(states, controls, bodies, strict=True):
         call_step(function, system.file, state, control, dt, body)
     return play
 
 
 def function_error(test: HeldOut, scheme: Scheme) -> float:
-    """Return the function's one-step error with another dt; infinite if it fails at a step it was not made for."""
+    """Return the function's one-step error with another dt; infinite if it fails at that step."""
     try:
         return scheme_error(test, scheme)
     except BadFileError:
@@ -55,9 +55,9 @@ def function_error(test: HeldOut, scheme: Scheme) -> float:
 
 
 def function_schemes(system: PythonSystem, dt: float, divisions: tuple[int, ...]) -> set[Scheme]:
-    """Return the ways to step the function through `dt` [s]; the reference is among them, for it has no error.
+    """Return the ways to step the function through `dt` [s]; the reference is among them, as it has no error.
 
-    A function is never called with a smaller dt than its reference is: it need not know what to do with that.
+    A function is never called with a smaller dt than its reference: it may not support that.
     """
     schemes = {Scheme(FUNCTION, dt / parts) for parts in divisions}
     schemes |= {system.scheme, system.truth, system.fine}

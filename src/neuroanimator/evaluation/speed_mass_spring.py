@@ -19,7 +19,7 @@ from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin
 from neuroanimator.systems.system import Runs, Scheme
 
 C_TWIN = "C twin"
-"""Name in reports of the body's physics in C, made for this one body: the fastest there is."""
+"""Name in reports of the body's physics in C, generated for this body: the fastest physics."""
 
 JAX = "JAX"
 """Name in reports of the body's physics where there is no C compiler."""
@@ -76,7 +76,7 @@ def jax_run(
 
 
 def body_state_of(system: DeformableSystem, states: Float[np.ndarray, "B S"]) -> BodyState:
-    """Return states as the physics has them, in float32: (N, 3, B), without the batch for one body."""
+    """Return states in the physics' layout, in float32: (N, 3, B), without the batch for one body."""
     arrays = []
     for part in system.unpack(states):
         last = np.moveaxis(part, 0, -1)
@@ -87,7 +87,7 @@ def body_state_of(system: DeformableSystem, states: Float[np.ndarray, "B S"]) ->
 
 
 def twin_error(test: HeldOut, scheme: Scheme) -> float:
-    """Return what `scheme_error` does, by the C twin in float64: equal to rounding, and compiled once for all steps."""
+    """Return `scheme_error` by the C twin in float64: equal up to rounding, and compiled once for all steps."""
     system = test.system
     assert isinstance(system, DeformableSystem)
     twin = c_twin(system.body, np.float64)
@@ -102,6 +102,6 @@ def twin_error(test: HeldOut, scheme: Scheme) -> float:
 def deformable_schemes(
     system: DeformableSystem, dt: float, divisions: tuple[int, ...]
 ) -> set[Scheme]:
-    """Return the ways to step the body through `dt` [s]; the reference is among them, for it has no error."""
+    """Return the ways to step the body through `dt` [s]; the reference is among them, as it has no error."""
     schemes = {Scheme(integrator, dt / parts) for integrator in INTEGRATORS for parts in divisions}
     return schemes | {system.scheme, system.truth, system.fine}

@@ -17,7 +17,7 @@ SOFT_NAMES = {Scene.integrator: "C", FlexScene.integrator: "MuJoCo"}
 """Names in reports of the body's physics, by its integrator."""
 
 SOFT_FRAMES = 4
-"""Number of super steps in one timed run: a body of thousands of nodes takes milliseconds for each."""
+"""Number of super steps in one timed run: each takes milliseconds for a body of thousands of nodes."""
 
 SOFT_DIVISIONS = (2, 4, 5, 8, 10, 16, 20, 25, 40, 50, 80)
 """Numbers of small steps in a super step that are tried."""
@@ -39,6 +39,6 @@ def soft_player(system: SoftSystem, test: HeldOut) -> Callable[[], None]:
 
 
 def soft_schemes(system: SoftSystem, dt: float) -> set[Scheme]:
-    """Return the ways to step the body through `dt` [s]; the reference is among them, for it has no error."""
+    """Return the ways to step the body through `dt` [s]; the reference is among them, as it has no error."""
     schemes = {Scheme(system.scheme.integrator, dt / parts) for parts in SOFT_DIVISIONS}
     return schemes | {system.scheme, system.truth, system.fine}

@@ -17,16 +17,16 @@ BLOCK = 500
 """Number of super steps rolled out at once."""
 
 PHYSICS_STARTS = 16
-"""Number of runs of the physics that show how far it gets in the same time: a lander may fly off at any speed."""
+"""Number of runs of the physics that measure its reach in the same time: a lander may fly off at any speed."""
 
 STARTS_SEED = 1
 """Seed of the starts and controls of the emulator's rollouts."""
 
 PHYSICS_SEED = 2
-"""The runs of the physics are drawn from this seed."""
+"""Seed of the runs of the physics."""
 
 STILL_REACH = 0.1
-"""Reach that what never moved is taken to have [of its unit], so that it has diverged where it is off by one whole unit."""
+"""Reach assumed of a number that never moved [its unit], so that an error of one unit is a divergence."""
 
 TOO_FAR = 10.0
 """Multiple of the reach of training and physics at which a rollout has diverged."""
@@ -39,7 +39,7 @@ def count_diverged(
     *,
     among: Float[np.ndarray, "N S"] | None = None,
 ) -> int:
-    """Return how many of `starts` random starts get ten times further than training and physics do in the same time.
+    """Return the number of `starts` random starts that get ten times further than training and physics in the same time.
 
     The starts are the system's own random ones, or drawn from the states `among`. Controls are as
     random and as strong as in training, for `steps` super steps.
@@ -54,7 +54,7 @@ def count_diverged(
     bound = TOO_FAR * np.maximum(reach(emulator, steps), min_reach(emulator))
     is_fine = np.ones(starts, dtype=bool)
     for controls in _control_blocks(emulator, rng, starts, steps):
-        # What has diverged goes on from rest: its numbers are of no more use.
+        # Diverged rollouts go on from rest: their numbers are useless.
         begin = np.where(is_fine[:, None], states, rest)
         path = np.asarray(emulator.rollout(begin, controls, may_diverge=True))
         inputs = np.abs(emulator.raw_features_of(path[:, 1:], controls.astype(np.float32)))
@@ -84,7 +84,7 @@ def reach(emulator: Emulator, steps: int) -> Float[np.ndarray, " K"]:
 
 
 def min_reach(emulator: Emulator) -> Float[np.ndarray, " K"]:
-    """Return what counts as the reach of each number the network sees at least: more than zero for what never moves."""
+    """Return the smallest reach assumed of each number the network sees: above zero for what never moves."""
     low = np.asarray(emulator.domain.low)
     high = np.asarray(emulator.domain.high)
     return np.where(high - low < MIN_CHANGE, STILL_REACH, 0.0)

@@ -1,4 +1,4 @@
-"""How errors grow with the score of `Emulator.trust`: whether a user may go by it."""
+"""Growth of errors with the score of `Emulator.trust`: whether users may rely on it."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 from jaxtyping import Float
 
 SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
-"""Bands hold these shares of the super steps: fine where scores are high, for there errors are of interest."""
+"""Quantiles of the super steps that bound the bands: fine at high scores, where errors matter."""
 
 FEWEST = 5
-"""A band of fewer super steps tells nothing."""
+"""Minimum number of super steps in a band: fewer mean nothing."""
 
 
 @dataclass(frozen=True)
 class TrustBand:
-    """The one-step errors of super steps whose scores are alike, in standard deviations of the change."""
+    """The one-step errors of super steps with similar scores, in standard deviations of the change."""
 
     middle: float
-    """The median score."""
+    """Median score."""
     median: float
     large: float
-    """95 of a hundred errors are smaller."""
+    """Quantile 0.95 of the errors."""
 
 
 def trust_bands(
     scores: Float[np.ndarray, " N"], errors: Float[np.ndarray, " N"]
 ) -> tuple[TrustBand, ...]:
-    """Return the bands of super steps by `scores`, lowest first; none where all scores are alike, or not finite."""
+    """Return the bands of super steps by `scores`, lowest first; none where all scores are equal, or not finite."""
     is_finite = np.isfinite(scores) & np.isfinite(errors)
     scores, errors = scores[is_finite], errors[is_finite]
     if not len(scores) or np.ptp(scores) == 0:

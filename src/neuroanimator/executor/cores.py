@@ -11,14 +11,14 @@ from typing import TypeVar
 Made = TypeVar("Made")
 
 CORES = "NEUROANIMATOR_CORES"
-"""The environment variable that says how many cores a process may use: that of a worker among several."""
+"""Environment variable with the number of cores a process may use: for a worker among several."""
 
 LANES = 16
-"""Parts begin at multiples of it: programs of sixteen rows side by side then have the same neighbours in any part."""
+"""Number of rows to whose multiples parts are aligned: programs of sixteen lanes then have the same neighbours in any part."""
 
 
 def core_count() -> int:
-    """Return how many processor cores this process may run on: a container or `taskset` may allow fewer than there are."""
+    """Return the number of processor cores this process may use: a container or `taskset` may allow fewer than there are."""
     stated = os.environ.get(CORES, "")
     if stated.isdecimal() and int(stated) > 0:
         return int(stated)
@@ -28,9 +28,9 @@ def core_count() -> int:
 
 
 def in_parts(work: Callable[[slice], Made], count: int, *, smallest: int) -> list[Made]:
-    """Return what `work` makes of `count` rows in parts, one a core, each of `smallest` rows or more.
+    """Return the results of `work` on `count` rows in parts, one a core, each of `smallest` rows or more.
 
-    `work` is called in threads, each time for other rows, and should leave the interpreter's lock alone, as C does.
+    `work` is called in threads, each time for other rows, and should release the interpreter's lock, as C does.
     """
     parts = min(core_count(), count // smallest)
     if parts < 2:
@@ -38,7 +38,7 @@ def in_parts(work: Callable[[slice], Made], count: int, *, smallest: int) -> lis
     length = LANES * -(-count // (LANES * parts))
     slices = [slice(first, min(first + length, count)) for first in range(0, count, length)]
     others = [_threads(parts).submit(work, some) for some in slices[1:]]
-    made = [work(slices[0])]  # here, for one thread less to wake
+    made = [work(slices[0])]  # here: one thread fewer to wake
     return made + [other.result() for other in others]
 
 

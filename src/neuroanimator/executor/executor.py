@@ -29,7 +29,7 @@ class Outcome(Generic[Result]):
     """Index of the task among all."""
     result: Result | None = None
     error: NeuroAnimatorError | None = None
-    """Why there is no result: its message names the task."""
+    """The reason for a missing result: its message names the task."""
 
     def value(self) -> Result:
         """Return the result; raise the error if there is none."""
@@ -39,16 +39,16 @@ class Outcome(Generic[Result]):
 
 
 class Executor(ABC):
-    """Computes tasks somewhere; a context manager, for its workers end with it.
+    """Computes tasks; a context manager, which ends its workers.
 
     A task is a frozen dataclass that can be pickled and has a `label`, such as `shard 12`. The function can be imported
-    by name, and its result depends on the task alone: so it does not matter who computes it, nor how often.
+    by name, and its result depends on the task alone: any worker may compute it, any number of times.
     """
 
     workers: int
     """Number of tasks computed at a time."""
     threads: int
-    """Number of threads each of them may use."""
+    """Number of threads each task may use."""
     ahead: int = 1
     """Number of tasks under way for each worker."""
     shares_disk: bool
@@ -67,7 +67,7 @@ class Executor(ABC):
                 while waiting and len(under_way) < self.ahead * self.workers:
                     index = waiting.popleft()
                     under_way[self.begin(pack(function, tasks[index]))] = index
-                # The workers compute while these are looked at: a shard is written then.
+                # The workers compute meanwhile: the caller may write a shard.
                 yield from ended
                 ended = []
                 for call in self.wait(list(under_way)):
@@ -88,11 +88,11 @@ class Executor(ABC):
 
     @abstractmethod
     def begin(self, packed_call: bytes) -> Any:
-        """Have a packed call computed; return what stands for it, a key of a dict."""
+        """Start computing a packed call; return its hashable handle."""
 
     @abstractmethod
     def wait(self, calls: list[Any]) -> list[Any]:
-        """Return those of `calls` that have ended, after some time at the latest."""
+        """Return those of `calls` that have ended, within a limited time."""
 
     @abstractmethod
     def answer(self, call: Any) -> Answer:
@@ -113,7 +113,7 @@ class Executor(ABC):
         *,
         on_done: Callable[[Outcome[Result]], None] = lambda outcome: None,
     ) -> list[Result]:
-        """Return the results in the order of the tasks; `on_done` is told of each as it ends.
+        """Return the results in the order of the tasks; `on_done` is called with each outcome as it ends.
 
         Every task is tried before the errors of those that failed are raised, as one.
         """
@@ -141,7 +141,7 @@ class Executor(ABC):
 
 
 def raise_first(failed: dict[int, NeuroAnimatorError], count: int) -> None:
-    """Raise the error of the first of `count` tasks that `failed`, which says how many did; nothing if none did."""
+    """Raise the error of the first of `count` tasks that `failed`, with the number that did; nothing if none did."""
     if not failed:
         return
     first = failed[min(failed)]

@@ -1,4 +1,4 @@
-"""One call in a process of its own, with limits and without files: a C library that reads a stranger's data may crash it."""
+"""One call in a process of its own, with limits and without files: a C library that parses a stranger's data may crash it."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from neuroanimator.executor.worker import pack
 Result = TypeVar("Result")
 
 WALL_SECONDS = 3
-"""Ratio of the time a call may take to the processor time it may take: the machine has other things to do, too."""
+"""Ratio of a call's limit of wall time to that of processor time: the machine is shared."""
 
 
 class ProcessLimits(NamedTuple):
-    """Limits of a call's memory and time. Beside these, it can open no file."""
+    """Limits of a call's memory and time. It can open no file, either."""
 
     memory: int
-    """Maximum size of what its process allocates [bytes]."""
+    """Maximum memory its process allocates [bytes]."""
     seconds: int
-    """Maximum processor time, its process's start included [s]."""
+    """Maximum processor time, including the start of its process [s]."""
 
 
 class LimitError(NeuroAnimatorError):
-    """A call took more than it may, or ended its process; the message goes on after what was called."""
+    """A call exceeded its limits, or ended its process; the message continues after the name of the call."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ def call_limited(function: Callable[[Any], Result], argument: Any, limits: Proce
     """Return `function(argument)`, computed in a new process within `limits`; raise what that raises.
 
     The function is importable; it, the argument and the result can be pickled. It gets all it needs by its argument: no file
-    can be opened in that process, whatever a path says. Raises LimitError where the process took
-    more than it may or crashed, and ResourceError where it cannot be started.
+    can be opened in that process. Raises LimitError where the process exceeded its limits or crashed, and ResourceError
+    where it cannot be started.
     """
     process = WorkerProcess(threads=1)
     try:
@@ -77,7 +77,7 @@ def _too_much(limits: ProcessLimits) -> str:
 def _call_here(call: _Call) -> Any:
     """Limit this process for good, and return what the call returns."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)  # what a library prints as it ends
+    os.dup2(nowhere, 2)  # for what a library prints as it ends
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_CPU, call.limits.seconds)
     _limit(resource.RLIMIT_DATA, call.limits.memory)

@@ -1,4 +1,4 @@
-"""Tasks in processes of this machine, or in this very process if one is all there is."""
+"""Tasks in processes of this machine, or in this process if there is only one worker."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from neuroanimator.executor.worker import Answer, worker_environment
 from neuroanimator.files.unfinished import folder_until_exit
 
 WORKER = "neuroanimator.executor.worker_process"
-"""The module that a worker runs."""
+"""Module that a worker runs."""
 
 MAX_WORKERS = 1024
-"""More processes on one machine are a mistake."""
+"""Maximum number of worker processes: more on one machine are a mistake."""
 
 
 class LocalExecutor(Executor):
-    """Executor of processes on this machine. One worker is this process itself: nothing is started.
+    """Executor of processes on this machine. A single worker is this process itself: nothing is started.
 
-    The processes are new ones, not forked: JAX and MuJoCo have threads, which a fork would lose. They are started when
-    there is work, and end with this process however it ends. Those of `concurrent.futures` would import the user's script
-    again, with the present folder first on their path, and all be lost with one of them.
+    The processes are new, not forked: a fork would lose the threads of JAX and MuJoCo. They are started when there is
+    work, and end with this process however it ends. Those of `concurrent.futures` would import the user's script again,
+    with the current folder first on their path, and all would be lost with one.
     """
 
     shares_disk = True
@@ -114,7 +114,7 @@ class WorkerProcess:
             self.connection.send_bytes(packed_call)
 
     def answer(self) -> Answer:
-        """Return its answer, once it has one; LostTaskError if it died."""
+        """Return its answer once it is there; LostTaskError if it died."""
         try:
             return pickle.loads(self.connection.recv_bytes())
         except (EOFError, OSError):
@@ -126,7 +126,7 @@ class WorkerProcess:
         )
 
     def end(self) -> None:
-        """End it at once, whatever it computes."""
+        """Kill it at once."""
         self.popen.kill()
         self.popen.wait()
         self.connection.close()
@@ -134,7 +134,7 @@ class WorkerProcess:
 
 @cache
 def _workers_folder() -> Path:
-    """Return the folder for the temporary files of workers: one that is ended at once leaves them to this process."""
+    """Return the folder for the temporary files of workers: a killed worker leaves them to this process."""
     return folder_until_exit()
 
 

@@ -8,7 +8,7 @@ import sys
 def python_command(*arguments: str) -> list[str]:
     """Return the command that runs this Python with `arguments`, such as `-m` and a module.
 
-    -P keeps the present folder off the child's `sys.path`: `-m` and `-c` put it first, so that a `numpy.py` in a
-    stranger's archive, or a `queue.py` of the user's own, would run instead of the module it is named like.
+    -P keeps the current folder off the child's `sys.path`: `-m` and `-c` put it first, so that a `numpy.py` in a
+    stranger's archive, or a `queue.py` of the user's own, would run instead of the module of that name.
     """
     return [sys.executable, "-P", *arguments]

@@ -1,6 +1,6 @@
-"""Tasks on a Ray cluster, one that is started here or one that is there already.
+"""Tasks on a Ray cluster, started here or already running.
 
-Ray hands tasks to nodes, starts workers, computes the tasks of those that died again, and takes nodes in that join later.
+Ray assigns tasks to nodes, starts workers, repeats the tasks of those that died, and uses nodes that join later.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ CLIENT = "ray://"
 HOW_TO_GET_RAY = "--executor ray: Ray is not installed. pip install 'neuroanimator[ray]'"
 
 QUIET = {
-    "RAY_USAGE_STATS_ENABLED": "0",  # nothing is told to anybody
+    "RAY_USAGE_STATS_ENABLED": "0",  # no telemetry
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_DISABLE_IMPORT_WARNING": "1",
 }
-"""Ray's environment variables that keep it from talking."""
+"""Environment variables that keep Ray quiet."""
 
 CONNECT_SECONDS = 5.0
-"""A cluster that does not answer within this time cannot be reached [s]."""
+"""Time within which a reachable cluster answers [s]."""
 
 LOOK_PERIOD = 1.0
 """Interval between counts of a cluster's nodes [s]."""
 
 MAX_SAID = 300
-"""Characters of what Ray says that are quoted."""
+"""Maximum number of characters quoted from Ray's messages."""
 
 
 class RayExecutor(Executor):
     """The workers of a Ray cluster.
 
-    Without an `address` a cluster of this machine alone is started, which ends with the executor. With one,
-    `ray://HOST:PORT` or, on a node, `HOST:PORT`, that cluster is joined. Raises ArgumentError and ResourceError where
-    that does not work.
+    Without an `address`, a cluster on this machine alone is started, which ends with the executor. With one,
+    `ray://HOST:PORT` or, on a node, `HOST:PORT`, that cluster is joined. Raises ArgumentError or ResourceError if that
+    fails.
     """
 
     ahead = 2  # one is computed while the next is sent
@@ -94,7 +94,7 @@ class RayExecutor(Executor):
 
     def _start(self) -> None:
         with _one_line("Ray could not be started here"), warnings.catch_warnings():
-            # Ray's processes are new programs at once, which JAX's threads cannot disturb.
+            # Ray's processes exec at once, so JAX's threads cannot disturb them.
             warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
             self._ray.init(
                 address="local",
@@ -112,7 +112,7 @@ class RayExecutor(Executor):
             raise ResourceError(
                 f"No Ray cluster answers at {printable(address)}. Start one with 'ray start --head', or check the address."
             ) from error
-        # A client's folder is nowhere put on a path.
+        # A client's folder is put on no path.
         job = None if address.startswith(CLIENT) else self._job()
         with _one_line(
             f"The Ray cluster at {printable(address)} does not let this process in; "
@@ -122,24 +122,24 @@ class RayExecutor(Executor):
             self._count_workers()
 
     def _job(self) -> Any:
-        """Return a job whose workers do not have the present folder first on `sys.path`; see `python_command`."""
+        """Return a job whose workers do not have the current folder first on `sys.path`; see `python_command`."""
         job = self._ray.job_config.JobConfig()
         job._client_job = True  # no public name: it may move
         return job
 
     def _count_workers(self) -> None:
-        """Take nodes that have joined, or left, into account."""
+        """Account for nodes that have joined or left."""
         if not self.shares_disk:
             cores = self._ray.cluster_resources().get("CPU", 0)
             self.workers = max(1, int(cores) // self.threads)
 
 
 TALKS_LITTLE = {"log_to_driver": False, "configure_logging": False, "logging_level": "ERROR"}
-"""Arguments of `ray.init` that keep Ray from talking."""
+"""Arguments of `ray.init` that keep Ray quiet."""
 
 
 def perform_on_node(packed_call: bytes, environment: dict[str, str]) -> Answer:
-    """Compute a packed call in a worker of Ray."""
+    """Compute a packed call in a Ray worker."""
     os.environ.update(environment)
     return perform(packed_call)
 
@@ -161,11 +161,11 @@ def _silence(ray: ModuleType) -> None:
 
 
 def _print_nothing(data: object, ignore_prefix: bool) -> None:
-    """Stand in for what Ray prints with."""
+    """Replace Ray's printing function."""
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
-    """Return (host, port) of an address; ArgumentError if it is none."""
+    """Return (host, port) of an address; ArgumentError if it is not one."""
     host, _, port = address.removeprefix(CLIENT).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16 or set(host) & set("/@?#"):
         raise ArgumentError(
@@ -176,7 +176,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 @contextlib.contextmanager
 def _one_line(what: str) -> Iterator[None]:
-    """Make a ResourceError of any error Ray raises: `what` failed, and what Ray says of it."""
+    """Turn any error of Ray into a ResourceError: `what` failed, and Ray's message."""
     try:
         yield
     except Exception as error:
@@ -184,6 +184,6 @@ def _one_line(what: str) -> Iterator[None]:
 
 
 def _short(error: Exception) -> str:
-    """Return the beginning of what Ray says, in one line."""
+    """Return the beginning of Ray's message, in one line."""
     said = " ".join(str(error).split()) or type(error).__name__
     return printable(said[:MAX_SAID]).rstrip(".") + "."

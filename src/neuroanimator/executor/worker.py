@@ -11,13 +11,13 @@ from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.text import printable
 
 THREAD_VARIABLES = (
-    "NPROC",  # XLA's own threads, whatever they are called for
+    "NPROC",  # all of XLA's own threads
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
     "NEUROANIMATOR_CORES",
 )
-"""The environment variables that say to libraries how many threads they may start."""
+"""Environment variables with the number of threads that libraries may start."""
 
 
 class Answer(NamedTuple):
@@ -30,7 +30,7 @@ class Answer(NamedTuple):
 
 
 def worker_environment(threads: int) -> dict[str, str]:
-    """Return the environment variables of a worker that may use so many threads; its JAX runs on the processor."""
+    """Return the environment variables of a worker of `threads` threads, whose JAX runs on the processor."""
     return {name: str(threads) for name in THREAD_VARIABLES} | {"JAX_PLATFORMS": "cpu"}
 
 

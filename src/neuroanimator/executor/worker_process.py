@@ -1,6 +1,6 @@
 """A worker process of this machine.
 
-python -m neuroanimator.executor.worker_process DESCRIPTOR      computes what comes through the socket of that number
+python -m neuroanimator.executor.worker_process DESCRIPTOR      computes the calls that arrive on that socket
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from neuroanimator.executor.worker import Answer, perform
 from neuroanimator.text import printable
 
 WATCH_PERIOD = 0.5
-"""Interval between a worker's looks at whether the process that started it is still there [s]."""
+"""Interval between a worker's checks that its parent process is alive [s]."""
 
 
 def main() -> None:
-    """Compute what comes, one after the other, until the other end is closed."""
-    # Ctrl-C in a terminal reaches every process of the job: the one that started this one answers it.
+    """Compute the calls that arrive, one after the other, until the other end is closed."""
+    # Ctrl-C in a terminal reaches every process of the job: the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     connection = Connection(int(sys.argv[1]))
@@ -45,7 +45,7 @@ def packed(answer: Answer) -> bytes:
 
 
 def _end_with(parent: int) -> None:
-    """End this process at once when the process that started it is gone."""
+    """End this process at once when its parent is gone."""
     while os.getppid() == parent:
         time.sleep(WATCH_PERIOD)
     os._exit(1)

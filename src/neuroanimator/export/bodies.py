@@ -1,4 +1,4 @@
-"""Bodies of a scene as nodes, shapes, paints, skins and surfaces: the one walk over bones that GLB and USD are written from."""
+"""Bodies of a scene as nodes, shapes, paints, skins and surfaces: the one walk over bones behind GLB and USD."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Paint(NamedTuple):
 
     name: str
     colour: tuple[float, ...] | None
-    """Red, green and blue (sRGB) and opacity; None of the wet part of a skin, whose points have colours."""
+    """Red, green and blue (sRGB) and opacity; None for the wet part of a skin, whose points have colours."""
     is_thin: bool = False
-    """Whether it has no inside: both of its sides are seen."""
+    """Whether it has no inside, so that both sides are visible."""
 
 
 GHOST = Paint("ghost", GHOST_RGBA)
@@ -50,7 +50,7 @@ class BoneNode(NamedTuple):
     bone: Bone
     positions: Float[np.ndarray, "F 3"]
     orientations: Float[np.ndarray, "F 4"]
-    """Quaternions wxyz that do not jump to the other sign."""
+    """Quaternions wxyz with continuous signs."""
     shapes: tuple[tuple[Shape, Paint], ...]
 
 
@@ -59,12 +59,12 @@ class SkinNode(NamedTuple):
 
     mesh: SkinMesh
     colours: Float[np.ndarray, "V 3"]
-    """Amounts of light at the points; those of a part whose paint has a colour are all that colour."""
+    """Linear colours of the points; all equal in a part whose paint has a colour."""
     joints: UInt16[np.ndarray, "V 4"]
     rest: Float[np.ndarray, "J 4 4"]
-    """Poses of the joints in the bind pose, as matrices of columns."""
+    """Poses of the joints in the bind pose, as column-vector matrices."""
     parts: dict[Paint, Int[np.ndarray, " _"]]
-    """Numbers of the triangles of each part, by its paint."""
+    """Numbers of the triangles of each part, by paint."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Body:
     title: str
     """Name of the whole body."""
     prefix: str
-    """Beginning of the names of its parts, empty for the only body."""
+    """Prefix of the names of its parts; empty for the only body."""
     nodes: tuple[BoneNode, ...]
     """Its bones, each after its parent."""
     skin: SkinNode | None
@@ -86,7 +86,7 @@ class Body:
 def bodies_of(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Body]:
     """Return the bodies of a scene, the `ghost` last; only the first one has its scenery.
 
-    Raises ArgumentError for what cannot be drawn together.
+    Raises ArgumentError for clips that cannot be drawn together.
     """
     every = together(clips, ghost)
     surfaces = _surfaces(every if ghost is None else [*every, ghost])
@@ -159,7 +159,7 @@ def _skin(skeleton: Skeleton) -> SkinNode:
 
 
 def _paint_of(skin: Skin, name: str) -> Paint:
-    """Return the paint of the part called `name`: a model's skin has one colour a part, others are wet."""
+    """Return the paint of the part called `name`: a model's skin has one colour per part, other skins are wet."""
     if isinstance(skin, MeshSkin):
         for part in skin.parts:
             if part.name == name:

@@ -1,4 +1,4 @@
-"""A replay as GLB: what the physics does, and the emulator's ghost; or the emulator's motion where there is no physics."""
+"""A replay as GLB: the physics with the emulator as a ghost, or the emulator alone where there is no physics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from neuroanimator.export.gltf.scene import write_glb
 def write_comparison(emulator: Emulator, replay: Replay, path: str | Path) -> None:
     """Write the motion on the true physics to `path` as GLB, with the emulator's as a ghost beside it.
 
-    Where there is no physics, as of recordings, it is the emulator's motion alone.
+    Where there is no physics, as with recordings, it is the emulator's motion alone.
     """
     clip, ghost = replay_clips(emulator, replay)
     write_glb(clip, path, ghost=ghost)

@@ -1,4 +1,4 @@
-"""The report of a controller: what it does on the physics, how J came down, and its controls, as one page."""
+"""The report of a controller as one page: its motion on the physics, J over the descent, and its controls."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from neuroanimator.evaluation.weakness.readings import entry_names, entry_units,
 from neuroanimator.export.film.inline import replay_html
 
 MAX_CURVES = 6
-"""Maximum number of controls of a unit in a plot, and of readings in the table of what the emulator strayed in."""
+"""Maximum number of controls of a unit in a plot, and of readings in the table of the emulator's largest errors."""
 
 
 def write_control_report(
@@ -29,7 +29,7 @@ def write_control_report(
 ) -> None:
     """Write the report of `synthesis` as one page that needs no other file; `asked` adds rows to the head of its table.
 
-    Where nothing can be drawn, the page says so in the place of the film.
+    Where nothing can be drawn, the page says so in place of the film.
     """
     film = replay_html(synthesis.emulator, synthesis.outcome)
     body = control_html(synthesis, film, asked=asked)
@@ -39,7 +39,7 @@ def write_control_report(
 def control_html(
     synthesis: Synthesis, film: Markup, *, asked: Sequence[tuple[str, object]] = ()
 ) -> Markup:
-    """Return what `synthesis` achieved, how its controls were found, and how true the emulator was along the motion."""
+    """Return the outcome of `synthesis`, how its controls were found, and the emulator's accuracy along the motion."""
     units = entry_units(synthesis.emulator.control)
     entries_by_unit: dict[str, list[int]] = {}
     for entry, unit in enumerate(units):
@@ -73,14 +73,14 @@ def _draw_costs(axes: Axes, synthesis: Synthesis) -> None:
 
 
 def _liveliest(rows: Float[np.ndarray, "T C"], entries: Sequence[int]) -> list[int]:
-    """Return those of `entries` that range farthest in `rows`, in their own order."""
+    """Return the `entries` with the largest ranges in `rows`, in their own order."""
     ranges = np.ptp(rows[:, entries], axis=0)
     first = np.argsort(-ranges, kind="stable")[:MAX_CURVES]
     return [entries[number] for number in sorted(first)]
 
 
 def _draw_controls(axes: Axes, synthesis: Synthesis, among: Sequence[int]) -> None:
-    """Draw the controls `among` those of one unit that change most."""
+    """Draw the controls that change most `among` those of one unit."""
     emulator = synthesis.emulator
     names = entry_names(emulator.control)
     controls = synthesis.controls
@@ -101,7 +101,7 @@ def _draw_controls(axes: Axes, synthesis: Synthesis, among: Sequence[int]) -> No
 
 
 def _strayed_rows(synthesis: Synthesis) -> list[dict[str, object]]:
-    """Return the readings of the state that the emulator strayed in farthest, the worst first; none without physics."""
+    """Return the readings of the state with the emulator's largest errors, the worst first; none without physics."""
     outcome = synthesis.outcome
     if not outcome.is_on_physics:
         return []

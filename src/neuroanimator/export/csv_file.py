@@ -21,13 +21,13 @@ from neuroanimator.systems.recorded.columns import MAX_MAGNITUDE
 from neuroanimator.text import quoted, table_cell
 
 MAX_TABLE = 256 * 2**20
-"""Largest table read back [bytes]: an hour of the largest body at 30 images a second."""
+"""Maximum size of a table read back [bytes]: an hour of the largest body at 30 images a second."""
 
 MAX_HEADER = 400
-"""Characters of the right header that an error shows."""
+"""Maximum number of characters of the right header that an error shows."""
 
 UNEVEN = 1e-4
-"""Share of the first interval by which the others may differ from it: tables hold nine digits."""
+"""Largest difference of an interval from the first one, as a share of it: tables hold nine digits."""
 
 
 def write_table(
@@ -42,7 +42,7 @@ def write_table(
 
 
 def header_of(layout: Layout) -> str:
-    """Return a table's first line: one cell per column, whatever is in the layout's names."""
+    """Return a table's first line: one cell per column, also for unusual names in the layout."""
     line = io.StringIO()
     csv.writer(line, lineterminator="").writerow(_column_names(layout))
     return line.getvalue()
@@ -76,7 +76,7 @@ def read_table(
 
 
 def _numbers(where: str, cells: list[str], count: int) -> list[float]:
-    """Return the `count` finite numbers of a row; BadFileError says `where` there are others."""
+    """Return the `count` finite numbers of a row; BadFileError says `where` they are not."""
     try:
         values = [number_in(cell) for cell in cells]
     except ValueError as error:

@@ -18,10 +18,10 @@ from neuroanimator.export.usd.scene import write_usd
 from neuroanimator.files.zoo import find_emulator
 
 FORMATS = (".csv", ".glb", ".mp4", ".usda", ".usdc", ".usdz")
-"""How the names of files that can be written end."""
+"""Suffixes of the files that can be written."""
 
 DEFAULT_FILM = Film()
-"""How videos are filmed if nothing else is said."""
+"""Default options of videos."""
 
 
 def is_clip(reference: str) -> bool:
@@ -45,8 +45,8 @@ def export_clip(
 ) -> None:
     """Write `clip` to each path as .csv, .glb, USD or .mp4 (a `film`); nothing is written if one of them is refused.
 
-    A system without bodies is drawn as gauges: see `drawable`. The surface of a soft body is drawn outside of what
-    strikes it, if that `is_pushed_out`: see `push_out`.
+    A system without bodies is drawn as gauges: see `drawable`. The surface of a soft body is drawn outside its
+    colliders if it `is_pushed_out`: see `push_out`.
     """
     _check_formats(outs)
     drawn = drawable(clip, emulator)
@@ -64,7 +64,7 @@ def export_clip(
 
 
 def export_school(clips: Sequence[Clip], outs: list[Path], film: Film = DEFAULT_FILM) -> None:
-    """Write `clips`, seen together, to each path as .glb, USD or .mp4; a table has room for one body alone."""
+    """Write `clips` together to each path as .glb, USD or .mp4; a table holds only one body."""
     _check_formats(outs)
     for path in outs:
         if path.suffix == ".csv":

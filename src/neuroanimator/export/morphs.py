@@ -1,11 +1,11 @@
 """The surface of a soft body as a mesh with morph targets: the shapes of the emulator, fitted again to a motion.
 
-    amplitudes (F, K) of all frames → singular value decomposition → targets that move the points, most telling first
+    amplitudes (F, K) of all frames → singular value decomposition → targets that move the points, most important first
     normals (F, N, 3) of some frames → the same → targets that turn the normals
 
-A motion of some seconds needs fewer shapes than all that an emulator knows. Normals are no linear function of the
-points, and are worth targets of their own: of a cape that flaps wildly, twenty are right to 19° at root mean square,
-and the slopes of the normals along the points' targets to 46°.
+A motion of some seconds needs fewer shapes than the emulator has. Normals are not a linear function of the points, and
+deserve targets of their own: for a cape that flaps wildly, twenty leave an rms error of 19°, and the derivatives of
+the normals along the points' targets one of 46°.
 """
 
 from __future__ import annotations
@@ -24,48 +24,48 @@ CLOTH_RGBA = (0.74, 0.25, 0.21, 1.0)
 """Red, green, blue (sRGB) and opacity of a surface."""
 
 TOLERANCE = 2.5e-4
-"""Distance of the nodes, at root mean square in the worst frame, below which no target is added, over the body's size."""
+"""Rms distance of the nodes, in the worst frame, below which no target is added, over the body's size."""
 
 NORMAL_TOLERANCE = 0.05
-"""The same of their normals, which are of length 1."""
+"""The same for their normals, which have length 1."""
 
 MAX_BYTES = 64
-"""Maximum number of bytes a coordinate of all targets that move points: with normals and motion, 2 MB of 5,000 nodes."""
+"""Maximum number of bytes per coordinate in all targets that move points: with normals and motion, 2 MB for 5,000 nodes."""
 
 MAX_NORMALS = 20
 """Maximum number of targets that turn normals."""
 
 SAMPLES = 128
-"""Maximum number of frames that the normals' targets are fitted to."""
+"""Maximum number of frames to which the normals' targets are fitted."""
 
 CHUNK = 32
-"""Frames that are decoded at a time."""
+"""Number of frames decoded at a time."""
 
 LIMITS = {1: (np.int8, 2**7 - 1), 2: (np.int16, 2**15 - 1)}
-"""Kind of number, and the one that stands for 1, by its bytes."""
+"""Integer type, and the value that stands for 1, by number of bytes."""
 
 
 class Target(NamedTuple):
-    """Changes of all nodes, or of their normals, at a weight of 1: whole numbers, of which the largest stands for 1."""
+    """Changes of all nodes, or of their normals, at a weight of 1: integers, the largest of which stands for 1."""
 
     whole: Int[np.ndarray, "N 3"]
-    """Numbers of one or two bytes."""
+    """Integers of one or two bytes."""
 
     @property
     def deltas(self) -> Float[np.ndarray, "N 3"]:
-        """The changes, 1 at most."""
+        """The changes, at most 1."""
         _, limit = LIMITS[self.whole.itemsize]
         return self.whole / limit
 
 
 @dataclass(frozen=True, eq=False)
 class Morphs:
-    """A mesh and its targets, whose weights are between 0 and 1: Blender cuts off others."""
+    """A mesh and its targets, whose weights are between 0 and 1: Blender clips others."""
 
     points: Float[np.ndarray, "N 3"]
-    """Nodes where all weights are zero, in the anchor's frame [m]."""
+    """Nodes at zero weights, in the anchor's frame [m]."""
     scale: float
-    """Distance that a number of 1 in a target moves a node at a weight of 1 [m]."""
+    """Distance by which a 1 in a target moves a node at a weight of 1 [m]."""
     normals: Float[np.ndarray, "N 3"]
     """Normals at the nodes, of length 1."""
     triangles: Int[np.ndarray, "M 3"]
@@ -73,9 +73,9 @@ class Morphs:
     moving: tuple[Target, ...]
     """Targets that move the nodes."""
     turning: tuple[Target, ...]
-    """Targets that turn the normals; their weights, of any size, come after the others'."""
+    """Targets that turn the normals; their weights, of any size, follow the others'."""
     error: float
-    """Distance of the nodes, at root mean square in the worst frame, from where the states have them [m]."""
+    """Rms distance of the nodes, in the worst frame, from their true positions [m]."""
 
 
 class SurfaceNode(NamedTuple):
@@ -85,13 +85,13 @@ class SurfaceNode(NamedTuple):
     positions: Float[np.ndarray, "F 3"]
     """Positions of the anchor [m]."""
     orientations: Float[np.ndarray, "F 4"] | None
-    """Its quaternions; None of an anchor that does not turn."""
+    """Its quaternions; None for an anchor that does not turn."""
     weights: Float[np.ndarray, "F W"]
     """Weights of the targets, in their order."""
 
 
 def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -> list[SurfaceNode]:
-    """Return the surface in each of the `motions`, whose targets are the same."""
+    """Return the surface in each of the `motions`, with shared targets."""
     states = np.concatenate(motions)
     amplitudes = states[:, shapes.amplitudes]
     mean_amplitudes = amplitudes.mean(axis=0)
@@ -104,7 +104,7 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
         points = points + low * target.deltas
     scale = float(np.ptp(distances, axis=0).max(initial=0.0)) or 1.0
     weights = (distances - least) / scale
-    # Blender keeps the angles between these normals and the mesh's own, which therefore must be the same.
+    # Blender keeps the angles between these normals and the mesh's own, so they must be the same.
     normals = surface_normals(shapes, points)
     turning, turns = _turning_targets(shapes, states, normals)
     morphs = Morphs(points, scale, normals, shapes.faces, moving, turning, error)
@@ -121,7 +121,7 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
 def surface_normals(
     shapes: Shapes, points: Float[np.ndarray, "*F N 3"]
 ) -> Float[np.ndarray, "*F N 3"]:
-    """Return the unit normals of a surface with its nodes at `points`; of nodes within a solid, which have none, any."""
+    """Return the unit normals of a surface with its nodes at `points`; arbitrary for inner nodes, which have none."""
     frames = points.reshape(-1, *shapes.mean.shape)
     normals = np.array([normals_of(Surface(frame, shapes.faces)) for frame in frames])
     within = np.setdiff1d(np.arange(len(shapes.mean)), shapes.faces)
@@ -132,14 +132,14 @@ def surface_normals(
 def _moving_targets(
     shapes: Shapes, amplitudes: Float[np.ndarray, "F K"], tolerance: float
 ) -> tuple[tuple[Target, ...], Float[np.ndarray, "F R"], float]:
-    """Return the targets that move the nodes, by which distances [m], and the distance they leave [m].
+    """Return the targets that move the nodes, their distances [m], and the remaining distance [m].
 
-    Each byte is spent where it takes most error away: on one more target, or on a finer one.
+    Each byte is spent where it removes most error: on one more target, or on a finer one.
     """
     left, sizes, mixtures = np.linalg.svd(amplitudes, full_matrices=False)
     paths = left * sizes
     modes = np.tensordot(mixtures, shapes.modes, axes=1)
-    # Modes are orthogonal and of root mean square 1, so squares add up. Rounding to a step errs by its square / 12.
+    # Modes are orthogonal and of root mean square 1, so squares add up. Rounding has a mean square error of step² / 12.
     _, limit = LIMITS[1]
     steps = np.abs(modes).max(axis=(1, 2)) / limit
     rounding = 3 * steps[:, None] ** 2 / 12
@@ -166,7 +166,7 @@ def _turning_targets(
     chosen = np.linspace(0, len(states) - 1, min(len(states), SAMPLES)).round().astype(int)
     samples = surface_normals(shapes, shapes.unplaced(states[chosen]))
     changes = (samples - base).reshape(len(samples), -1)
-    # The first singular vectors alone, of few long rows: by the products of the rows.
+    # Only the first singular vectors of a few long rows are needed: from the products of the rows.
     powers, left = np.linalg.eigh(changes @ changes.T)
     powers = np.maximum(powers[::-1][:MAX_NORMALS], 0)
     left = left[:, ::-1][:, :MAX_NORMALS]
@@ -189,20 +189,20 @@ def _turning_targets(
 def _errors_left(
     squares: Float[np.ndarray, " F"], rewards: Float[np.ndarray, "R F"]
 ) -> Float[np.ndarray, " _"]:
-    """Return the error in the worst frame after none, one and so on of the `rewards` is taken from its square."""
+    """Return the error in the worst frame after subtracting none, one and so on of the `rewards` from its square."""
     taken = np.cumsum(rewards, axis=0)
     left = np.concatenate([squares[None], squares - taken])
     return np.sqrt(np.maximum(left, 0).max(axis=1))
 
 
 def _least_enough(errors: Float[np.ndarray, " _"], tolerance: float) -> int:
-    """Return the place of the first of the `errors` within the tolerance; that of the last if there is none."""
+    """Return the index of the first of the `errors` within the tolerance; of the last if there is none."""
     within = np.flatnonzero(errors <= tolerance)
     return int(within[0]) if len(within) else len(errors) - 1
 
 
 def _rounded(mode: Float[np.ndarray, "N 3"], byte_count: int) -> tuple[Target, float]:
-    """Return a target in numbers of `byte_count` bytes, and the weight at which it is the `mode`."""
+    """Return a target in integers of `byte_count` bytes, and the weight at which it is the `mode`."""
     kind, limit = LIMITS[byte_count]
     largest = float(np.abs(mode).max())
     whole = np.round(mode / largest * limit).astype(kind)

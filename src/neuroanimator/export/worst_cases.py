@@ -27,28 +27,28 @@ FORMATS = (".mp4", ".png", ".svg")
 """Suffixes of files of worst cases."""
 
 SIZE = (640, 360)
-"""Width and height of the film [pixels]: small enough to lie in a page, and to be drawn in seconds."""
+"""Width and height of the film [pixels]: small enough for a page, and drawn in seconds."""
 
 SLOWER = 2.0
-"""Factor of slow motion: what goes wrong goes wrong within a super step or two."""
+"""Factor of slow motion: errors arise within a super step or two."""
 
 RATE = 16.0
 """Frame rate of the film [Hz]."""
 
 HELD_SECONDS = 0.5
-"""Time the film stays on the end of each case [s]."""
+"""Time for which the film holds the end of each case [s]."""
 
 WORST_TITLE = "The worst cases as a film"
-"""The heading of the film in a report."""
+"""Heading of the film in a report."""
 
 WORST_WORDS = (
     "The unseen segments with the largest errors, half as fast as they happen: the physics, and in magenta the emulator "
     "from the same state under the same controls. Off by: root mean square error, over how far runs get in this time."
 )
-"""The caption of the film in a report."""
+"""Caption of the film in a report."""
 
 DPI = 130
-"""Pixels an inch of a PNG file."""
+"""Resolution of a PNG file [pixels per inch]."""
 
 
 def check_worst_path(path: Path) -> None:
@@ -64,9 +64,9 @@ def write_worst(
 ) -> None:
     """Write the worst segments that `na.inspect` found of one emulator, or of several, to `path`.
 
-    `.mp4` is a film: the physics, and the emulator as a translucent ghost in the same place, half as fast as it happens.
-    Systems without bodies are shown as gauges. `.svg` and `.png` are curves of what is most wrong. Raises ArgumentError
-    for other endings; ResourceError where nothing can be drawn.
+    `.mp4` is a film: the physics, and the emulator as a translucent ghost in the same place, at half speed.
+    Systems without bodies are shown as gauges. `.svg` and `.png` are curves of the most erroneous numbers. Raises
+    ArgumentError for other suffixes; ResourceError if nothing can be drawn.
     """
     path = Path(path)
     several = [emulators] if isinstance(emulators, Emulator) else list(emulators)
@@ -103,7 +103,7 @@ def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:
 
 
 def _slow_clip(emulator: Emulator, states: Float[np.ndarray, "T1 S"], source: str) -> Clip:
-    """Return the clip of a segment in slow motion, which stays on its end."""
+    """Return the clip of a segment in slow motion, with its end held."""
     clip = make_clip(emulator, _sound(states), rate=SLOWER * RATE, source=source)
     end = np.repeat(clip.states[-1:], round(HELD_SECONDS * RATE), axis=0)
     shown = np.concatenate([clip.states, end])
@@ -111,7 +111,7 @@ def _slow_clip(emulator: Emulator, states: Float[np.ndarray, "T1 S"], source: st
 
 
 def _sound(states: Float[np.ndarray, "T1 S"]) -> Float[np.ndarray, "T1 S"]:
-    """Return a trajectory that stays where it was last when it comes to no usable numbers."""
+    """Return a trajectory that stays at its last usable state once its numbers become unusable."""
     with np.errstate(invalid="ignore"):
         is_sound = (np.abs(states) < MAX_MAGNITUDE).all(axis=1)
     last = len(states) if is_sound.all() else int(np.argmin(is_sound))

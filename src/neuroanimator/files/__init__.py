@@ -1,5 +1,5 @@
-"""Files: what comes in is bounded before it is parsed, and what goes out is whole or absent.
+"""Files: input is bounded before it is parsed, and output is whole or absent.
 
-Parsers take the bytes of a file and raise ValueError with one line saying what is wrong; their callers, who know
-the file's name, say where. They make nothing but plain dictionaries, lists, numbers, texts and arrays.
+Parsers take the bytes of a file and raise ValueError with one line on the fault; their callers, who know the file's
+name, add it. They return only plain dictionaries, lists, numbers, texts and arrays.
 """

@@ -1,4 +1,4 @@
-"""Files that are whole or absent, and safetensors files that are checked before they are used."""
+"""Files that are whole or absent, and safetensors files that are checked before use."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from neuroanimator.files.places import Place, UrlPath
 from neuroanimator.files.unfinished import refuse_other_than_file, replace_whole
 
 METADATA_KEY = "na"
-"""The one metadata key; with two or more, safetensors' bytes differ from run to run."""
+"""The only metadata key; with two or more, safetensors' bytes differ from run to run."""
 
 SIZE_LIMIT = 64 * 2**20
-"""Largest file read [bytes]; shards and emulators stay far below."""
+"""Maximum size of a file read [bytes]; shards and emulators stay far below."""
 
 HEADER_LIMIT = 2**20
-"""Largest safetensors header parsed [bytes]."""
+"""Maximum size of a safetensors header [bytes]."""
 
 TENSOR_LIMIT = 256
-"""Most tensors in a file: a crowded header is a known way to make a reader slow."""
+"""Maximum number of tensors in a file: a crowded header is a known way to slow a reader down."""
 
 LENGTH_BYTES = 8
-"""Bytes at the start of a safetensors file that say how long its header is."""
+"""Size of the header's length at the start of a safetensors file [bytes]."""
 
 MAX_AXES = 8
-"""Axes a tensor may have; ours have three."""
+"""Maximum number of axes of a tensor; ours have three."""
 
 MAX_SHOWN = 40
-"""Characters of a file's own text that a message quotes."""
+"""Maximum number of characters of a file's own text that a message quotes."""
 
 MAX_REASON = 200
-"""Characters of another error's message that one line quotes."""
+"""Maximum number of characters of another error's message that one line quotes."""
 
 MAX_ID_DIGITS = 20
-"""Bytes read of a lock file, which holds a process id."""
+"""Maximum number of bytes read of a lock file, which holds a process id."""
 
 DTYPES = {
     "F32": np.dtype("<f4"),
@@ -56,7 +56,7 @@ DTYPES = {
     "I16": np.dtype("<i2"),
     "I32": np.dtype("<i4"),
 }
-"""The number types a tensor may have, as safetensors calls them and as NumPy does."""
+"""Number types of tensors, by safetensors' names, as NumPy's."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
 """Error codes of a full disk or quota."""
@@ -80,7 +80,7 @@ def digest(tensors: dict[str, np.ndarray]) -> str:
 def write_whole(path: Place, content: bytes) -> None:
     """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one.
 
-    Raises ResourceError, which says how many bytes were needed where the disk is full.
+    Raises ResourceError; if the disk is full, it gives the number of bytes needed.
     """
     if isinstance(path, UrlPath):
         path.write(content)
@@ -97,7 +97,7 @@ def write_whole(path: Place, content: bytes) -> None:
 def write_first(path: Place, content: bytes) -> bool:
     """Write a file as `write_whole` does unless it is there already; return whether it was written.
 
-    On a disk the folder's lock keeps others away; in an object store there is none, and the store decides.
+    On a disk the folder's lock keeps others away; an object store has none, and decides itself.
     """
     if isinstance(path, UrlPath):
         return path.create(content)
@@ -119,7 +119,7 @@ def append_line(path: Path, line: str) -> None:
 def locked(folder: Place) -> Iterator[None]:
     """Hold `folder` for this process alone; refuse with the other's process id if it is taken.
 
-    An object store knows no locks: there nothing is held, and other processes that write there must write the same bytes.
+    An object store has no locks: nothing is held, and other processes that write there must write the same bytes.
     """
     if isinstance(folder, UrlPath):
         yield
@@ -133,7 +133,7 @@ def locked(folder: Place) -> Iterator[None]:
         raise ResourceError(f"Could not use the folder {folder}: {error.strerror}.") from error
     try:
         _take_lock(handle, folder)
-        # Who holds it is only a word to whoever comes second: on a full disk the lock holds without.
+        # The process id is only for the message to others: on a full disk the lock holds without it.
         with suppress(OSError):
             os.ftruncate(handle, 0)
             os.pwrite(handle, str(os.getpid()).encode(), 0)
@@ -172,10 +172,10 @@ def write_tensors(path: Place, tensors: dict[str, np.ndarray], metadata: dict[st
 def read_tensors(
     path: Place, *kinds: str, largest: int = SIZE_LIMIT
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return (tensors, metadata) of a file written by `write_tensors` whose metadata says it is of one of `kinds`.
+    """Return (tensors, metadata) of a file written by `write_tensors` whose metadata name one of `kinds`.
 
-    The tensors cannot be written to. Raises BadFileError naming the file and the fault for any bytes that are no such
-    file, and if there are more than `largest` [bytes].
+    The tensors are read-only. Raises BadFileError naming the file and the fault for any other bytes, and for more than
+    `largest` [bytes].
     """
     raw = read_bounded(path, largest)
     try:
@@ -227,7 +227,7 @@ def _take_metadata(header: dict[str, Any]) -> dict[str, Any]:
 
 
 def _parse_tensors(raw: bytes) -> dict[str, np.ndarray]:
-    """Return the tensors of a safetensors file, whose places in it the library checks."""
+    """Return the tensors of a safetensors file; the library checks their offsets."""
     tensors = {}
     for name, entry in safetensors.deserialize(raw):
         dtype = DTYPES.get(entry["dtype"])
@@ -254,5 +254,5 @@ def _check_payload(
 
 
 def one_line(error: Exception) -> str:
-    """Return what `error` says, in one line of bounded length."""
+    """Return the message of `error` in one line of bounded length."""
     return " ".join(str(error).split())[:MAX_REASON] or type(error).__name__

@@ -1,4 +1,4 @@
-"""Lines of comma-separated text by strangers, one at a time and of bounded length."""
+"""Lines of comma-separated text from strangers, one at a time and of bounded length."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import io
 from collections.abc import Iterator
 
 MAX_LINE = 128 * 1024
-"""Characters a line may have: a thousand columns of numbers at full precision take a fifth of it."""
+"""Maximum number of characters in a line: a thousand columns at full precision take a fifth of it."""
 
 
 def csv_rows(content: bytes, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:
     """Yield (line number from 1, cells) of every line of `content`, in UTF-8; a line without text has no cells.
 
-    Raises ValueError naming the line. A cell cannot go on in the next line.
+    Raises ValueError naming the line. A cell cannot continue in the next line.
     """
     text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline=None)
     number = 0

@@ -1,4 +1,4 @@
-"""GLB files: what the container is made of, and a reader of strangers' ones. Bounded before they are parsed."""
+"""GLB files: the constants of the container, and a reader of strangers' files, which are bounded before they are parsed."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from neuroanimator.files.numbers import listed, whole
 from neuroanimator.text import quoted
 
 MAGIC = 0x46546C67
-"""What a GLB file begins with: 'glTF' as a number."""
+"""First number of a GLB file: 'glTF'."""
 
 VERSION = 2
-"""The version of the GLB container."""
+"""Version of the GLB container."""
 
 JSON_CHUNK = 0x4E4F534A
-"""What the chunk of the document begins with: 'JSON' as a number."""
+"""Type of the document's chunk: 'JSON' as a number."""
 
 BINARY_CHUNK = 0x004E4942
-"""What the chunk of the numbers begins with: 'BIN' as a number."""
+"""Type of the binary chunk: 'BIN' as a number."""
 
 HEADER_SIZE = 12
-"""Bytes of the file's header."""
+"""Size of the file's header [bytes]."""
 
 CHUNK_HEADER_SIZE = 8
-"""Bytes before each chunk: its length and its kind."""
+"""Size of a chunk's header [bytes]: its length and its type."""
 
 COMPONENTS = {
     "float32": 5126,
@@ -41,19 +41,19 @@ COMPONENTS = {
     "uint8": 5121,
     "int8": 5120,
 }
-"""The format's codes of the types of numbers, by their names in NumPy."""
+"""The format's codes of number types, by their names in NumPy."""
 
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-"""Numbers in an element, by the format's name of it: those that animations are made of."""
+"""Number of numbers in an element, by the format's name: those used by animations."""
 
 MAX_FILE = 256 * 2**20
-"""Largest file read [bytes]: a character with its meshes and textures."""
+"""Maximum size of a file read [bytes]: a character with its meshes and textures."""
 
 MAX_DOCUMENT = 16 * 2**20
-"""Largest JSON document read [bytes]."""
+"""Maximum size of a JSON document read [bytes]."""
 
 MAX_OBJECTS = 100_000
-"""Maximum number of nodes, and of any other objects of a kind."""
+"""Maximum number of nodes, and of other objects of one kind."""
 
 MAX_COUNT = 1_000_000
 """Maximum number of elements of an array: an animation of hours."""
@@ -67,7 +67,7 @@ class Glb:
     binary: bytes
 
     def objects(self, kind: str) -> list[dict[str, Any]]:
-        """Return the objects in the document's list `kind`; ValueError if it is none of objects."""
+        """Return the objects in the document's list `kind`; ValueError if it is not a list of objects."""
         return objects_in(self.document, kind)
 
     def array(self, accessor: Any, element: str) -> Float[np.ndarray, "N W"]:
@@ -95,13 +95,13 @@ class Glb:
         if kind.kind in "iu":
             values = np.maximum(
                 values / np.iinfo(kind).max, -1
-            )  # all of an animation's are normalised
+            )  # integers of animations are always normalised
         if not np.isfinite(values).all():
             raise ValueError(f"{what}: a number that is not finite")
         return values
 
     def _view(self, index: Any, size: int) -> tuple[bytes, Any]:
-        """Return the bytes of a bufferView, and the distance of its elements, each of `size` bytes."""
+        """Return the bytes of a bufferView, and the stride of its elements, each of `size` bytes."""
         view = object_at(self.objects("bufferViews"), index, "bufferView")
         what = f"bufferView {index}"
         if view.get("extensions"):
@@ -116,7 +116,7 @@ class Glb:
 
 
 def objects_in(owner: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """Return the objects in a list `kind` of `owner`, none if it has no such list; ValueError if it is none of objects."""
+    """Return the objects in a list `kind` of `owner`, none if it is missing; ValueError if it is not a list of objects."""
     values = listed(owner.get(kind, []), kind, _object)
     if len(values) > MAX_OBJECTS:
         raise ValueError(f"{kind}: {len(values):,} of them; wanted at most {MAX_OBJECTS:,}")
@@ -130,14 +130,14 @@ def _object(value: Any, what: str) -> dict[str, Any]:
 
 
 def object_at(objects: list[dict[str, Any]], index: Any, what: str) -> dict[str, Any]:
-    """Return one of the `objects`; ValueError if the file's `index` is none of theirs."""
+    """Return one of the `objects`; ValueError if the file's `index` is out of range."""
     if not objects:
         raise ValueError(f"no {what} in the file")
     return objects[whole(index, f"number of a {what}", 0, len(objects) - 1)]
 
 
 def read_glb(path: Path) -> Glb:
-    """Return the document and the bytes of a GLB file; BadFileError says what is wrong with it."""
+    """Return the document and the bytes of a GLB file; BadFileError names the fault."""
     content = read_bounded(path, MAX_FILE)
     try:
         return _chunks(content)
@@ -163,7 +163,7 @@ def _chunks(content: bytes) -> Glb:
 
 
 def _chunk(content: bytes, wanted: int, name: str) -> tuple[bytes, bytes]:
-    """Return the first chunk of `content`, and what comes after it."""
+    """Return the first chunk of `content`, and the rest."""
     if len(content) < CHUNK_HEADER_SIZE:
         raise ValueError(f"no {name} chunk")
     length, kind = np.frombuffer(content[:CHUNK_HEADER_SIZE], "<u4").tolist()

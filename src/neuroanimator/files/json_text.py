@@ -1,4 +1,4 @@
-"""JSON by strangers: one object of bounded size and depth, in which no name occurs twice."""
+"""JSON from strangers: one object of bounded size and depth, in which no name occurs twice."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def parse_json_object(
     raw = content.encode() if isinstance(content, str) else content
     if most_texts is not None and raw.count(b'"') > 2 * most_texts:
         raise ValueError(f"more than {most_texts:,} names and texts in JSON")
-    from_json(raw, allow_inf_nan=False)  # it bounds the depth, and knows texts and numbers
+    from_json(raw, allow_inf_nan=False)  # it bounds the depth, and checks texts and numbers
     value = json.loads(raw, object_pairs_hook=_object_of, parse_float=_finite)
     if not isinstance(value, dict):
         raise ValueError(f"wanted a JSON object, came a {type(value).__name__}")
@@ -34,7 +34,7 @@ def parse_json_object(
 
 
 def _object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the object of these names and values; ValueError where two readers could see two different ones."""
+    """Return the object of these names and values; ValueError if a name occurs twice, which readers treat differently."""
     values = dict(pairs)
     if len(values) < len(pairs):
         names = [name for name, _ in pairs]

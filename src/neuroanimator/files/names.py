@@ -1,7 +1,7 @@
-"""Rules for names: of systems, parts of a state or control, bones. The same rules hold for every kind of file.
+"""Rules for names of systems, parts of a state or control, and bones, the same in every kind of file.
 
-A name goes into tables, reports, film files and terminals. So none holds a control character, a line break, a quote,
-a comma or a bracket, and none begins like a formula.
+Names go into tables, reports, files and terminals. So none holds a control character, a line break, a quote, a comma
+or a bracket, and none begins like a formula.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ PART_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$"
 """Pattern of names in a definition: parts, nodes, muscles, groups."""
 
 MAX_LABEL = 80
-"""Characters a label may have."""
+"""Maximum number of characters of a label."""
 
 LABEL_PATTERN = rf"^\w(?:[\w.:/ -]{{0,{MAX_LABEL - 2}}}[\w.:/-])?$"
-"""Pattern of the names of an emulator's parts: those names, with endings such as `.velocity`, and what models call theirs."""
+"""Pattern of the names of an emulator's parts: those above, with suffixes such as `.velocity`, and names from models."""
 
 MAX_MODEL_NAME = 60
-"""Characters kept of a model's own name: they leave room for an ending within `MAX_LABEL`."""
+"""Maximum number of characters kept of a model's own name: room for a suffix within `MAX_LABEL` remains."""
 
 MAX_FILE_NAME = 200
-"""Characters the name of a file may have."""
+"""Maximum number of characters of a file's name."""
 
 MAX_PATH = 1000
-"""Characters the path of a file may have."""
+"""Maximum number of characters of a file's path."""
 
 SystemName = Annotated[str, Field(pattern=SYSTEM_PATTERN)]
 """The name of a system or goal in a table."""
@@ -70,9 +70,9 @@ def refuse_twins(names: Iterable[str], what: str) -> None:
 
 
 def model_name(text: str, otherwise: str) -> str:
-    """Return what a model calls something as a label, `otherwise` if it has no name.
+    """Return a model's name for something as a label, `otherwise` if it has no name.
 
-    Models may be written by strangers, and their format allows any text: what a label may not hold becomes `_`.
+    Models may come from strangers, and their format allows any text: characters not allowed in a label become `_`.
     """
     allowed = re.sub(r"[^\w.:/ -]", "_", text)
     name = allowed.strip()[:MAX_MODEL_NAME].strip()
@@ -102,7 +102,7 @@ def _check_model_path(value: str) -> str:
 
 
 ModelPath = Annotated[str, AfterValidator(_check_model_path)]
-"""The path of a model: in the folder of its definition, or absolute. A definition from elsewhere knows no absolute one."""
+"""The path of a model: in the folder of its definition, or absolute. A definition from elsewhere has no absolute one."""
 
 
 def check_file_name(value: object) -> str:

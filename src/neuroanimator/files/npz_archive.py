@@ -1,4 +1,4 @@
-"""NumPy's NPZ by strangers: a ZIP of arrays, read without believing what it says of its sizes, and never pickled."""
+"""NumPy's NPZ from strangers: a ZIP of arrays, whose claimed sizes are not trusted, and without pickles."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ import numpy as np
 from numpy.lib import format as npy
 
 MAX_MEMBERS = 64
-"""Files an archive may hold; ours need six."""
+"""Maximum number of files in an archive; ours need six."""
 
 MAX_HEADER = 2048
-"""Longest header of an array [characters]: NumPy's reader of it is Python's own, which recurses."""
+"""Maximum length of an array's header [characters]: NumPy reads it with Python's own parser, which recurses."""
 
 MIN_UNPACKED = 8 * 2**20
-"""Bytes the arrays may always take when they are unpacked."""
+"""Size that unpacked arrays may always take [bytes]."""
 
 MAX_GROWTH = 20
-"""Maximum ratio of their size to the archive's, beyond that.
+"""Maximum ratio of their size to the archive's, above that size.
 
-Packed recordings grow two to ten times, a bomb a thousand times.
+Packed recordings grow two to ten times, a zip bomb a thousand times.
 """
 
 MAX_AXES = 2
-"""Axes an array may have: rows and columns."""
+"""Maximum number of axes of an array: rows and columns."""
 
 MAX_REASON = 200
-"""Characters of our own reason that one line quotes."""
+"""Maximum number of characters of our own reason that one line quotes."""
 
 MAX_FOREIGN_REASON = 120
-"""Characters of a library's reason that one line quotes."""
+"""Maximum number of characters of a library's reason that one line quotes."""
 
 KINDS = "biufUS"
-"""NumPy's letters for truth values, numbers and texts; objects are pickles, which run code."""
+"""NumPy's kinds of truth values, numbers and texts; objects are pickles, which run code."""
 
 
 def parse_npz(content: bytes, wanted: Iterable[str]) -> dict[str, np.ndarray]:
-    """Return those of the `wanted` arrays that the archive `content` holds; raises ValueError in one line."""
+    """Return the `wanted` arrays that are in the archive `content`; raises ValueError in one line."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = _members(archive, wanted, len(content))
@@ -47,7 +47,7 @@ def parse_npz(content: bytes, wanted: Iterable[str]) -> dict[str, np.ndarray]:
         reason = " ".join(str(error).split())[:MAX_REASON]
         raise ValueError(reason or type(error).__name__) from error
     except Exception as error:
-        # zipfile, zlib and NumPy's reader raise whatever the damage makes them trip over.
+        # zipfile, zlib and NumPy's reader raise errors of any kind on damaged bytes.
         reason = " ".join(str(error).split())[:MAX_FOREIGN_REASON]
         raise ValueError(f"{type(error).__name__}: {reason}") from error
 
@@ -76,7 +76,7 @@ def _members(
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> np.ndarray:
-    """Return one array, as NumPy reads it: what its header claims is taken only as far as there are bytes."""
+    """Return one array, as NumPy reads it: its header's claims count only as far as there are bytes."""
     with archive.open(entry) as file:
         content = io.BytesIO(file.read(entry.file_size))
     array = npy.read_array(content, allow_pickle=False, max_header_size=MAX_HEADER)

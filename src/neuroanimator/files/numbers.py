@@ -1,4 +1,4 @@
-"""Numbers out of a file: of the right kind, finite, and within limits, or a ValueError that says which was not."""
+"""Numbers from a file: of the right kind, finite, and within limits, or a ValueError that names the one at fault."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 from neuroanimator.text import quoted
 
 MAX_MAGNITUDE = 1e30
-"""Emulators and datasets hold float32, whose squares must be finite too in some places."""
+"""Maximum magnitude of a number: emulators and datasets hold float32, whose squares must be finite in some places."""
 
 MIN_STEP = 1e-8
-"""Smallest step of physics [s]: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
+"""Minimum physics step [s]: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
 
 T = TypeVar("T")
 """Type of a list's entries."""
@@ -38,7 +38,7 @@ def number(
 
 
 def number_in(text: str) -> float:
-    """Return the number that `text` says; ValueError also for what Python alone calls one: 1_0, digits of other scripts."""
+    """Return the number in `text`; ValueError also for what only Python accepts: 1_0, digits of other scripts."""
     if "_" in text or not text.isascii():
         raise ValueError(f"wanted a number, came {quoted(text)}")
     return float(text)

@@ -1,7 +1,7 @@
 """Storage of datasets: a folder, or a URL of an object store, read and written through fsspec.
 
-An object is whole or absent, as such stores promise of every write. There are no locks: two processes that write the
-same shard write the same bytes, and a folder is claimed by an object that only the first can make. Credentials come
+An object is whole or absent, as such stores promise for every write. There are no locks: two processes that write the
+same shard write the same bytes, and a folder is claimed by an object that only the first can create. Credentials come
 from the environment, where the store's driver looks for them, and are neither kept nor shown.
 """
 
@@ -18,22 +18,22 @@ from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.text import printable, quoted
 
 SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/")
-"""Pattern of a URL's scheme; a drive of one letter is none."""
+"""Pattern of a URL's scheme; a drive letter is not one."""
 
 FOLDER_SCHEME = "file"
-"""A URL of this scheme is a folder of this machine, and is used as one: with locks, and flushed to the disk."""
+"""Scheme of a folder of this machine, which is used as one: with locks, and flushed to the disk."""
 
 THIS_MACHINE = ("", "localhost")
-"""Names of this machine in a URL of a folder (RFC 8089)."""
+"""Names of this machine in a folder's URL (RFC 8089)."""
 
 FLEETING_SCHEME = "memory"
-"""Objects of this scheme lie in the process that wrote them, and are lost with it."""
+"""Scheme of objects in the memory of the process that wrote them, lost with it."""
 
 EXTRAS = {"s3": "'neuroanimator[s3]'", "s3a": "'neuroanimator[s3]'"}
-"""Extra of this package that a scheme needs."""
+"""Extras of this package, by scheme."""
 
 DRIVERS = {"gs": "gcsfs", "gcs": "gcsfs", "abfs": "adlfs", "abfss": "adlfs", "az": "adlfs"}
-"""Packages that pip installs for other schemes."""
+"""Packages for other schemes, by scheme."""
 
 HOW_TO_LOG_IN = (
     "Put credentials into the environment, such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
@@ -49,15 +49,15 @@ REFUSED = (
     "InvalidAccessKeyId",
     "SignatureDoesNotMatch",
 )
-"""Parts of what drivers say of credentials that do not let in, where they raise no PermissionError."""
+"""Parts of drivers' messages on refused credentials, where they do not raise PermissionError."""
 
 
 @dataclass(frozen=True)
 class UrlPath:
-    """An object of a store, or all objects whose names begin so: what a file or a folder is on a disk."""
+    """An object of a store, or all objects with this prefix: like a file or a folder on a disk."""
 
     url: str
-    """Without a slash at its end, and without credentials."""
+    """The URL, without a slash at its end and without credentials."""
 
     def __str__(self) -> str:
         return self.url
@@ -67,12 +67,12 @@ class UrlPath:
 
     @property
     def name(self) -> str:
-        """Name behind the last slash."""
+        """The name after the last slash."""
         return self.url.rpartition("/")[2]
 
     @property
     def scheme(self) -> str:
-        """Scheme before the colon: the kind of store."""
+        """The scheme before the colon: the kind of store."""
         return self.url.partition("://")[0]
 
     def exists(self) -> bool:
@@ -96,7 +96,7 @@ class UrlPath:
         return content
 
     def write(self, content: bytes) -> None:
-        """Write the object: readers find the old one or the new one, and nothing else."""
+        """Write the object: readers find the old one or the new one, nothing else."""
         try:
             with self._told():
                 self._store.pipe_file(self.url, content)
@@ -108,7 +108,7 @@ class UrlPath:
     def create(self, content: bytes) -> bool:
         """Write the object unless there is one; return whether there was none.
 
-        Of several that try at once one alone succeeds, where the store can promise that, as S3 does.
+        Of several concurrent calls only one succeeds, if the store guarantees that, as S3 does.
         """
         try:
             with self._told():
@@ -143,7 +143,7 @@ class UrlPath:
 
     @contextmanager
     def _told(self) -> Iterator[None]:
-        """Make one line of what the driver raises, and nothing of what it says: keys might be in it."""
+        """Turn the driver's errors into one line without their messages, which might hold keys."""
         try:
             yield
         except (NeuroAnimatorError, FileNotFoundError, FileExistsError):
@@ -162,7 +162,7 @@ class UrlPath:
 
 
 Place = Path | UrlPath
-"""The place of a dataset, or of a file of it."""
+"""Location of a dataset, or of one of its files."""
 
 
 def is_url(reference: str) -> bool:
@@ -173,7 +173,7 @@ def is_url(reference: str) -> bool:
 def place_of(reference: str | Path | UrlPath) -> Place:
     """Return the folder or the URL that a user names; ArgumentError for a URL with credentials in it.
 
-    Nothing of credentials is repeated: a terminal's lines are kept in many places.
+    Credentials are never printed: a terminal's lines are kept in many places.
     """
     if isinstance(reference, UrlPath):
         return reference

@@ -1,6 +1,6 @@
-"""A weak cache: values made from objects, kept as long as these live.
+"""A weak cache: values made from objects, kept as long as the objects live.
 
-By their address: modules of equinox are equal only after long comparison, and cannot be hashed.
+Keyed by address: modules of equinox are slow to compare, and cannot be hashed.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any, Generic, TypeVar
 Value = TypeVar("Value")
 
 UNKNOWN: Any = object()
-"""Stands for what is not remembered."""
+"""Stands for a missing value."""
 
 
 class Remembered(Generic[Value]):
-    """Values by the object they were made of, and by further keys; one goes when its object does."""
+    """Values by the object they were made from, and by further keys; a value is dropped with its object."""
 
     def __init__(self) -> None:
         self._values: dict[Hashable, tuple[weakref.ref[Any], Value]] = {}

@@ -15,30 +15,30 @@ from neuroanimator.files.toml_text import MAX_TOML, parse_toml
 from neuroanimator.text import printable
 
 MAX_SHOWN = 80
-"""Characters of a key, or of what came, shown in an error."""
+"""Maximum number of characters of a key, or of a value, shown in an error."""
 
 
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
-"""A number above zero, of a size that physics has."""
+"""A number above zero, of a physically plausible size."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
-"""A part of a whole, from none to all of it."""
+"""A share, from 0 to 1."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-"""Any number but NaN and the infinite ones."""
+"""A finite number."""
 
 Step = Annotated[float, Field(ge=MIN_STEP, le=0.1)]
-"""A step of physics [s]."""
+"""A physics step [s]."""
 
 
 class Table(BaseModel):
-    """A table of a definition: frozen, and a key it does not know is refused."""
+    """A table of a definition: frozen, and unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Settings(Table):
-    """A table made by its constructor: ArgumentError, one line, names the argument at fault."""
+    """A table that users construct: a one-line ArgumentError names the argument at fault."""
 
     if not TYPE_CHECKING:  # so that editors offer the fields of each subclass as its arguments
 
@@ -50,7 +50,7 @@ class Settings(Table):
             self.check()
 
     def check(self) -> None:
-        """Raise ArgumentError where arguments, each valid alone, do not go together."""
+        """Raise ArgumentError if arguments, each valid alone, do not go together."""
 
 
 def first_fault(error: ValidationError) -> str:
@@ -60,12 +60,12 @@ def first_fault(error: ValidationError) -> str:
     shown_key = printable(key[:MAX_SHOWN])
     came = fault["input"]
     if isinstance(came, list | dict):
-        came = reprlib.repr(came)  # of millions of numbers only those that are shown
+        came = reprlib.repr(came)  # of millions of numbers, only those shown
     return f"{shown_key}: {fault['msg'].lower()}, came {str(came)[:MAX_SHOWN]!r}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return what a TOML file holds, not yet checked."""
+    """Return the contents of a TOML file, not yet checked."""
     content = read_bounded(path, MAX_TOML)
     try:
         return parse_toml(content)

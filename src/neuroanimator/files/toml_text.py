@@ -1,4 +1,4 @@
-"""TOML by strangers: looked over before Python's reader, which recurses, and squares in the length of a key."""
+"""TOML from strangers: scanned before Python's reader, which recurses, and is quadratic in the length of a key."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import tomllib
 from typing import Any
 
 MAX_TOML = 512 * 1024
-"""Largest text parsed [characters]; the largest of ours has 8,400."""
+"""Maximum size of a text parsed [characters]; the largest of ours has 8,400."""
 
 DEEPEST = 16
-"""Deepest list or table in another; ours go four deep."""
+"""Maximum depth of nested lists and tables; ours go four deep."""
 
 MAX_DOTS = 16
-"""Dots one key may have."""
+"""Maximum number of dots in a key."""
 
 MAX_WORD = 64
-"""Characters of a number or of a name without quotes; names have at most 40."""
+"""Maximum number of characters of a number or of a name without quotes; names have at most 40."""
 
 MAX_VALUES = 50_000
-"""Commas and equals signs: each value costs time here, in the checks after this, and in what they complain of."""
+"""Maximum number of values, counted by commas and equals signs: each costs time here, in later checks, and in messages."""
 
 TOKEN = re.compile(
     r'(?P<text>"""(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5})?'
@@ -33,13 +33,13 @@ TOKEN = re.compile(
 )
 """A string or comment, whose contents do not matter; a number or name; a symbol of the structure.
 
-A string without end goes on to the end of the text or line, as it does for Python's reader, which then stops. Nothing
-is tried twice (`*+`), so the time is proportional to the text, whatever it is.
+A string without end extends to the end of the text or line, as for Python's reader, which then stops. Nothing is tried
+twice (`*+`), so the time is proportional to the length of any text.
 """
 
 
 def parse_toml(content: bytes) -> dict[str, Any]:
-    """Return what `content`, in UTF-8, holds; raises ValueError in one line."""
+    """Return the table in `content`, in UTF-8; raises ValueError in one line."""
     if len(content) > MAX_TOML:
         raise ValueError(f"{len(content):,} bytes; wanted at most {MAX_TOML:,}")
     text = content.decode("utf-8-sig")
@@ -48,7 +48,7 @@ def parse_toml(content: bytes) -> dict[str, Any]:
 
 
 def _refuse_extremes(text: str) -> None:
-    """Refuse what makes Python's reader slow, large or recurse, or its numbers too long to print."""
+    """Refuse text that makes Python's reader slow, large or recursive, or numbers too long to print."""
     depth = 0
     dots = 0
     values = 0

@@ -23,17 +23,17 @@ UNFINISHED = ".neuroanimator-tmp-"
 UNFINISHED_NAME = re.compile(
     re.escape(UNFINISHED) + r"([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{8}(?:\.[a-z0-9]{1,5})?"
 )
-"""The whole name: the machine, the process, a random number. Nobody else's looks like it."""
+"""Pattern of the whole name: the machine, the process, a random number. No other file looks like it."""
 
 MAX_WRITE = 24 * 3600
-"""Time after which what a process on another machine began is given up [s]."""
+"""Time after which files that a process on another machine began are considered abandoned [s]."""
 
 
 @contextmanager
 def unfinished(path: Path, suffix: str = "") -> Iterator[Path]:
-    """Yield a name beside `path` to write to; a file that still has it afterwards is removed.
+    """Yield a name beside `path` to write to; a file that still has this name afterwards is removed.
 
-    OSError if `path` cannot become a file: a folder, a pipe or a device is there, or its folder cannot be made.
+    OSError if `path` cannot become a file: it is a folder, a pipe or a device, or its folder cannot be created.
     """
     folder = path.parent
     folder.mkdir(parents=True, exist_ok=True)
@@ -48,10 +48,10 @@ def unfinished(path: Path, suffix: str = "") -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
-    """Yield a new folder in `parent`, or where the system keeps what is temporary; only this user can look into it.
+    """Yield a new folder in `parent`, or in the system's temporary folder, that only this user can read.
 
-    It goes with all in it when the block ends, and also when the process is stopped in the middle of it; after a kill
-    the next process that makes one in `parent` removes it. OSError if it cannot be made.
+    It is removed with its contents when the block ends, also when the process is stopped within it; after a kill, the
+    next process that makes one in `parent` removes it. OSError if it cannot be created.
     """
     folder = folder_until_exit(parent)
     try:
@@ -62,20 +62,20 @@ def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
 
 
 def folder_until_exit(parent: Path | None = None) -> Path:
-    """Return a new folder as `temporary_folder` yields it, which goes when this process ends."""
+    """Return a new folder as `temporary_folder` yields it, removed when this process ends."""
     folder = _new_name(parent or Path(tempfile.gettempdir()))
     folder.mkdir(mode=0o700)
     return folder
 
 
 def refuse_other_than_file(path: Path) -> None:
-    """Raise OSError if `path` is there and cannot be written to as a file: a folder, a pipe without a reader."""
+    """Raise OSError if `path` exists and cannot be written to as a file: a folder, or a pipe without a reader."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "it is there, and is no file")
 
 
 def finish(temporary: Path, path: Path) -> None:
-    """Give a file that is wholly on the disk its name."""
+    """Rename a finished file, once it is on the disk."""
     os.replace(temporary, path)
     sync_folder(path.parent)
 
@@ -83,7 +83,7 @@ def finish(temporary: Path, path: Path) -> None:
 def replace_whole(path: Path, content: bytes) -> None:
     """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one.
 
-    Raises OSError as it comes.
+    Raises OSError.
     """
     with unfinished(path) as temporary:
         with open(temporary, "xb") as file:
@@ -94,7 +94,7 @@ def replace_whole(path: Path, content: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Return when the names in `folder` are on the disk."""
+    """Flush the names in `folder` to the disk."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -103,13 +103,13 @@ def sync_folder(folder: Path) -> None:
 
 
 _leftovers: dict[Path, int] = {}
-"""Files to be removed, and the process that began each: a forked one inherits this table, not the duty."""
+"""Files to remove, and the process that began each: a forked process inherits this table, not the duty."""
 
 
 def _new_name(folder: Path, suffix: str = "") -> Path:
-    """Return a name in `folder` for what must not be left behind; what dead processes left there is removed first."""
+    """Return a name in `folder` for a temporary file; leftovers of dead processes are removed first."""
     _remove_stale_once(folder)
-    # As short whatever it will be called: a name has 255 bytes at most.
+    # Short whatever the final name is: a name has at most 255 bytes.
     path = folder / f"{UNFINISHED}{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
     _leftovers[path] = os.getpid()
     return path
@@ -122,7 +122,7 @@ def remove_at_exit(path: Path) -> None:
 
 @atexit.register
 def remove_leftovers() -> None:
-    """Remove what this process began and did not finish: called before an end that unwinds nothing, too."""
+    """Remove this process's unfinished files: also called before an exit without unwinding."""
     for path, process in list(_leftovers.items()):
         if process != os.getpid():
             continue
@@ -138,7 +138,7 @@ def _remove(path: Path) -> None:
 
 @cache
 def _machine() -> str:
-    """Return eight hex digits for the machine whose process ids ours are; containers count as machines."""
+    """Return eight hex digits for the machine of our process ids; containers count as machines."""
     processes = Path("/proc/self/ns/pid")
     space = 0
     if processes.exists():
@@ -147,25 +147,25 @@ def _machine() -> str:
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove the unfinished files and the temporary folders that killed processes left in `folder`, and nothing else.
+    """Remove only the unfinished files and temporary folders that killed processes left in `folder`.
 
-    They are known by their name, which holds the machine and the process; those of living ones are left alone.
+    Their names hold the machine and the process; those of running processes are left alone.
     """
     for entry in os.scandir(folder):
         named = UNFINISHED_NAME.fullmatch(entry.name)
         if named and not entry.is_symlink():
-            with suppress(OSError):  # gone meanwhile, or not ours to remove
+            with suppress(OSError):  # already gone, or not ours to remove
                 _remove_if_abandoned(entry, *named.groups())
 
 
 _swept: set[Path] = set()
-"""Folders this process has looked through for what others left behind."""
+"""Folders that this process has searched for leftovers."""
 
 
 def _remove_stale_once(folder: Path) -> None:
     if folder not in _swept:
         _swept.add(folder)
-        with suppress(OSError):  # a folder may be written to, and not be listed
+        with suppress(OSError):  # a folder may be writable, but not listable
             remove_stale(folder)
 
 

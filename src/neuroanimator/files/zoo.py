@@ -13,24 +13,24 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.text import did_you_mean
 
 EMULATORS = Path(str(resources.files("neuroanimator"))) / "emulators"
-"""The folder of everything that ships."""
+"""Folder of everything that ships."""
 
 
 @dataclass(frozen=True)
 class ShippedSystem:
-    """The emulators and the look of one system that ships: its table in `emulators/shipped.toml`."""
+    """The emulators and the look of one shipped system: its table in `emulators/shipped.toml`."""
 
     about: str
     """The system in one line."""
     substeps: tuple[int, ...] = ()
-    """Physics steps in a super step of each of its emulators, the usual one first."""
+    """Numbers of physics steps in a super step of its emulators, the usual one first."""
     goals: tuple[str, ...] = ()
-    """Goals that are made in code."""
+    """Names of goals that are made in code."""
     scenery: str = "plain"
-    """Surroundings in the studio, where they are no water."""
+    """Surroundings in the studio, other than water."""
     has_policy: bool = False
     is_soft: bool = False
-    """Whether it is of thousands of nodes, emulated by the amplitudes of shapes."""
+    """Whether it has thousands of nodes, emulated by the amplitudes of shapes."""
     recipe: Mapping[str, Any] = field(default_factory=dict)
     """Recipe of its emulators: see `training.recipes`."""
     large: Mapping[str, Any] = field(default_factory=dict)
@@ -53,7 +53,7 @@ def _with_tuples(table: dict[str, Any]) -> dict[str, Any]:
 
 
 SHIPPED_SYSTEMS = _read_shipped()
-"""Every system of the package by its name."""
+"""Shipped systems by name."""
 
 SHIPPED = [
     (name, n)
@@ -61,23 +61,23 @@ SHIPPED = [
     for n in system.substeps
     if not system.is_soft
 ]
-"""(system, substeps) of each emulator in its usual size, but of soft bodies."""
+"""(system, substeps) of each emulator of usual size, except of soft bodies."""
 
 SOFT = [(name, system.substeps[0]) for name, system in SHIPPED_SYSTEMS.items() if system.is_soft]
 """(system, substeps) of each emulator of a soft body."""
 
 WITHOUT_EMULATOR = tuple(name for name, system in SHIPPED_SYSTEMS.items() if not system.substeps)
-"""Systems no emulator ships of: their physics costs less than one as exact (docs/decisions/0017-strides.md)."""
+"""Systems without a shipped emulator: their physics costs less than an equally accurate one (docs/decisions/0017-strides.md)."""
 
 LARGE = [(name, system.substeps[0]) for name, system in SHIPPED_SYSTEMS.items() if system.large]
-"""(system, substeps) of those that ship in a large size too: slower and more exact."""
+"""(system, substeps) of those that also ship in a large size: slower and more accurate."""
 
 POLICIES = tuple(name for name, system in SHIPPED_SYSTEMS.items() if system.has_policy)
-"""Systems whose policy ships, at 50 substeps."""
+"""Systems with a shipped policy, at 50 substeps."""
 
 
 def shipped_path(system: str, substeps: int = 50, size: str = "") -> Path:
-    """Return where the shipped emulator of `system` at `substeps` lies; `size` is "large", or empty for the usual one."""
+    """Return the path of the shipped emulator of `system` at `substeps`; `size` is "large", or empty for the usual one."""
     name = emulator_name(system, substeps, size)
     return EMULATORS / f"{name}.emulator.safetensors"
 
@@ -89,19 +89,19 @@ def emulator_name(system: str, substeps: int, size: str = "") -> str:
 
 
 def default_motion_path(system: str) -> Path:
-    """Return where the motion lies that a shipped `system` is shown with (benchmarks/default_motions.py)."""
+    """Return the path of the motion that shows a shipped `system` (benchmarks/default_motions.py)."""
     return shipped_path(system).with_name(f"{system}.motion.json")
 
 
 def shipped_emulators() -> dict[str, Path]:
-    """Return where every emulator that ships lies, by its name."""
+    """Return the paths of all shipped emulators, by name."""
     usual = {emulator_name(*row): shipped_path(*row) for row in [*SHIPPED, *SOFT]}
     large = {emulator_name(*row, "large"): shipped_path(*row, "large") for row in LARGE}
     return usual | large
 
 
 def is_name(reference: str) -> bool:
-    """Return whether `reference` may name something that ships: it has no folder and no suffix."""
+    """Return whether `reference` may name a shipped file: it has no folder and no suffix."""
     return Path(reference).name == reference and not Path(reference).suffix
 
 
@@ -130,7 +130,7 @@ def find_emulator(name: str) -> Path:
 
 
 def shipped_policy(system: str) -> Path:
-    """Return where the shipped policy of `system` lies."""
+    """Return the path of the shipped policy of `system`."""
     return EMULATORS / f"{system}.policy.safetensors"
 
 
@@ -148,7 +148,7 @@ def find_policy(name: str) -> Path:
 
 
 LICENCE = "Apache-2.0"
-"""Terms under which what ships may be used (SPDX)."""
+"""Licence of the shipped files (SPDX)."""
 
 
 def is_shipped(path: Path) -> bool:
@@ -157,5 +157,5 @@ def is_shipped(path: Path) -> bool:
 
 
 def licence_of(path: Path) -> str:
-    """Return the licence of the emulator or policy at `path`: that of the package if it ships, else nothing is known."""
+    """Return the licence of the emulator or policy at `path`: that of the package if it ships, else unknown."""
     return LICENCE if is_shipped(path) else ""

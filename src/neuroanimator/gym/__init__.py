@@ -4,7 +4,7 @@ import gymnasium
 
 env = gymnasium.make("neuroanimator.gym:neuroanimator/fish-reach-v0")
 
-What stands before the colon is imported first. Gymnasium 1 no longer looks for packages itself.
+The part before the colon is imported first: Gymnasium 1 no longer finds packages itself.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ TASK_NAMES = (
     "pendulum-swing-up", "truck-park", "lander-land",
     "fish-swim", "fish-turn", "fish-reach", "dolphin-swim", "dolphin-turn", "dolphin-reach", "dolphin-leap",
 )  # fmt: skip
-"""The tasks there are environments of; written down here, so that registering them imports no physics."""
+"""Tasks that have environments; listed here, so that registering them imports no physics."""
 
 
 def register() -> None:
-    """Let `gymnasium.make` make environments of shipped emulators and of tasks: `neuroanimator/fish-reach-v0`."""
+    """Register environments of shipped emulators and of tasks for `gymnasium.make`: `neuroanimator/fish-reach-v0`."""
     for system, substeps in SHIPPED:
         for name in (system, f"{system}-{substeps}"):
             _register(name, "envs:EmulatorEnv", "envs:EmulatorVectorEnv", emulator=name)
@@ -58,7 +58,7 @@ def register() -> None:
 
 
 def _register(name: str, single_env: str, vector_env: str, **arguments: str) -> None:
-    """Register `neuroanimator/<name>-v0`, made by these classes of this package with these arguments, if it is not."""
+    """Register `neuroanimator/<name>-v0`, made by these classes of this package with these arguments, if it is missing."""
     env_id = f"neuroanimator/{name}-v0"
     if env_id in gymnasium.registry:
         return

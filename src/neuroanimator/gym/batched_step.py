@@ -1,4 +1,4 @@
-"""What environments ask of an emulator, row by row: a super step, and what an agent observes. In C if the `backend` is."""
+"""Super steps and observations for environments, row by row. In C if the `backend` is."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position
 
 MAX_OBSERVATION = 10.0
-"""Observations are kept within ± this: body and goal are of order one, and no episode goes far beyond training."""
+"""Maximum magnitude of observations: body and goal are of order one, and no episode goes far beyond training."""
 
 FAR = 1.0
-"""An episode ends this many widths of the training range outside it: there the emulator only guesses."""
+"""Distance outside the training range at which an episode ends, over the range's width: there the emulator only guesses."""
 
 
 class Steps(NamedTuple):
-    """What a super step does to each row."""
+    """Results of a super step, a row each."""
 
     states: Float[np.ndarray, "B S"]
     latent: Float[np.ndarray, "B I"]
     trust: Float[np.ndarray, " B"]
-    """How far where the step begins lies from what training showed: see `Emulator.trust`."""
+    """Trust score of the step's start: see `Emulator.trust`."""
     begins_far: Bool[np.ndarray, " B"]
-    """Whether the step begins where the emulator only guesses."""
+    """Whether the step begins `FAR` outside training."""
     ends_far: Bool[np.ndarray, " B"]
-    """Whether it ends there, or in what is no number."""
+    """Whether it ends there, or in NaN."""
 
 
 def step_rows(
     emulator: Emulator, latent: Float[np.ndarray, "B I"], controls: Float[np.ndarray, "B C"]
 ) -> Steps:
-    """Return what a super step under `controls` does to rows in the states `latent`."""
+    """Return the results of a super step from the states `latent` under `controls`."""
     states, following, scores, *flags = call_rows(
         step_row,
         emulator,
@@ -59,7 +59,7 @@ def step_rows(
 def step_row(
     emulator: Emulator, latent: Float[Array, " I"], control: Float[Array, " C"]
 ) -> tuple[Array, ...]:
-    """Return the same of one row, in the order of `Steps`."""
+    """Return the same for one row, in the order of `Steps`."""
     held = emulator.encode_control(control)
     following, score = emulator.step_latent_trusted(latent, held)
     state = emulator.decode(following)
@@ -76,14 +76,14 @@ def is_near_training(emulator: Emulator, features: Float[Array, " K"]) -> Bool[A
 
 
 class Aims(NamedTuple):
-    """Aims as arrays: what is observed of them."""
+    """The observed parts of aims, as arrays."""
 
     position: Float[np.ndarray, "B 3"]
-    """Where the goals are in the world [m]; 0 along axes that do not matter."""
+    """Positions of the goals in the world [m]; 0 along axes that do not matter."""
     matters: Float[np.ndarray, "B 3"]
     """1 for each axis along which the position matters, else 0."""
     direction: Float[np.ndarray, "B 3"]
-    """The unit vectors in the world where the bodies shall point or go; zeros if it does not matter."""
+    """Unit vectors in the world along which the bodies should point or move; zeros if they do not matter."""
 
     @classmethod
     def of(cls, aims: Sequence[Aim]) -> Aims:
@@ -95,11 +95,11 @@ class Aims(NamedTuple):
 
 
 class Observer(eqx.Module):
-    """What an agent sees of an emulator's state and of its aim."""
+    """An agent's observation of an emulator's state and of its aim."""
 
     emulator: Emulator
     scale: float = eqx.field(static=True)
-    """The length distances are counted in [m]."""
+    """Unit of distances [m]."""
     is_in_a_fixed_world: bool = eqx.field(static=True)
     """Whether the position in the world is observed, too."""
 
@@ -110,7 +110,7 @@ def observe_rows(
     aims: Aims,
     time_left: Float[np.ndarray, " B"],
 ) -> Float[np.ndarray, "B O"]:
-    """Return the observations, see `TaskEnv`; `time_left` is the share of the episodes' time that is left."""
+    """Return the observations, see `TaskEnv`; `time_left` is the remaining share of the episodes' time."""
     (observations,) = call_rows(
         observe_row,
         observer,
@@ -134,7 +134,7 @@ def observe_row(
     direction: Float[Array, " 3"],
     time_left: Float[Array, " 1"],
 ) -> tuple[Float[Array, " O"]]:
-    """Return the same of one row, whose aim is given as in `Aims`."""
+    """Return the same for one row, with its aim as in `Aims`."""
     emulator = observer.emulator
     relaxed = emulator.encode_control(jnp.asarray(emulator.bounds.middle, latent.dtype))
     features = emulator.normaliser.forward(emulator.raw_features(latent, relaxed))
@@ -154,7 +154,7 @@ def observe_row(
 
 
 def _step_samples(emulator: Emulator) -> list[Float[np.ndarray, "N _"]]:
-    """Return a thousand latent states and controls: some far beyond what training showed."""
+    """Return a thousand latent states and controls: some far outside the training data."""
     probes = probes_of(emulator)
     return [as_float32(emulator.encode(probes.states)), probes.controls]
 

@@ -1,4 +1,4 @@
-"""Bodies side by side, each in its episode, and what policies earn with them."""
+"""Bodies side by side, each in its episode, and the returns of policies."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Moved(NamedTuple):
     is_fallen: Bool[np.ndarray, " N"]
     """Whether the rules ended the episode, or the physics diverged."""
     is_last: Bool[np.ndarray, " N"]
-    """Whether it is over."""
+    """Whether the episode is over."""
 
 
 class Bodies:
-    """N bodies that a stepper moves, each in its episode by rules that draw starts."""
+    """N bodies that a stepper moves, each in an episode of rules that draw starts."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class Bodies:
         rng: np.random.Generator,
         count: int,
     ):
-        """Begin an episode of each; `emulator` names states and bounds. ArgumentError for rules that draw no starts."""
+        """Begin an episode of each; `emulator` gives states and bounds. ArgumentError for rules that draw no starts."""
         if rules.draw_start is None:
             raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
         self.rows = StateRows(emulator, stepper, rules, None, NOISE)
@@ -52,11 +52,11 @@ class Bodies:
 
     @property
     def states(self) -> Float[np.ndarray, "N S"]:
-        """Their states at present."""
+        """Their current states."""
         return self.rows.states
 
     def begin(self, rng: np.random.Generator, rows: Bool[np.ndarray, " N"]) -> None:
-        """Begin an episode in each of `rows`; let the task disturb all bodies, if it does."""
+        """Begin an episode in each of `rows`; apply the task's disturbances, if any, to all bodies."""
         if self.disturb is not None:
             self.rows.begin(self.disturb(rng, self.states), np.ones(len(rows), bool))
         if rows.any():
@@ -67,12 +67,12 @@ class Bodies:
         self.ages[rows] = 0
 
     def resume(self, states: Float[np.ndarray, "N S"], ages: Int[np.ndarray, " N"]) -> None:
-        """Go on with bodies in these states, `ages` steps after their episodes began."""
+        """Resume with bodies in these states, `ages` steps after the starts of their episodes."""
         self.rows.begin(states, np.ones(len(states), bool))
         self.ages = ages.copy()
 
     def step(self, controls: Float[np.ndarray, "N C"]) -> Moved:
-        """Go a step on."""
+        """Take a step."""
         outcome = self.rows.step(self.rows.emulator.bounds.clip(controls))
         self.ages += 1
         is_last = outcome.is_over | (self.ages >= self.rows.steps) | self.is_cut(self.states)
@@ -84,7 +84,7 @@ class Episodes(NamedTuple):
 
     returns: Float[np.ndarray, " B"]
     is_fallen: Bool[np.ndarray, " B"]
-    """Whether the rules ended it, not its length."""
+    """Whether the rules ended it, instead of its length."""
 
 
 def returns_of(
@@ -97,7 +97,7 @@ def returns_of(
 def episodes_of(
     policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, episodes: int, seed: int
 ) -> Episodes:
-    """Return what became of whole episodes without noise, of bodies that `stepper` moves."""
+    """Return the outcomes of whole episodes without noise, of bodies that `stepper` moves."""
     rng = np.random.default_rng([seed, episodes])
     bodies = Bodies(stepper, rules, policy.emulator, rng, episodes)
     total = np.zeros(episodes)
@@ -116,7 +116,7 @@ def episodes_of(
 def motion_of(
     policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, steps: int, seed: int
 ) -> Float[np.ndarray, "K S"]:
-    """Return the states of an episode without noise, at most `steps` super steps of it: it ends where the rules say so."""
+    """Return the states of an episode without noise, at most `steps` super steps: it ends by the rules."""
     bodies = Bodies(stepper, rules, policy.emulator, np.random.default_rng(seed), 1)
     states = [bodies.states[0]]
     for _ in range(steps):
@@ -132,10 +132,10 @@ def environment_returns(
 ) -> Float[np.ndarray, " B"]:
     """Return the returns of whole episodes in Gymnasium's environment `env_id` itself, without noise.
 
-    Its body has the parameters of the policy's state of rest, where that is of a family. Raises ArgumentError for an id
-    that is none of its MuJoCo environments', and for one of another body.
+    Its body has the parameters of the policy's state of rest, if that is of a family. Raises ArgumentError for an id that
+    is not one of its MuJoCo environments, and for another body.
     """
-    # Refuses other ids: that of a file may name a module, which `make` would import.
+    # Refuses other ids: a file's id may name a module, which `make` would import.
     mjcf_of(env_id)
     environment: Any = gymnasium.make(env_id)
     check_actions(policy.emulator, environment)

@@ -1,4 +1,4 @@
-"""What happens to a body between two steps while a policy learns to follow a motion: other commands, and pushes of the trunk."""
+"""Disturbances of a body between steps while a policy learns to follow a motion: new commands, and pushes of the trunk."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FREE_VELOCITY = 6
 def disturbance_of(
     table: FollowTable, motion: ReferenceMotion, system: MujocoSystem
 ) -> Disturbance | None:
-    """Return the disturbance that a task names; None if it names none."""
+    """Return the disturbance of a task; None if it has none."""
     if table.commands is None and table.pushes is None:
         return None
     dt = table.hold * system.physics_dt
@@ -48,8 +48,8 @@ def pushed(
 ) -> Float[np.ndarray, "B S"]:
     """Return the states after an impulse [N s] each on the centre of mass of `body`, in random horizontal directions.
 
-    The root is free and the first joint. Its velocity changes at once as that of a rigid body in this pose, by M⁻¹ Jᵀ p of its
-    six coordinates, for servos hold the rest.
+    The root is free and the first joint. Its velocity changes at once by that of a rigid body in this pose, M⁻¹ Jᵀ p of
+    its six coordinates, as servos hold the rest.
     """
     moved = states.copy()
     data = mujoco.MjData(model)

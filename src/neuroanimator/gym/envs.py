@@ -1,4 +1,4 @@
-"""Emulators, and the physics they stand for, as Gymnasium environments: the rules say what is observed and earned."""
+"""Emulators, and the physics they stand for, as Gymnasium environments: rules define observations and rewards."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from neuroanimator.systems.system import Scheme
 class EmulatorVectorEnv(RowsVectorEnv):
     """`num_envs` emulated systems in one compiled call; row i is an `EmulatorEnv` reset with seed + i.
 
-    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero; or in the same
-    step, as Gymnasium's `AutoresetMode.SAME_STEP` has it: `info["final_obs"]` is then the last observation.
+    A row that has ended restarts in the next step, which ignores its action and has reward zero; or in the same step with
+    Gymnasium's `AutoresetMode.SAME_STEP`: `info["final_obs"]` is then the last observation.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class EmulatorVectorEnv(RowsVectorEnv):
         trust_penalty: float = 0.0,
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ):
-        """Make it from what an `EmulatorEnv` is made from; `autoreset_mode` says when a row that ended starts anew."""
+        """Take the arguments of an `EmulatorEnv`; `autoreset_mode` says when a row that has ended restarts."""
         emulator = as_emulator(emulator)
         chosen = rules_by(emulator, objective, reward, rules)
         stepper = emulator_stepper(emulator, trust_limit, trust_penalty)
@@ -53,8 +53,8 @@ class EmulatorVectorEnv(RowsVectorEnv):
 class PhysicsVectorEnv(RowsVectorEnv):
     """`EmulatorVectorEnv` on the physics that an emulator stands for, on every core: the same rules, starts and actions.
 
-    The physics is stepped as its users would (`System.scheme`) if no other `scheme` is given. An episode ends where the
-    physics diverges. `info` is empty. It is where a policy that was learnt in an emulator is judged.
+    The physics is stepped by its default scheme (`System.scheme`) unless another `scheme` is given. An episode ends where
+    the physics diverges. `info` is empty. Policies learnt in an emulator are evaluated here.
     """
 
     def __init__(
@@ -71,9 +71,9 @@ class PhysicsVectorEnv(RowsVectorEnv):
         scheme: Scheme | None = None,
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ):
-        """Make it from what an `EmulatorEnv` is made from.
+        """Take the arguments of an `EmulatorEnv`.
 
-        Raises ArgumentError or BadFileError where there is no physics: of recordings, and of files that are not allowed.
+        Raises ArgumentError or BadFileError if there is no physics: for recordings, and for files that are not allowed.
         """
         emulator = as_emulator(emulator)
         chosen = rules_by(emulator, objective, reward, rules)
@@ -87,12 +87,11 @@ class PhysicsVectorEnv(RowsVectorEnv):
 class EmulatorEnv(SingleEnv):
     """One emulated system; a step is a super step, an observation the state, an action the control, SI units.
 
-    An episode starts near rest, or where `reset(options={"state": ...})` says. It is truncated after
-    `seconds`, and terminated where the state is no number or far (`batched_step.FAR`) outside what the emulator was
-    trained on. `info["trust"]` says how far the step lies from that, `info["covered"]` whether
-    within its edge, 1. Actions are clipped to the bounds.
-    Observations have no bounds, since a free body may go anywhere: `emulator.state` names each
-    number and its unit. The tasks of `task_envs` see the body from its own frame, within bounds.
+    An episode starts near rest, or at the state of `reset(options={"state": ...})`. It is truncated after `seconds`, and
+    terminated where the state is NaN or far (`batched_step.FAR`) outside the training data. `info["trust"]` is the
+    distance of the step from these, `info["covered"]` whether it is within their edge, 1. Actions are clipped to the
+    bounds. Observations are unbounded, since a free body may go anywhere: `emulator.state` names each number and its
+    unit. The tasks of `task_envs` observe the body in its own frame, within bounds.
     """
 
     def __init__(
@@ -110,9 +109,9 @@ class EmulatorEnv(SingleEnv):
     ):
         """Make it from an emulator, its file, or a shipped one's name.
 
-        The reward is the `RunningCost` of `objective`, or what `reward` returns. `rules` say more than a reward: what is
-        observed, where episodes begin and end. An episode is also terminated by a step whose score is above
-        `trust_limit`, and each step loses `trust_penalty` times how far its score is beyond the edge of training, 1.
+        The reward is the `RunningCost` of `objective`, or that of `reward`. `rules` also define observations, and where
+        episodes begin and end. An episode is also terminated by a step whose trust score is above `trust_limit`, and
+        each step loses `trust_penalty` times the excess of its score over the edge of training, 1.
         """
         super().__init__(
             EmulatorVectorEnv(

@@ -1,9 +1,9 @@
 """Following a recorded motion, as rules of episodes: they begin on it, at any of its phases, and end where it is lost.
 
-What a step pays are exponentials of how far the body is off the motion, as in DeepMimic (Peng and others, SIGGRAPH 2018):
+Rewards are exponentials of the body's distance from the motion, as in DeepMimic (Peng and others, SIGGRAPH 2018):
 
-    r = Σ w exp(−k e),  e: squared errors of angles, of their velocities, of the parts' places about the root, of the root
-                           and of its velocity; how fast feet slide, where the task names them
+    r = Σ w exp(−k e),  e: squared errors of angles, of their velocities, of the parts' positions about the root, of the
+                           root and of its velocity; sliding speeds of the feet, if the task names them
 """
 
 from __future__ import annotations
@@ -42,37 +42,37 @@ class Term(NamedTuple):
 
 
 ANGLES = Term(0.35, 2.0)
-"""Of the sum of squared errors of angles [rad²]."""
+"""Term of the sum of squared errors of angles [rad²]."""
 
 RATES = Term(0.1, 0.005)
-"""Of that of their velocities [rad²/s²]."""
+"""Term of the sum of squared errors of their velocities [rad²/s²]."""
 
 PARTS = Term(0.15, 60.0)
-"""Of the mean squared error of the parts' places about the root [m²]."""
+"""Term of the mean squared error of the parts' positions about the root [m²]."""
 
 ROOT = Term(0.3, 20.0)
-"""Of the squared error of the root's position [m²], and of `TILT_SHARE` of that of its orientation [rad²]."""
+"""Term of the squared error of the root's position [m²], plus `TILT_SHARE` times that of its orientation [rad²]."""
 
 ROOT_VELOCITY = Term(0.1, 1.0)
-"""Of the squared error of its velocity [m²/s²], and of `TURNING_SHARE` of that of its angular velocity [rad²/s²]."""
+"""Term of the squared error of its velocity [m²/s²], plus `TURNING_SHARE` times that of its angular velocity [rad²/s²]."""
 
 FEET = Term(0.15, 300.0)
-"""Of the sum of squared errors of the feet's heights [m²], where the task names feet: the other terms count for the rest."""
+"""Term of the sum of squared errors of the feet's heights [m²], if the task names feet; the other terms share the rest."""
 
 SLIDING = Term(0.2, 8.0)
-"""Of the sum of the feet's sliding speeds [m/s], likewise."""
+"""Term of the sum of the feet's sliding speeds [m/s], if the task names feet."""
 
 FLOOR = 0.01
-"""Height over which a point of a foot counts less and less as one on the floor [m]."""
+"""Height over which a point of a foot gradually stops counting as on the floor [m]."""
 
 TINY = 1e-12
-"""Keeps the slope of a speed of zero finite [m²/s²]."""
+"""Squared speed added so that the gradient at zero is finite [m²/s²]."""
 
 FOOT = 0.15
-"""Distance of a foot's ends from its joint, by which its tilt counts as a height [m]."""
+"""Distance of a foot's ends from its joint, which turns its tilt into a height [m]."""
 
 PATH_TIME = 0.4
-"""Time over which an error of velocity counts as one of position, where commands leave the motion no path [s]."""
+"""Time over which an error of velocity counts as one of position, if commands leave the motion without a path [s]."""
 
 TILT_SHARE = 0.25
 
@@ -80,14 +80,14 @@ TURNING_SHARE = 0.1
 
 
 class Following(eqx.Module):
-    """What a body earns on the way of a motion, and where it has lost it."""
+    """Rewards of a body that follows a motion, and whether it has lost it."""
 
     motion: ReferenceMotion
     kinematics: Kinematics = eqx.field(static=True)
     trunk: int = eqx.field(static=True)
     """Number of the link whose tilt counts."""
     feet: tuple[int, ...] = eqx.field(static=True)
-    """Numbers of the links that are lifted and set down."""
+    """Numbers of the links that are feet."""
     soles: Float[Array, "F P 3"]
     """Points of these links that may touch the floor, each in the frame of its link [m]."""
     lost_distance: float = eqx.field(static=True)
@@ -95,7 +95,7 @@ class Following(eqx.Module):
 
     @classmethod
     def of(cls, motion: ReferenceMotion, system: MujocoSystem, table: FollowTable) -> Following:
-        """Return that of a system's body; ArgumentError for a trunk that is none of its parts."""
+        """Return the rewards for a system's body; ArgumentError for a trunk that is not one of its parts."""
         bones = system.skeleton.bones
         names = [bone.name for bone in bones]
         for label, parts in {"trunk": (table.trunk,), "feet": table.feet}.items():
@@ -117,7 +117,7 @@ class Following(eqx.Module):
         )
 
     def reward(self, following: Float[Array, "*B S"]) -> Float[Array, " *B"]:
-        """Return what steps that lead to these states earn, from 0 to 1."""
+        """Return the rewards of steps that lead to these states, from 0 to 1."""
         motion = self.motion
         wanted = motion.frame(following)
         off = following - wanted
@@ -143,7 +143,7 @@ class Following(eqx.Module):
         )
         if not self.feet:
             return earned
-        # What the heights of points of a foot follow from.
+        # The heights of a foot's points follow from these.
         lifted = jnp.stack(
             [placed[foot][..., 2, :] - aimed[foot][..., 2, :] for foot in self.feet], axis=-2
         )
@@ -154,9 +154,9 @@ class Following(eqx.Module):
     def sliding(
         self, states: Float[Array, "*B S"], following: Float[Array, "*B S"], dt: float
     ) -> Float[Array, " *B"]:
-        """Return the sum over feet of the mean speed along the floor [m/s], `dt` seconds lying between the states.
+        """Return the sum over feet of the mean speed along the floor [m/s] between states `dt` seconds apart.
 
-        Points count by how near they are to the floor, before and after.
+        Points are weighted by their closeness to the floor, before and after.
         """
         before = self._placed_soles(states)
         after = self._placed_soles(following)
@@ -173,7 +173,7 @@ class Following(eqx.Module):
         return turned + feet[..., None, :, 3]
 
     def distance(self, states: Float[Array, "*B S"]) -> Float[Array, " *B"]:
-        """Return how far the root is from the motion's [m]."""
+        """Return the distance of the root from the motion's [m]."""
         off = states[..., POSITION] - self.motion.frame(states)[..., POSITION]
         return jnp.sqrt((off**2).sum(axis=-1))
 
@@ -187,7 +187,7 @@ class Following(eqx.Module):
         return jnp.arccos(jnp.clip(cosine, -1, 1))
 
     def is_lost(self, states: Float[Array, "*B S"]) -> Bool[Array, " *B"]:
-        """Return whether the body is off the motion by more than the task allows."""
+        """Return whether the body is farther from the motion than the task allows."""
         is_far = self.distance(states) > self.lost_distance
         return is_far | (self.tilt(states) > self.lost_tilt)
 
@@ -195,7 +195,7 @@ class Following(eqx.Module):
 def link_poses(
     kinematics: Kinematics, states: Float[Array, "*B S"]
 ) -> list[Float[Array, "*B 4 4"]]:
-    """Return per link the matrix that brings its points into the world: what is not used of them is not computed."""
+    """Return for each link the matrix from its frame to the world; unused parts are not computed."""
     transforms = kinematics.transforms(states)
     placed = []
     for link in kinematics.carried:
@@ -209,11 +209,11 @@ def link_poses(
 def following_rules(
     table: FollowTable, motion: ReferenceMotion, system: MujocoSystem
 ) -> EpisodeRules:
-    """Return the rules of following `motion`. ArgumentError for a trunk that is none of the body's parts."""
+    """Return the rules of following `motion`. ArgumentError for a trunk that is not one of the body's parts."""
     following = Following.of(motion, system, table)
     frames = np.asarray(motion.frames, float)
     kept = replace(motion, frames=frames)
-    # A motion that is not repeated has a last pose, after which nothing is said.
+    # A motion that is not repeated has a last pose, and nothing after it.
     starts = motion.lap
     steps = table.laps * motion.lap
     if table.laps > 1 and motion.commands is None:
@@ -277,7 +277,7 @@ def _paid(term: Term, error: Float[Array, " *B"]) -> Float[Array, " *B"]:
 
 
 def _soles(model: mujoco.MjModel, feet: tuple[str, ...]) -> Float[np.ndarray, "F P 3"]:
-    """Return the corners of the boxes around the shapes of each foot; of a foot with fewer than others some are there twice."""
+    """Return the corners of the boxes around the shapes of each foot; a foot with fewer than others repeats some."""
     if not feet:
         return np.zeros((0, 0, 3))
     corners = np.array(list(product((-1.0, 1.0), repeat=3)))

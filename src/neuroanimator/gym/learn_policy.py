@@ -1,7 +1,7 @@
 """Learn a policy: short rollouts on the true physics, and slopes from an emulator that learns from them too.
 
-Learner.advance, update by update  →  now and then whole episodes without noise judge it
-                                   →  the best is kept, a checkpoint written, a report told
+Learner.advance, update by update  →  now and then evaluated by whole episodes without noise
+                                   →  the best is kept, a checkpoint written, a report given
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ from neuroanimator.training.checkpoint import read_tree, write_tree
 from neuroanimator.training.train import METRICS, trim_metrics
 
 EVALUATED = 8
-"""Number of bodies to each episode that judges a policy on the way."""
+"""Number of bodies for each episode that evaluates a policy during learning."""
 
 MAX_UPDATES = 10_000_000
-"""Largest number of updates in a checkpoint."""
+"""Maximum number of updates in a checkpoint."""
 
 MAX_CHECKPOINT = 500_000_000
-"""Largest checkpoint that is read [bytes]: most of it is the memory of transitions."""
+"""Maximum size of a checkpoint [bytes]: most of it is the memory of transitions."""
 
 LARGEST = 1e30
 
 
 class LearningReport(NamedTuple):
-    """What became of a policy so far."""
+    """Progress of a policy."""
 
     update: int
     steps: int
-    """Number of super steps of the physics, evaluation left out."""
+    """Number of super steps of the physics, without evaluations."""
     mean_return: float
-    """Of whole episodes without noise."""
+    """Mean return of whole episodes without noise."""
     spread: float
-    """Standard deviation of the noise, the mean over controls."""
+    """Standard deviation of the noise, averaged over controls."""
     slope_weight: float
     """Weight of the emulator's slopes beside likelihoods, from 0 to 1."""
     emulator_error: float
-    """Of the super steps it learns from; 0 where none does."""
+    """Error of the emulator on the super steps it learns from; 0 if none learns."""
     seconds: float
 
 
@@ -71,14 +71,14 @@ def learn_policy(
     on_share: Callable[[float], None] = lambda share: None,
     on_report: Callable[[LearningReport], None] = lambda report: None,
 ) -> StatePolicy:
-    """Return the best of the policies on the way, by whole episodes on the true physics.
+    """Return the best policy found during learning, by whole episodes on the true physics.
 
-    `emulator` leaps one step of the episodes; a copy of it learns from them. `reference` is the motion that the policy follows,
-    if it follows one, and `start` the policy to begin with: of the same controls, shown the first of the numbers that this one
-    is shown. Given `seconds`, learning ends after that time, not after a number of updates, and the policy depends on the
-    machine. Checkpoints and `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number of
-    updates it ends with the same bytes. `on_share` is told the share that is done. BadFileError if the run in `folder` has
-    another emulator, start or other settings.
+    `emulator` leaps one step of the episodes; a copy of it learns from them. `reference` is the motion to follow, if any,
+    and `start` the initial policy: with the same controls, its inputs the first of this one's. Given `seconds`, learning
+    ends after that time, not after a number of updates, and the policy depends on the machine. Checkpoints and
+    `metrics.jsonl` lie in `folder`, if one is given, and a run found there is continued; by number of updates it ends
+    with the same bytes. `on_share` is called with the share done. BadFileError if the run in `folder` has another
+    emulator, start or other settings.
     """
     if folder is None:
         run = _Run(system, emulator, rules, learning, reference, start, None)
@@ -106,8 +106,8 @@ class _Run:
         self.stepper = physics_stepper(system, system.scheme, emulator.dt)
         self.folder = folder
         settings = asdict(learning)
-        del settings["updates"], settings["reports"]  # a run may go on for longer
-        # The definition has the task: a run for other rewards is another run.
+        del settings["updates"], settings["reports"]  # a run may be extended
+        # The definition holds the task: a run with other rewards is another run.
         settings["definition"] = emulator.definition
         if reference is not None:
             settings["reference"] = digest({"frames": np.asarray(reference.frames)})
@@ -149,7 +149,7 @@ class _Run:
             learner.advance()
 
     def _judge(self) -> LearningReport:
-        """Judge the policy, write a checkpoint and log."""
+        """Evaluate the policy, write a checkpoint and log."""
         learner = self.learner
         learning = learner.learning
         policy = learner.policy
@@ -173,7 +173,7 @@ class _Run:
 
 
 def _numbers(metadata: dict[str, Any]) -> Numbers:
-    """Return the numbers of a checkpoint; ValueError names what is no such number."""
+    """Return the numbers of a checkpoint; ValueError names the one at fault."""
     return Numbers(
         update=whole(metadata.get("update"), "update", 0, MAX_UPDATES),
         seen=whole(metadata.get("seen"), "seen", 0, MAX_UPDATES),

@@ -1,8 +1,8 @@
 """One update of a policy, its critic and its emulator.
 
-N bodies go T steps on the physics  →  advantages of actions by a critic, and slopes by the emulator
-                                    →  how much each counts: the mean with the least expected error
-                                    →  a few epochs for the policy, and for the critic
+N bodies take T physics super steps →  advantages of actions by a critic, and slopes by the emulator
+                                    →  weights of both: the mean with the least expected error
+                                    →  a few epochs of the policy, and of the critic
                                     →  the transitions join a memory, and the emulator learns from it
 Random numbers follow from the seed and the update's number alone.
 """
@@ -46,7 +46,7 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
 
 MAX_GRADIENT = 1.0
-"""Norm that gradients are clipped to."""
+"""Norm to which gradients are clipped."""
 
 EMULATOR_RATE = 5e-4
 """Learning rate of the emulator."""
@@ -57,33 +57,33 @@ EPOCHS = 5
 BATCHES = 4
 
 RATES = (1e-5, 1e-2)
-"""Least and largest learning rate of the policy."""
+"""Minimum and maximum learning rate of the policy."""
 
 FASTER = 1.5
-"""Factor of that rate where a policy has changed by less than half of what is wanted, or by more than twice."""
+"""Factor of that rate if a policy has changed by less than half of the target divergence, or more than twice."""
 
 GROUPS = 16
-"""Number of groups of bodies between which gradients vary."""
+"""Number of groups of bodies in estimates of the variance of gradients."""
 
 WEIGHT_KEPT = 0.9
-"""Share of the slopes' weight that is kept in an update."""
+"""Share of the slopes' weight kept in an update (exponential smoothing)."""
 
 UNIT_KEPT = 0.9
-"""Share of the unit of values that is kept in an update."""
+"""Share of the unit of values kept in an update (exponential smoothing)."""
 
 TINY = 1e-8
 
 MEMORY = 200_000
-"""Number of transitions that are remembered."""
+"""Number of transitions in memory."""
 
 STARTS = 500
-"""Number of starts by whose mean and deviation a view knows what its first policy was not shown."""
+"""Number of starts whose mean and deviation normalise the inputs that the initial policy lacks."""
 
 CRITIC_FIRST = 10
-"""Number of updates in which the policy that learning begins with is kept: the critic first learns what it earns."""
+"""Number of updates for which the initial policy is kept: the critic first learns its values."""
 
 MAX_SEEN = 2e6
-"""Number of states after which the view's mean and deviation change no slower."""
+"""Maximum number of states that count in the view's mean and deviation, so that they keep adapting."""
 
 
 @dataclass(frozen=True)
@@ -92,72 +92,72 @@ class PolicyLearning:
 
     updates: int = 1000
     bodies: int = 128
-    """N, a multiple of 16."""
+    """Number N of bodies, a multiple of 16."""
     horizon: int = 32
-    """T: beyond it the critic counts."""
+    """Number T of steps per update; beyond it the critic counts."""
     discount: float = 0.99
     trace: float = 0.95
     """λ of TD(λ), for values."""
     slope_trace: float = 0.9
-    """λ of TD(λ), for their slopes: through contacts these are right over a tenth of a second, and no longer."""
+    """λ of TD(λ), for their slopes: through contacts these hold over a tenth of a second, no longer."""
     slope_weight: float | None = None
     """Weight of slopes beside likelihoods; if None, the one with the least expected error.
 
-    With 0 this is proximal policy optimisation, with 1 slopes tell all.
+    With 0 this is proximal policy optimisation; with 1, only slopes count.
     """
     divergence: float = 0.01
-    """Kullback-Leibler divergence by which a policy is to change in an update."""
+    """Target Kullback-Leibler divergence of a policy's change in an update."""
     policy_rate: float = 1e-3
-    """Learning rate of the policy at first, if learning does not begin with another."""
+    """Initial learning rate of the policy, unless learning begins with another policy."""
     critic_rate: float = 1e-3
     policy_widths: tuple[int, ...] = (128, 64)
     critic_widths: tuple[int, ...] = (128, 128)
     spread: float = 0.5
-    """Standard deviation of the noise at first, before controls are pressed into their bounds."""
+    """Initial standard deviation of the noise, before controls are squashed into their bounds."""
     emulator_updates: int = 4
-    """Number of steps of Adam for the emulator in an update."""
+    """Number of Adam steps of the emulator in an update."""
     reports: int = 20
     seed: int = 0
 
 
 class Progress(NamedTuple):
-    """All that the rest of learning depends on, and the best policy so far."""
+    """Arrays on which the rest of learning depends, and the best policy so far."""
 
     actor: Actor
     critic: Critic
     network: Any
-    """Of the emulator."""
+    """Network of the emulator."""
     view: View
     rate: Float[Array, ""]
     """Learning rate of the policy."""
     memories: tuple[Any, Any, Any]
-    """What the optimisers of the policy, the critic and the emulator remember."""
+    """States of the optimisers of the policy, the critic and the emulator."""
     states: Float[np.ndarray, "N S"]
-    """Of the bodies."""
+    """States of the bodies."""
     ages: Int[np.ndarray, " N"]
-    """Number of steps of their episodes so far."""
+    """Numbers of steps since the starts of their episodes."""
     transitions: tuple[np.ndarray, np.ndarray, np.ndarray]
-    """States, controls and following states: a ring, empty where no slopes count."""
+    """States, controls and following states: a ring buffer, empty if no slopes count."""
     best: tuple[Perceptron, View, Any]
-    """Policy, view and emulator's network."""
+    """Policy, view and emulator's network of the best policy."""
 
 
 class Numbers(NamedTuple):
-    """What else it depends on."""
+    """Numbers on which the rest of learning depends."""
 
     update: int = 0
     """Number of updates done."""
     seen: int = 0
-    """Number of states that the view's mean and deviation are of, at most `MAX_SEEN`."""
+    """Number of states behind the view's mean and deviation, at most `MAX_SEEN`."""
     slope_weight: float = 0.0
     best_return: float | None = None
-    """Mean return of the best policy; None before the first is judged."""
+    """Mean return of the best policy; None before the first evaluation."""
     seconds: float = 0.0
     """Time it has taken [s]."""
 
 
 class Reading(NamedTuple):
-    """What networks make of B states, those of a body one after another."""
+    """Results of the networks on B states, those of a body one after another."""
 
     shown: Float[Array, "B O"]
     values: Float[Array, " B"]
@@ -180,9 +180,9 @@ class Learner:
         reference: ReferenceMotion | None = None,
         start: StatePolicy | None = None,
     ):
-        """Begin; `reference` is the motion that the policy follows, if it follows one, `start` the policy to begin with.
+        """Begin; `reference` is the motion to follow, if any, `start` the initial policy.
 
-        Raises ArgumentError for settings that cannot be, for rules that draw no starts, and for a start of another body.
+        Raises ArgumentError for invalid settings, for rules that draw no starts, and for a start of another body.
         """
         if learning.bodies < GROUPS or learning.bodies % GROUPS:
             raise ArgumentError(f"bodies: wanted a multiple of {GROUPS}, came {learning.bodies}.")
@@ -205,7 +205,7 @@ class Learner:
         self.critic_first = 0
         if start is not None:
             self.critic_first = CRITIC_FIRST
-            # One too large would undo in an update what the policy can do.
+            # A larger rate could undo in one update what the policy has learnt.
             rate = RATES[0]
             check_start(start, emulator, view)
             view, network = started(start, view, self._starts())
@@ -215,7 +215,7 @@ class Learner:
         self.optimizers = (
             _clipped_adam(1.0), _clipped_adam(learning.critic_rate), optax.adam(EMULATOR_RATE)
         )  # fmt: skip
-        # Trees of weights are no such types as optax names.
+        # Trees of weights do not match the types that optax declares.
         weights: Any = (actor, values, emulator.network)
         first, second, third = self.optimizers
         memories = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
@@ -247,7 +247,7 @@ class Learner:
         self.emulator_error = 0.0
 
     def _starts(self) -> Float[Array, "B S"]:
-        """Return states that episodes begin in."""
+        """Return states in which episodes begin."""
         draw_start = self.rules.draw_start
         if draw_start is None:
             raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
@@ -255,8 +255,8 @@ class Learner:
         return as_jax(np.stack([draw_start(rng) for _ in range(STARTS)]))
 
     def go_on(self, progress: Progress, numbers: Numbers) -> None:
-        """Go on from there."""
-        # What is read cannot be written to.
+        """Resume from `progress`."""
+        # Arrays read from a file are read-only.
         ring = tuple(part.copy() for part in progress.transitions)
         self.progress = progress._replace(transitions=ring)
         self.numbers = numbers
@@ -267,7 +267,7 @@ class Learner:
 
     @property
     def policy(self) -> StatePolicy:
-        """The policy as it is now, and its emulator."""
+        """The current policy, and its emulator."""
         return self._policy(self.progress.actor.network, self.progress.view, self.progress.network)
 
     @property
@@ -290,7 +290,7 @@ class Learner:
         self.numbers = self.numbers._replace(best_return=mean_return)
 
     def advance(self) -> None:
-        """Do one update. ArgumentError where a reward is no finite number."""
+        """Do one update. ArgumentError if a reward is not finite."""
         rng = self._rng(self.numbers.update)
         policy = self.policy
         rollouts = self._roll_out(rng, policy)
@@ -342,7 +342,7 @@ class Learner:
         reading: Reading,
         earned: Float[Array, " B"],
     ) -> Told:
-        """Return what the policy learns from, in units of the advantages' deviation."""
+        """Return the policy's training data, in units of the advantages' deviation."""
         unit = earned.std() + TINY
         noise = _by_body(rollouts.noise)
         slopes = jnp.zeros(noise.shape)
@@ -389,7 +389,7 @@ class Learner:
         )
 
     def _see(self, reading: Reading) -> None:
-        """Let what networks are shown of a state keep to what states there are."""
+        """Update the mean and deviation that normalise the networks' inputs."""
         view = self.progress.view
         count = len(reading.shown)
         seen = self.numbers.seen
@@ -438,12 +438,12 @@ def _is_finite(tree: Any) -> bool:
 
 
 def _by_body(part: Float[Array, "T N ..."]) -> Float[Array, "B ..."]:
-    """Return what is of each action, those of a body one after another."""
+    """Return an array of actions as rows, those of a body one after another."""
     return part.swapaxes(0, 1).reshape(-1, *part.shape[2:])
 
 
 def _batches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
-    """Return the rows of each minibatch of some epochs."""
+    """Return the rows of the minibatches of some epochs."""
     order = np.stack([rng.permutation(count) for _ in range(EPOCHS)])
     return as_jax(order.reshape(EPOCHS * BATCHES, -1), np.int32)
 
@@ -466,7 +466,7 @@ def _policy_epochs(
     told: Told,
     rows: Int[Array, "U M"],
 ) -> tuple[Actor, Any, Float[Array, ""]]:
-    """Return (actor, memory, learning rate) after some epochs; the rate is kept where policies change as is wanted."""
+    """Return (actor, memory, learning rate) after some epochs; the rate is kept if the policy changes by about the target."""
     before = actor.log_spread
 
     def update(carry: tuple, chosen: Array) -> tuple[tuple, None]:
@@ -523,7 +523,7 @@ def _emulator_steps(
 
 
 def _shown_entries(structure: Structure) -> tuple[int, ...]:
-    """Return the entries of the state that matter to a policy: all but where a body is along the ground."""
+    """Return the state entries that matter to a policy: all but a body's position along the ground."""
     entry = 0
     shown: set[int] = set()
     for segment in structure.segments:

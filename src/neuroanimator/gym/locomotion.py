@@ -23,9 +23,9 @@ FREE_ROOT = 7
 
 
 def gymnasium_task(env_id: str) -> TaskTable:
-    """Return the task of Gymnasium's environment `env_id`, such as `Hopper-v5`: its numbers, and where it counts them.
+    """Return the task of Gymnasium's environment `env_id`, such as `Hopper-v5`: its weights and limits.
 
-    What it pays for contact forces is left out. Raises ArgumentError for an environment that pays for something else than going
+    Its cost of contact forces is left out. Raises ArgumentError for an environment that rewards anything but going
     forward.
     """
     if default_of(env_id, "forward_reward_weight") is None:
@@ -49,7 +49,7 @@ def gymnasium_task(env_id: str) -> TaskTable:
 
 
 def task_of(definition: str, label: str) -> TaskTable:
-    """Return the task of the system in the JSON text `definition`; ArgumentError, which names `label`, where there is none."""
+    """Return the task of the system in the JSON text `definition`; ArgumentError, which names `label`, if there is none."""
     written = read_definition_text(definition).definition if definition else None
     if isinstance(written, Definition) and written.task is not None:
         return written.task
@@ -60,7 +60,7 @@ def task_of(definition: str, label: str) -> TaskTable:
 
 
 def _limits(env_id: str, argument: str) -> tuple[float, float]:
-    """Return a range that an environment keeps to; without one there are no limits."""
+    """Return the range of an environment's argument; infinite without one."""
     low, high = default_of(env_id, argument) or ANY
     return max(low, -FARTHEST), min(high, FARTHEST)
 
@@ -73,8 +73,8 @@ def locomotion_rules(
 ) -> EpisodeRules:
     """Return the rules of `task` for a MuJoCo model whose first coordinates are its root's: x, z and pitch, or a free joint's.
 
-    Episodes begin near `rest`, each with a body of the family that `parameters` describe. Rewards and endings take NumPy's
-    arrays and JAX's alike.
+    Episodes begin near `rest`, each with a body of the family that `parameters` describe. Rewards and endings take arrays
+    of NumPy and JAX.
     """
     is_free = any(entry == FREE_ROOT - 4 for entry, _ in structure.orientations)
     height_entry = 2 if is_free else 1

@@ -11,13 +11,13 @@ import gymnasium
 from neuroanimator.errors import ArgumentError
 
 MUJOCO = Path(gymnasium.__file__).parent / "envs" / "mujoco"
-"""The folder of Gymnasium's MuJoCo environments; their models lie in its `assets`."""
+"""Folder of Gymnasium's MuJoCo environments; their models lie in its `assets`."""
 
 
 def mjcf_of(env_id: str) -> Path:
     """Return the MJCF file of Gymnasium's MuJoCo environment `env_id`, such as `Swimmer-v5`.
 
-    Raises ArgumentError for an id that is none of them.
+    Raises ArgumentError for any other id.
     """
     name = default_of(env_id, "xml_file")
     if name is None and env_id in gymnasium.registry:
@@ -41,7 +41,7 @@ def default_of(env_id: str, argument: str) -> Any:
     source = MUJOCO / f"{module.removeprefix('gymnasium.envs.mujoco.')}.py"
     if not source.is_file():
         return None
-    # Read, not imported: these modules need an imaging library that nothing else here does.
+    # Parsed, not imported: these modules need an imaging library that nothing else here needs.
     for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
         if isinstance(node, ast.arguments):
             default = _default_in(node, argument)
@@ -51,17 +51,17 @@ def default_of(env_id: str, argument: str) -> Any:
 
 
 class _Infinities(ast.NodeTransformer):
-    """Writes `float("inf")` as the number it is."""
+    """Replaces calls such as `float("inf")` by their number."""
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
-        """Return the number a call of `float` stands for; other calls as they are."""
+        """Return the number of a call of `float`; other calls unchanged."""
         if isinstance(node.func, ast.Name) and node.func.id == "float":
             return ast.Constant(float(ast.literal_eval(node.args[0])))
         return node
 
 
 def _default_in(arguments: ast.arguments, name: str) -> ast.expr | None:
-    """Return the default value of an argument, as source; None if there is none."""
+    """Return the default of an argument, as source; None if there is none."""
     # Defaults belong to the last arguments.
     with_defaults = zip(reversed(arguments.args), reversed(arguments.defaults), strict=False)
     for argument, default in with_defaults:

@@ -1,9 +1,9 @@
-"""The terms policies are learnt by: advantages and slopes of actions, and what is gained by another policy.
+"""The terms of policy learning: advantages and slopes of actions, and the loss of a policy.
 
 states, actions and following states of the physics
-→  values of a critic and rewards  →  how much more than expected each action earned (advantages, true)
-→  backwards: the slope of the value at s′, the critic's mixed with what follows  →  that by the action (slopes, the emulator's)
-→  two estimates of how the return changes with the policy: by likelihoods, true and noisy; by slopes, less noisy, not quite true
+→  values of a critic and rewards  →  how much more each action earned than expected (advantages, true)
+→  backwards: the slope of the value at s′, the critic's mixed with later ones  →  that by the action (slopes, the emulator's)
+→  two estimates of the policy gradient: by likelihoods, unbiased and noisy; by slopes, less noisy but biased
 →  their mean with the least expected error
 """
 
@@ -24,15 +24,15 @@ from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.training.loss import unrolled_loss
 
 CLIP = 0.2
-"""Change of an action's likelihood beyond which nothing more is gained."""
+"""Change of an action's likelihood ratio at which it is clipped."""
 
 
 class Critic(eqx.Module):
-    """The value of states, by what is shown of them."""
+    """The value of states, from their features."""
 
     network: Perceptron
     unit: Float[Array, ""]
-    """Values are the network's output times this."""
+    """Unit of the network's output."""
 
     def __call__(self, shown: Float[Array, "*B O"]) -> Float[Array, " *B"]:
         return self.unit * self.network(shown)[..., 0]
@@ -43,13 +43,13 @@ class Rollouts(NamedTuple):
 
     states: Float[Array, "T N S"]
     noise: Float[Array, "T N C"]
-    """Added to the outputs of the policy's network."""
+    """Noise added to the outputs of the policy's network."""
     controls: Float[Array, "T N C"]
     following: Float[Array, "T N S"]
     is_fallen: Bool[Array, "T N"]
-    """Where the rules ended the episode: nothing is earned beyond."""
+    """Whether the rules ended the episode: no reward follows."""
     is_last: Bool[Array, "T N"]
-    """Where the episode ended, by the rules or by its length."""
+    """Whether the episode ended, by the rules or by its length."""
 
 
 @eqx.filter_jit
@@ -69,10 +69,10 @@ def action_slopes(
     discount: float,
     trace: float,
 ) -> Float[Array, "T N C"]:
-    """Return the derivative of the value by what is added to the network's outputs, which are pressed into bounds afterwards.
+    """Return the derivative of the value by the network's outputs, before they are squashed into bounds.
 
-    It follows from the slope of the state that an action leads to, which is the critic's or comes from later on: they are
-    mixed as values are by TD(λ) (value-gradient learning, Fairbank and Alonso 2012), λ being `trace`.
+    It follows from the slope of the value at the state that an action leads to: the critic's and later ones, mixed as
+    values are by TD(λ) (value-gradient learning, Fairbank and Alonso 2012), λ being `trace`.
     """
     reward: Any = rules.reward
 
@@ -114,7 +114,7 @@ def advantages(
     trace: float,
     dt: float,
 ) -> Float[Array, "T N"]:
-    """Return by how much each action earned more than its state's value: by TD(λ), λ being `trace`."""
+    """Return the advantage of each action over its state's value: by TD(λ), λ being `trace`."""
     beyond = jnp.where(rollouts.is_fallen, 0.0, critic(view(rollouts.following)))
     reward: Any = rules.reward
     rewards = reward(rollouts.states, rollouts.controls, rollouts.following, dt)
@@ -131,7 +131,7 @@ def advantages(
 
 
 class Told(NamedTuple):
-    """What a policy learns from of B actions."""
+    """Training data of a policy: B actions."""
 
     shown: Float[Array, "B O"]
     noise: Float[Array, "B C"]
@@ -152,14 +152,14 @@ class Actor(eqx.Module):
 def policy_loss(
     actor: Actor, before: Float[Array, " C"], weight: Float[Array, ""], told: Told
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return (minus what is gained on average over the policy that acted, its divergence from it); `before` is its log spread.
+    """Return (minus the mean gain over the policy that acted, the divergence from it); `before` is its log spread.
 
-    Advantages count by the clipped ratio of likelihoods (proximal policy optimisation, Schulman and others 2017), slopes, by
-    `weight`, by how far means move.
+    Advantages count by the clipped ratio of likelihoods (proximal policy optimisation, Schulman and others 2017); slopes,
+    times `weight`, by the change of the means.
     """
     moved = actor.network(told.shown) - told.means
     was = told.noise / jnp.exp(before)
-    # Of means likelihoods count by the rest of the weight; of the spread, on which no slope tells, in full.
+    # Likelihoods count by the rest of the weight for means; in full for the spread, which has no slopes.
     likely = moved - weight * (moved - jax.lax.stop_gradient(moved))
     is_now = (told.noise - likely) / jnp.exp(actor.log_spread)
     log_ratio = ((was**2 - is_now**2) / 2 + before - actor.log_spread).sum(axis=-1)
@@ -174,10 +174,10 @@ def policy_loss(
 
 @eqx.filter_jit
 def weight_of_slopes(actor: Actor, told: Told, groups: int) -> Float[Array, ""]:
-    """Return the weight of slopes, from 0 to 1, with which the expected squared error of the gradient is least.
+    """Return the weight of slopes, from 0 to 1, that minimises the expected squared error of the gradient.
 
-    That by likelihoods is right on average; its variance, and how the two vary together, are those between `groups` of actions
-    (Suh and others, *Do differentiable simulators give better policy gradients?*, 2022).
+    The gradient by likelihoods is unbiased; its variance, and the covariance of the two, are those between `groups` of
+    actions (Suh and others, *Do differentiable simulators give better policy gradients?*, 2022).
     """
 
     def gradient(weight: float, part: Told) -> Float[Array, " W"]:

@@ -1,4 +1,4 @@
-"""What a policy is to do, as its definition says: go forward ([task]), or follow a recorded motion ([follow])."""
+"""The task of a policy, from its definition: go forward ([task]), or follow a recorded motion ([follow])."""
 
 from __future__ import annotations
 
@@ -31,43 +31,43 @@ FOLLOWING = PolicyLearning(
     divergence=0.015,
     reports=12,
 )
-"""Settings of learning to follow a motion, but for `spread`."""
+"""Settings of learning to follow a motion, except `spread`."""
 
 EXPLORATION = 0.06
-"""Standard deviation of the noise at first in what servos aim at [rad]."""
+"""Initial standard deviation of the noise in servo targets [rad]."""
 
 
 class FirstEmulator(NamedTuple):
-    """Settings of the emulator that learning begins with."""
+    """Settings of the initial emulator."""
 
     transitions: int
-    """Number of random ones: it learns from what policies do afterwards."""
+    """Number of random transitions: later it learns from those of policies."""
     widths: tuple[int, ...]
-    """Units in each layer."""
+    """Number of units in each layer."""
     updates: int
 
 
 FOR_SLOPES = FirstEmulator(36_000, (192, 128), 1000)
 
 FOR_NO_SLOPES = FirstEmulator(3_600, (32,), 250)
-"""Of learning by likelihoods alone: a policy's file has an emulator, for what states and controls are, which nothing asks."""
+"""For learning by likelihoods alone: a policy's file has an emulator, which describes states and controls but is not run."""
 
 
 class PolicyTask(NamedTuple):
-    """A task, whichever table it is written in."""
+    """A task of either table."""
 
     rules: EpisodeRules
     hold: int
-    """Number of physics steps a control is held."""
+    """Number of physics steps for which a control is held."""
     steps: int
     """Maximum number of controls in an episode."""
     learning: PolicyLearning
-    """Settings it is learnt with."""
+    """Settings of learning."""
     emulator: FirstEmulator = FOR_SLOPES
     environment: str = ""
-    """Id of Gymnasium's environment that policies are judged in; empty if it is the physics."""
+    """Id of Gymnasium's environment in which policies are evaluated; empty for the physics."""
     motion: ReferenceMotion | None = None
-    """The motion to follow, if one is to be followed."""
+    """The motion to follow, if any."""
 
 
 def check_task(definition: str, label: str) -> None:
@@ -77,9 +77,9 @@ def check_task(definition: str, label: str) -> None:
 
 
 def task_to_learn(definition: str, toml: Path, system: System) -> PolicyTask:
-    """Return the task of the TOML file with the JSON text `definition`, whose motion, if it follows one, lies beside it.
+    """Return the task of the TOML file with the JSON text `definition`, whose motion, if any, lies beside it.
 
-    ArgumentError where there is no task or it does not suit the system, BadFileError for a motion that does not.
+    ArgumentError if there is no task or it does not suit the system, BadFileError for an unsuitable motion.
     """
     table = follow_table(definition)
     if table is None:
@@ -89,7 +89,7 @@ def task_to_learn(definition: str, toml: Path, system: System) -> PolicyTask:
 
 
 def task_of_policy(policy: StatePolicy, path: Path, system: System) -> PolicyTask:
-    """Return the task that the policy in the file at `path` was learnt for: a motion that it follows is in it."""
+    """Return the task for which the policy in the file at `path` was learnt; the file holds the motion, if any."""
     definition = policy.emulator.definition
     table = follow_table(definition)
     motion = policy.view.reference
@@ -99,7 +99,7 @@ def task_of_policy(policy: StatePolicy, path: Path, system: System) -> PolicyTas
 
 
 def follow_table(definition: str) -> FollowTable | None:
-    """Return the table [follow] of a definition; None if there is none. ArgumentError where there is a [task], too."""
+    """Return the table [follow] of a definition; None if there is none. ArgumentError if there is a [task], too."""
     written = read_definition_text(definition).definition if definition else None
     if not isinstance(written, Definition) or written.follow is None:
         return None

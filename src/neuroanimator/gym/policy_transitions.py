@@ -1,7 +1,7 @@
-"""What a policy does on the physics, as transitions that an emulator learns from.
+"""A policy's motions on the physics, as transitions that an emulator learns from.
 
-Bodies go by the policy and are disturbed as its task has it: other commands, pushes. Each adds its own amount of noise to what
-the policy says, none of it or several times what the policy learnt with, so that an emulator knows what is around a motion, too.
+Bodies follow the policy and are disturbed as in its task: new commands, pushes. Each adds its own amount of noise to the
+policy's controls, from none to several times that of learning, so that an emulator covers the neighbourhood of a motion.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ TRAINING: dict[str, Any] = LARGE_BATCHES | {
     "updates": 30_000,
     "calm": 0.01,
 }
-"""Settings of training on them, if nothing else is said: around a motion much is nearly linear, and training begins with that."""
+"""Default settings of training on them: around a motion much is nearly linear, and training begins with that."""
 
 BODIES = 200
-"""Number of bodies side by side; each is a run of the data."""
+"""Number of bodies side by side, each a run of the data."""
 
 NOISE = (0.0, 0.5, 1.0, 2.0, 3.0)
-"""Standard deviations of the noise, as multiples of that which the policy began to learn with: a fifth of the bodies each."""
+"""Standard deviations of the noise, over that at the beginning of the policy's learning: a fifth of the bodies each."""
 
 HELD_SHARE = 0.5
-"""Probability that the noise of a control stays what it was a step before."""
+"""Probability that the noise of a control stays that of the step before."""
 
 
 def policy_transitions(
@@ -57,7 +57,7 @@ def policy_transitions(
 ) -> Transitions:
     """Return windows of `count` transitions of bodies that `policy` moves on the physics, those with a disturbance left out.
 
-    They follow from the arguments alone. `on_share` is told the share that is done.
+    They follow from the arguments alone. `on_share` is called with the share done.
     """
     rng = np.random.default_rng(seed)
     rules = replace(task.rules, reward=unpaid)
@@ -100,7 +100,7 @@ def _windows(
     controls: Float[np.ndarray, "T N C"],
     goes_on: Bool[np.ndarray, "T N"],
 ) -> Transitions:
-    """Return all windows in which each step `goes_on` from the one before."""
+    """Return all windows in which each step continues the one before (`goes_on`)."""
     length = system.window_steps
     firsts = len(goes_on) - length + 1
     is_whole = np.ones((firsts, goes_on.shape[1]), bool)

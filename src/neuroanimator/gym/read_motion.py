@@ -1,4 +1,4 @@
-"""Read the motion that a body is to follow: a table of its states, one control apart, checked against the body."""
+"""Read the motion that a body should follow: a table of its states, one control apart, checked against the body."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from neuroanimator.systems.system import System
 from neuroanimator.text import quoted, table_cell
 
 MAX_FILE = 64 * 2**20
-"""Largest file of a motion [bytes]."""
+"""Maximum size of a motion's file [bytes]."""
 
 RATE_TOLERANCE = 1e-3
-"""Share of a control's time by which rows may be apart by more or less."""
+"""Tolerance of the time between rows, as a share of a control's."""
 
 UNIT_TOLERANCE = 1e-3
 """Tolerance of the length of a quaternion."""
 
 CLOCK_TOLERANCE = 1e-3
-"""Share of a step of the clock by which it may be off."""
+"""Tolerance of the clock, as a share of its step."""
 
 SEAM = 0.05
-"""Largest difference of an angle between the first and the last pose of a motion that is repeated [rad]."""
+"""Largest difference of an angle between the first and the last pose of a repeated motion [rad]."""
 
 FREE = "free"
 
@@ -50,8 +50,8 @@ FREE = "free"
 def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMotion:
     """Return the motion in the CSV file at `path`, its laps one after another.
 
-    ArgumentError for a body that no motion can drive, BadFileError for a motion of another body, at another rate, or of
-    numbers that are none: each names the fix.
+    ArgumentError for a body that no motion can drive, BadFileError for a motion of another body, at another rate, or
+    with invalid numbers: each names the remedy.
     """
     body = _servoed(system)
     if body.views[0].kind != FREE:
@@ -106,7 +106,7 @@ def _read_states(
     heading: JointView | None,
     hinges: tuple[int, ...],
 ) -> Float[np.ndarray, "K S"]:
-    """Return the states of a clip, the clock's rate as it goes and a commanded heading zero; BadFileError for another body's."""
+    """Return the states of a clip, the clock's rate constant and a commanded heading zero; BadFileError for another body."""
     layout = body.state
     if heading is not None:
         layout = _without(layout, heading)
@@ -126,7 +126,7 @@ def _read_states(
 
 
 def _hinge(body: MujocoSystem, name: str, label: str) -> JointView:
-    """Return the hinge called `name`; ArgumentError, which names the key `label`, if it is none."""
+    """Return the hinge called `name`; ArgumentError, which names the key `label`, if it is not one."""
     hinges = [view for view in body.views if view.kind == "hinge"]
     for view in hinges:
         if view.name == name:
@@ -147,7 +147,7 @@ def _without(layout: Layout, joint: JointView) -> Layout:
 
 
 def _servoed(system: System) -> MujocoSystem:
-    """Return the system if all its actuators are servos of angles."""
+    """Return the system if all its actuators are angle servos."""
     if not isinstance(system, MujocoSystem):
         raise ArgumentError("follow: wanted a MuJoCo model, whose servos can aim at a motion.")
     model = system.model
@@ -166,7 +166,7 @@ def _servoed(system: System) -> MujocoSystem:
 
 
 def _driven(model: mujoco.MjModel) -> tuple[int, ...]:
-    """Return the state entry of the angle that each actuator is a servo of."""
+    """Return the state entry of the angle that each servo controls."""
     joints = model.actuator_trnid[:, 0]
     return tuple(int(model.jnt_qposadr[joint]) for joint in joints)
 
@@ -178,7 +178,7 @@ def _driven_rates(model: mujoco.MjModel) -> tuple[int, ...]:
 
 
 def _leads(model: mujoco.MjModel) -> tuple[float, ...]:
-    """Return by how long each servo lags behind what turns evenly [s]."""
+    """Return the lag of each servo behind a steady rotation [s]."""
     leads = []
     for actuator, joint in enumerate(model.actuator_trnid[:, 0]):
         damping = model.dof_damping[model.jnt_dofadr[joint]] - model.actuator_biasprm[actuator, 2]
@@ -253,7 +253,7 @@ def _check_seam(
 def _laid_out(
     states: Float[np.ndarray, "K S"], laps: int, clock: int, velocity: int
 ) -> Float[np.ndarray, "L S"]:
-    """Return the states of all laps: each goes on where the one before ended, and faces as that did."""
+    """Return the states of all laps: each continues from the position and heading at the end of the one before."""
     moving = slice(velocity, velocity + 3)
     lap = states
     parts = [states]

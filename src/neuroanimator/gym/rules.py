@@ -1,4 +1,4 @@
-"""What makes physics a task: what is observed, what a step earns, where episodes begin and when they end."""
+"""Rules that make physics a task: observations, rewards, and where episodes begin and end."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ RowReward = Callable[
     [Float[np.ndarray, "B S"], Float[np.ndarray, "B C"], Float[np.ndarray, "B S"], float],
     Float[np.ndarray, " B"],
 ]
-"""(states, controls, states one step later, duration of that step [s]) → rewards, in NumPy, of many rows at once."""
+"""(states, controls, states one step later, duration of that step [s]) → rewards of many rows at once, in NumPy."""
 
 Observer = Callable[[Float[np.ndarray, "B S"]], Float[np.ndarray, "B O"]]
-"""States → what a policy is shown of them."""
+"""States → observations."""
 
 Ending = Callable[[Float[np.ndarray, "B S"]], Bool[np.ndarray, " B"]]
-"""States after a step → whether the episode is over, as the task has it."""
+"""States after a step → whether the task ends the episode."""
 
 StartDraw = Callable[[np.random.Generator], Float[np.ndarray, " S"]]
-"""Random numbers → the state an episode begins with."""
+"""Random generator → the initial state of an episode."""
 
 
 Disturbance = Callable[[np.random.Generator, Float[np.ndarray, "B S"]], Float[np.ndarray, "B S"]]
-"""(random numbers, states between two steps) → the states as the task changes them."""
+"""(random generator, states between two steps) → the states as changed by the task."""
 
 
 def whole_state(states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, "B S"]:
-    """Return the states: all of them is observed."""
+    """Return the states: the whole state is observed."""
     return states
 
 
 def never(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
-    """Return that no row is over."""
+    """Return False for every row."""
     return np.zeros(len(states), bool)
 
 
@@ -52,47 +52,47 @@ def unpaid(
     following: Float[np.ndarray, "B S"],
     dt: float,
 ) -> Float[np.ndarray, " B"]:
-    """Return a reward of zero: rewards are computed elsewhere, or do not matter."""
+    """Return zero rewards: they are computed elsewhere, or do not matter."""
     return np.zeros(len(states))
 
 
 @dataclass(frozen=True)
 class EpisodeRules:
-    """A task in functions of many rows: whatever physics steps the states, the same rules hold.
+    """A task as functions of many rows, the same for any physics that steps the states.
 
-    A policy learnt in an emulator by the rules of an environment acts in that environment as it is.
+    A policy learnt in an emulator by the rules of an environment acts in that environment unchanged.
     """
 
     reward: RowReward
     observe: Observer = whole_state
     is_over: Ending = never
     draw_start: StartDraw | None = None
-    """None: near rest, see `starts_near_rest`."""
+    """Draws the initial states; None for starts near rest, see `starts_near_rest`."""
     steps: int | None = None
-    """Super steps after which an episode is truncated; None: as many as fill the usual time."""
+    """Number of super steps after which an episode is truncated; None for the default length."""
     is_cut: Ending = never
-    """Where episodes are truncated, besides after `steps`; of policies that are learnt."""
+    """Whether episodes are truncated before `steps`; used while policies learn."""
     disturb: Disturbance | None = None
-    """What happens to bodies between two steps, such as other commands; of policies that are learnt."""
+    """Changes to bodies between two steps, such as new commands; used while policies learn."""
 
 
 Reward = Callable[[Array, Array, Array], Any]
-"""A function of the state (S,), the control (C,) and the state (S,) one super step later that returns a number.
+"""Function of the state (S,), the control (C,) and the state (S,) one super step later that returns a number.
 
-It is written in jax.numpy, since it is compiled.
+It is written in jax.numpy, as it is compiled.
 """
 
 
 class RunningCost(eqx.Module):
-    """The reward −Δt · J, where J is the objective of this one super step taken as if it lasted a second.
+    """The reward −Δt · J, where J is the objective of this one super step as if it lasted a second.
 
-    So a return is −∫ (μ_u/2 |u|² + μ_s/2 |s − s_d|²) dt, whatever the super step. Without an objective
-    it is −∫ |u|²/2 dt, u measured against its limits.
+    So a return is −∫ (μ_u/2 |u|² + μ_s/2 |s − s_d|²) dt for any super step. Without an objective it is −∫ |u|²/2 dt, with
+    u in units of its limits.
     """
 
     objective: Objective | None
     control_scale: Float[AnyArray, " C"]
-    """What counts as full effort of each control."""
+    """Full effort of each control."""
     dt: float = eqx.field(static=True)
 
     @classmethod
@@ -125,7 +125,7 @@ def rules_by(
     reward: Reward | None,
     rules: EpisodeRules | None,
 ) -> EpisodeRules:
-    """Return the rules by which episodes go: those given, or what an objective or a reward alone makes."""
+    """Return the rules of episodes: those given, or those of an objective or a reward alone."""
     given = {"objective": objective, "reward": reward, "rules": rules}
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
@@ -136,7 +136,7 @@ def rules_by(
 
 
 def _of_rows(reward: Reward) -> RowReward:
-    """Return a reward of one row as one of many."""
+    """Return a reward of one row as one of many rows."""
 
     def reward_rows(
         states: Float[np.ndarray, "B S"],

@@ -1,4 +1,4 @@
-"""A single environment as the one row of a vector environment, so that either does exactly what the other does."""
+"""A single environment as the one row of a vector environment, so that both behave exactly alike."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float[np.ndarray, " O"], dict[str, Any]]:
-        """Return (observation, info) of a random start, or of that which `options` say; the same seed, the same start."""
+        """Return (observation, info) of a random start, the same for the same seed, or of the start in `options`."""
         super().reset(seed=seed)
         rows = self.vector_env.rows
         start = {rows.option: rows.draw([self.np_random])[0]}
@@ -38,7 +38,7 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(
         self, action: ArrayLike
     ) -> tuple[Float[np.ndarray, " O"], float, bool, bool, dict[str, Any]]:
-        """Return (observation, reward, terminated, truncated, info) after `action` (C,) was held for a super step."""
+        """Return (observation, reward, terminated, truncated, info) after holding `action` (C,) for a super step."""
         made = self.vector_env.step(np.asarray(action)[None])
         (observation,), (reward,), (terminated,), (truncated,), info = made
         return observation, float(reward), bool(terminated), bool(truncated), _first_row(info)
@@ -49,10 +49,10 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return None if pictures is None else pictures[0]
 
     def close(self) -> None:
-        """Give the memory of pictures back."""
+        """Free the memory of pictures."""
         self.vector_env.close()
 
 
 def _first_row(info: dict[str, Any]) -> dict[str, Any]:
-    """Return a vector environment's `info` of its first row, without the masks."""
+    """Return the first row of a vector environment's `info`, without the masks."""
     return {name: rows[0].item() for name, rows in info.items() if not name.startswith("_")}

@@ -1,4 +1,4 @@
-"""Learning that begins with a policy: what it does is kept, and what it was not shown counts for nothing at first."""
+"""Learning that begins with a policy: its behaviour is kept, and new inputs have no influence at first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from neuroanimator.errors import ArgumentError
 
 
 def check_start(start: StatePolicy, emulator: Emulator, view: View) -> None:
-    """Raise ArgumentError for a policy of other controls, or that is shown more than `view` shows."""
+    """Raise ArgumentError for a policy with other controls, or with more inputs than `view`."""
     if start.emulator.control != emulator.control:
         raise ArgumentError(
             f"start: wanted a policy with the controls of {emulator.system}, came one of {start.emulator.system}."
@@ -25,11 +25,11 @@ def check_start(start: StatePolicy, emulator: Emulator, view: View) -> None:
 
 
 def started(start: StatePolicy, view: View, states: Float[Array, "B S"]) -> tuple[View, Perceptron]:
-    """Return (view, network) that act as those of `start`, which was shown the first of the numbers that `view` shows.
+    """Return (view, network) that act as those of `start`, whose inputs are the first of those of `view`.
 
-    Means and deviations of the others are those in `states`, in which episodes begin; so are means of numbers that are the same
-    in all of them, since they no longer say what they did. With another reach the last weights are scaled, so what is far from
-    its end is kept.
+    Means and deviations of the others are those in `states`, in which episodes begin; so are means of inputs that are
+    constant there, since they have lost their meaning. With another reach the last weights are scaled, so that controls
+    far from its end are kept.
     """
     known = len(start.view.mean)
     shown = np.asarray(view.of(states), float)
@@ -54,5 +54,5 @@ def started(start: StatePolicy, view: View, states: Float[Array, "B S"]) -> tupl
 
 
 def _reach(view: View) -> float:
-    """Return the largest angle by which a control differs from a motion's [rad]; 1 where no motion is followed."""
+    """Return the largest angle by which a control differs from a motion's [rad]; 1 if no motion is followed."""
     return 1.0 if view.reference is None else view.reference.reach

@@ -1,4 +1,4 @@
-"""Episodes by rules: an emulator or the physics steps the states, and the rules say what is observed, earned and over."""
+"""Episodes by rules: an emulator or the physics steps the states; the rules define observations, rewards and ends."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import Scheme, System
 
 SECONDS = 10.0
-"""Length of an episode if nothing else is said [s]; of a slow system longer."""
+"""Default length of an episode [s]; longer for a slow system."""
 
 NOISE = 0.1
-"""Distance of starts from rest, in standard deviations of the change in one super step: visible, but hardly."""
+"""Distance of starts from rest, in standard deviations of the change in one super step: barely visible."""
 
 MAX_PENALISED = 10.0
-"""Scores above it lose no more: the error has long been larger than what is to be learnt."""
+"""Score above which the penalty stays the same: the error already exceeds the signal."""
 
 
 class Leap(NamedTuple):
@@ -34,26 +34,26 @@ class Leap(NamedTuple):
 
     states: Float[np.ndarray, "B S"]
     is_lost: Bool[np.ndarray, " B"]
-    """True where the motion is no longer to be believed, so that the episode ends."""
+    """Whether the motion is no longer trustworthy, so that the episode ends."""
     penalties: Float[np.ndarray, " B"] | float = 0.0
-    """What the step loses besides what the rules say."""
+    """Penalties on the step's reward beyond the rules."""
     info: dict[str, Shaped[np.ndarray, " B"]] = {}  # noqa: RUF012 - never changed
 
 
 Stepper = Callable[
     [Float[np.ndarray, "B S"], Float[np.ndarray, "B C"], Bool[np.ndarray, " B"]], Leap
 ]
-"""(states, controls, rows that begin anew) → the super step."""
+"""(states, controls, whether each row restarts) → the super step."""
 
 
 def emulator_stepper(emulator: Emulator, trust_limit: float, trust_penalty: float) -> Stepper:
-    """Return what steps states by an emulator, and ends episodes that training does not cover."""
+    """Return a stepper by an emulator, which ends episodes outside training."""
     if not trust_limit > 0 or not 0 <= trust_penalty < np.inf:
         raise ArgumentError(
             "trust_limit and trust_penalty: wanted a score above 0 and a penalty of 0 or more, "
             f"came {trust_limit:g} and {trust_penalty:g}."
         )
-    # Kept from step to step: a latent state, decoded and encoded again, is no longer quite the same.
+    # Kept from step to step: decoding and encoding a latent state changes it slightly.
     latent = np.zeros((0, 0), np.float32)
 
     def leap(
@@ -68,7 +68,7 @@ def emulator_stepper(emulator: Emulator, trust_limit: float, trust_penalty: floa
             latent[is_new] = emulator.encode(states[is_new].astype(np.float32))
         made = step_rows(emulator, latent, controls)
         latent = made.latent
-        # What is no number is beyond every limit.
+        # NaN is beyond every limit.
         trust = np.nan_to_num(made.trust, nan=np.inf)
         beyond = np.clip(trust, EDGE, MAX_PENALISED) - EDGE
         is_lost = made.begins_far | made.ends_far | (trust > trust_limit)
@@ -79,8 +79,8 @@ def emulator_stepper(emulator: Emulator, trust_limit: float, trust_penalty: floa
 
 
 def physics_stepper(system: System, scheme: Scheme, dt: float) -> Stepper:
-    """Return what steps states by a system, and ends episodes where it diverges."""
-    scheme.steps(dt)  # refuses a super step that is no whole number of steps
+    """Return a stepper by a system, which ends episodes where it diverges."""
+    scheme.steps(dt)  # refuses a super step that is not a whole number of steps
 
     def leap(
         states: Float[np.ndarray, "B S"],
@@ -97,7 +97,7 @@ def physics_stepper(system: System, scheme: Scheme, dt: float) -> Stepper:
 
 @final
 class StateRows(EpisodeRows):
-    """Episodes by the same rules, whatever steps their states."""
+    """Episodes by the same rules for any stepper."""
 
     option = "state"
     max_observation = np.inf
@@ -110,7 +110,7 @@ class StateRows(EpisodeRows):
         seconds: float | None,
         noise: float,
     ):
-        """The rules' length of episodes holds unless `seconds` are given."""
+        """Episodes have the rules' length unless `seconds` is given."""
         if seconds is None and rules.steps is not None:
             seconds = rules.steps * emulator.dt
         if seconds is None:
@@ -142,7 +142,7 @@ class StateRows(EpisodeRows):
     def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
         before = self.states
         made = self._stepper(before, controls, self._is_new)
-        with np.errstate(all="ignore"):  # a row that diverged earns no number
+        with np.errstate(all="ignore"):  # a diverged row has no finite reward
             paid = self._rules.reward(before, controls, made.states, self.emulator.dt)
             is_over = self._rules.is_over(made.states) | made.is_lost
         rewards = np.nan_to_num(paid - made.penalties, posinf=0.0, neginf=0.0)
@@ -157,12 +157,12 @@ class StateRows(EpisodeRows):
 def starts_near_rest(
     emulator: Emulator, noise: float, random: Sequence[np.random.Generator]
 ) -> Float[np.ndarray, "R S"]:
-    """Return rest with noise by each of `random`, along what a state can change by: quaternions stay of length one.
+    """Return rest with noise from each of `random`, in the space of changes: quaternions keep length 1.
 
-    `noise` is in standard deviations of the change in one super step. A deformable body is moved by what noise does
-    to its latent state, which cannot show rest itself exactly.
+    `noise` is in standard deviations of the change in one super step. For a deformable body it is added to the latent
+    state, which cannot represent rest itself exactly.
     """
-    # Noise is drawn around rest as it is, not as it would coast.
+    # Noise is drawn around rest itself, not around where it would coast.
     frame = replace(emulator.frame, dt=0.0)
     rest = emulator.rest
     unit = np.asarray(emulator.normaliser.unit, float)

@@ -1,4 +1,4 @@
-"""The tasks of `neuroanimator.control.tasks` as Gymnasium environments: a goal, a reward on the way, an end."""
+"""The tasks of `neuroanimator.control.tasks` as Gymnasium environments, with goals, rewards and ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from neuroanimator.gym.vector_env import RowsVectorEnv
 class TaskVectorEnv(RowsVectorEnv):
     """`num_envs` trials of a task at once; row i is a `TaskEnv` reset with seed + i.
 
-    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
+    A row that has ended restarts in the next step, which ignores its action and has reward zero.
     """
 
     def __init__(self, task: str, num_envs: int = 1, render_mode: str | None = None):
@@ -25,19 +25,19 @@ class TaskVectorEnv(RowsVectorEnv):
 class TaskEnv(SingleEnv):
     """One trial after another of a task, on its emulator; a step is a super step, actions are clipped to the bounds.
 
-    An observation (O,), kept within ±`batched_step.MAX_OBSERVATION`, holds in this order: what the emulator's network sees of the
-    body (sines and cosines of angles; velocities, shape and activations in standard deviations of training), then for
-    systems that have a position: the goal's position as seen from the body, along its own axes, in body lengths or
-    10 m; the direction to go along the same axes; up along the same axes; among obstacles, position (in 10 m) and
-    direction in the world; last the share of time that is left.
+    An observation (O,), clipped to ±`batched_step.MAX_OBSERVATION`, holds in this order: the inputs of the emulator's network
+    for the body (sines and cosines of angles; velocities, shape and activations in standard deviations of training); for
+    systems with a position, the goal's position relative to the body, along its own axes, in body lengths or 10 m; the
+    direction to go, and up, along the same axes; among obstacles, position (in 10 m) and direction in the world; last the
+    remaining share of time.
 
-    The reward is by how much the step lowered J, over J at the start: J is the task's own objective, taken as if
-    everything stayed as it is until the end. So rewards sum to 1 - J/J(start), and the best return is the best
-    controller. The step that succeeds gets `task_rows.BONUS` more, the one that fails so much less.
+    The reward is the decrease of J in the step, over J at the start: J is the task's own objective, as if everything
+    stayed as it is until the end. So rewards sum to 1 - J/J(start), and the best return is the best controller. Success
+    adds `task_rows.BONUS` to the reward, failure subtracts it.
 
-    It is terminated by success, by failure (a crash, an obstacle touched, far outside training), and truncated when
-    time is up. `info["success"]` says which, `info["covered"]` whether training covered the step, `info["trial"]` the
-    number of the trial.
+    It is terminated by success or failure (a crash, an obstacle touched, far outside training), and truncated when time
+    is up. `info["success"]` is whether it succeeded, `info["covered"]` whether training covered the step, `info["trial"]`
+    the number of the trial.
     """
 
     def __init__(self, task: str, render_mode: str | None = None):

@@ -1,4 +1,4 @@
-"""Episodes of a task: trials by their number, J so far, success and failure."""
+"""Episodes of a task: numbered trials, J so far, success and failure."""
 
 from __future__ import annotations
 
@@ -32,31 +32,30 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems import load_system
 
 TRIALS = 100
-"""Number of starts and goals an episode is drawn from: the same ones `benchmarks/control.py` solves."""
+"""Number of starts and goals from which an episode is drawn: those that `benchmarks/control.py` solves."""
 
 TRIAL_STREAM = 5
-"""Tells the random numbers of a trial from others of the same number: that of the benchmark."""
+"""Number of the random stream of trials: that of the benchmark."""
 
 RIGID_SCALE = 10.0
-"""Length in which distances to the goal are counted by what is not deformable [m]: about as far as truck and lander
-go."""
+"""Unit of distances to the goal for rigid bodies [m]: about as far as truck and lander go."""
 
 BONUS = 1.0
-"""Reward added for the step that succeeds, and taken for the one that fails."""
+"""Reward added on success, and subtracted on failure."""
 
 
 class Episodes(NamedTuple):
-    """Episodes under way, each a row."""
+    """Episodes in progress, a row each."""
 
     latent: Float[np.ndarray, "B I"]
     controls: Float[np.ndarray, "B T C"]
-    """The controls held; those still to come are zero."""
+    """The controls held; future ones are zero."""
     states: Float[np.ndarray, "B T+1 S"]
-    """The trajectories; states still to come are as the last one."""
+    """The trajectories; future states repeat the last one."""
     cost: Float[np.ndarray, " B"]
-    """J if everything stayed as it is now."""
+    """J if everything stayed as it is."""
     first_cost: Float[np.ndarray, " B"]
-    """J if everything had stayed as it began."""
+    """J if everything had stayed as at the start."""
 
 
 @final
@@ -108,7 +107,7 @@ class TaskRows(EpisodeRows):
         self._counts = counts
 
     def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
-        """A row that has made all its super steps keeps its motion."""
+        """Take a super step; a row that has taken all its super steps keeps its motion."""
         before = self.episodes
         counts = self._counts
         made = step_rows(self.emulator, before.latent, controls)
@@ -117,7 +116,7 @@ class TaskRows(EpisodeRows):
         is_held = np.arange(self.steps) == counts[:, None]
         held = np.where(is_held[..., None], controls[:, None], before.controls)
         cost = self._costs(held, states)
-        with np.errstate(all="ignore"):  # a row that diverged costs no number
+        with np.errstate(all="ignore"):  # a diverged row has no finite cost
             rewards = np.nan_to_num((before.cost - cost) / before.first_cost)
         self.episodes = Episodes(made.latent, held, states, cost, before.first_cost)
         self.states = made.states
@@ -143,12 +142,12 @@ class TaskRows(EpisodeRows):
         return {"trial": self.numbers}
 
     def _draw_trial(self, number: int) -> Trial:
-        """Return the trial of that number: always the same one, and that of the benchmark."""
+        """Return the trial of that number, always the same: that of the benchmark."""
         rng = np.random.default_rng([number, TRIAL_STREAM])
         return self.task.draw(self.system, rng, self.steps, self.emulator.dt)
 
     def _begun(self) -> Episodes:
-        """Return the episodes of all trials at their beginning."""
+        """Return the episodes of all trials at their starts."""
         starts = np.stack([np.asarray(trial.start, float) for trial in self._trials])
         latent = np.asarray(self.emulator.encode(starts), np.float32)
         states = np.repeat(starts[:, None].astype(np.float32), self.steps + 1, axis=1)

@@ -24,63 +24,63 @@ class Outcome(NamedTuple):
 
     rewards: Float[np.ndarray, " B"]
     is_over: Bool[np.ndarray, " B"]
-    """True where the episode ends for another reason than its length."""
+    """Whether the episode ends for another reason than its length."""
     info: dict[str, Shaped[np.ndarray, " B"]]
 
 
 class EpisodeRows(ABC):
-    """Episodes side by side, a row each: their starts, their super steps and what is observed of them."""
+    """Episodes side by side, a row each: their starts, super steps and observations."""
 
     emulator: Emulator
-    """Names the state, the controls and the super step."""
+    """Emulator that defines the state, the controls and the super step."""
     steps: int
     """Number of super steps after which an episode is truncated."""
     option: str
-    """Name of the option of `reset` that says where episodes begin."""
+    """Name of the option of `reset` with the start of episodes."""
     first: ArrayLike
-    """Start of an environment that was not reset yet."""
+    """Start of an environment not yet reset."""
     max_observation: float
-    """Observations are within ± this."""
+    """Maximum magnitude of observations."""
     states: Float[np.ndarray, "B S"]
-    """States at present: what pictures show."""
+    """Current states, which pictures show."""
 
     @abstractmethod
     def draw(self, random: Sequence[np.random.Generator]) -> Shaped[np.ndarray, "R ..."]:
-        """Return a random start by each of `random`."""
+        """Return a random start from each of `random`."""
 
     @abstractmethod
     def check(self, start: ArrayLike) -> Shaped[np.ndarray, "*BX"]:
-        """Return one start or many as an array; ArgumentError if there are none such."""
+        """Return one start or many as an array; ArgumentError for invalid ones."""
 
     @abstractmethod
     def begin(self, starts: Shaped[np.ndarray, "B ..."], rows: Bool[np.ndarray, " B"]) -> None:
-        """Begin an episode in each of `rows`, and let the others be."""
+        """Begin an episode in each of `rows`, and leave the others."""
 
     @abstractmethod
     def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
-        """Go a super step on."""
+        """Take a super step."""
 
     @abstractmethod
     def observe(self) -> Float[np.ndarray, "B O"]:
         """Return the observations, as a new array."""
 
     def restart(self, random: Sequence[np.random.Generator], rows: Bool[np.ndarray, " B"]) -> None:
-        """Begin an episode at a random start in each of `rows`, drawn by each of `random`."""
+        """Begin an episode in each of `rows`, at a random start from each of `random`."""
         drawn = self.draw(random)
         starts = np.zeros((len(rows), *drawn.shape[1:]), drawn.dtype)
         starts[rows] = drawn
         self.begin(starts, rows)
 
     def facts(self) -> dict[str, Shaped[np.ndarray, " B"]]:
-        """Return the part of `info` that is known of an episode from its beginning."""
+        """Return the part of `info` that is known from the beginning of an episode."""
         return {}
 
 
 class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """`num_envs` episodes in one compiled call; a step is a super step, actions are clipped to the bounds.
 
-    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero; or in the same
-    step, as Gymnasium's `AutoresetMode.SAME_STEP` has it: `info["final_obs"]` is then the last observation.
+    A row that has ended restarts in the next step, which ignores its action and has reward zero; or in the same step with
+    Gymnasium's `AutoresetMode.SAME_STEP`: `info["final_obs"]` is then the last observation.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
@@ -95,7 +95,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None,
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ):
-        """Raise ArgumentError for no rows, and for a render mode or an autoreset mode there is not."""
+        """Raise ArgumentError without rows, and for an unknown render mode or autoreset mode."""
         if num_envs < 1:
             raise ArgumentError(f"num_envs: wanted one or more, came {num_envs}.")
         if autoreset_mode is AutoresetMode.DISABLED:
@@ -131,10 +131,10 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float[np.ndarray, "B O"], dict[str, Any]]:
-        """Return (observations, info) of random starts, or of that or those which `options` say.
+        """Return (observations, info) of random starts, or of the start or starts in `options`.
 
-        Row i draws by `seed` + i; without a seed, rows go on drawing as they do. The option is `state`, (S,) or (B, S),
-        or the number of a task's `trial`.
+        Row i draws from `seed` + i; without a seed, rows continue their random streams. The option is `state`, (S,) or
+        (B, S), or the number of a task's `trial`.
         """
         if seed is not None:
             self._random = [np_random(seed + row)[0] for row in range(self.num_envs)]
@@ -155,7 +155,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Bool[np.ndarray, " B"],
         dict[str, Any],
     ]:
-        """Return (observations, rewards, terminated, truncated, info) after `actions` (B, C) were held for a super step."""
+        """Return (observations, rewards, terminated, truncated, info) after holding `actions` (B, C) for a super step."""
         controls = self._checked_actions(actions).astype(np.float32)
         is_old = ~self._has_ended
         outcome = self.rows.step(controls)
@@ -183,7 +183,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return tuple(self._camera.picture(state) for state in self.shown_states())
 
     def close_extras(self, **_: Any) -> None:
-        """Give the memory of pictures back."""
+        """Free the memory of pictures."""
         self._camera.close()
 
     def _begin(self, starts: Shaped[np.ndarray, "*BX"]) -> None:
@@ -209,7 +209,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._has_ended = np.zeros(self.num_envs, bool)
 
     def _final_info(self) -> dict[str, Any]:
-        """Return the last observations of rows that have ended, as Gymnasium's vector environments say them."""
+        """Return the last observations of rows that have ended, in the format of Gymnasium's vector environments."""
         last = np.full(self.num_envs, None, object)
         observations = self.rows.observe()
         for row in np.flatnonzero(self._has_ended):
@@ -217,7 +217,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {"final_obs": last, "_final_obs": self._has_ended}
 
     def _checked_actions(self, actions: ArrayLike) -> Float[np.ndarray, "B C"]:
-        """Return `actions` (B, C), brought within the bounds as a motor would."""
+        """Return `actions` (B, C), clipped to the bounds as by a motor."""
         controls = self.emulator.control.check(actions, "action")
         if controls.shape != self.action_space.shape:
             raise ArgumentError(
@@ -227,7 +227,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _masked(info: dict[str, Any], rows: Bool[np.ndarray, " B"]) -> dict[str, Any]:
-    """Return `info` of `rows` with Gymnasium's masks, which say of which rows it is; flags are false elsewhere."""
+    """Return `info` of `rows` with Gymnasium's masks of the rows that have it; flags are false elsewhere."""
     masked = {}
     for name, values in info.items():
         is_flag = values.dtype == bool

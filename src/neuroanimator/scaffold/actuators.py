@@ -1,4 +1,4 @@
-"""Ranges of a model's actuators, read off the model or guessed, and models that nothing drives."""
+"""Ranges of a model's actuators, from the model or guessed, and models that nothing drives."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.touching import is_disabled
 
 GUESS = (-1.0, 1.0)
-"""Range proposed for an actuator of which nothing is known."""
+"""Range proposed for an actuator without any information."""
 
 ANY = 1e4
-"""Largest control tried to hold a model, of an actuator of which the model gives no range."""
+"""Largest control tried to hold a model, for an actuator without a range."""
 
 HALF_TURN = (-3.1416, 3.1416)
 """Range proposed for a servo of a hinge without one [rad]."""
@@ -40,12 +40,12 @@ def actuator_faults(path: Path, model: mujoco.MjModel) -> str:
 
 
 def actuators_without_range(model: mujoco.MjModel) -> list[int]:
-    """Return the actuators of which the model does not say what they can do."""
+    """Return the actuators without a range in the model."""
     return [i for i in range(model.nu) if control_range(model, i) is None]
 
 
 def proposed_bounds(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest control of each actuator: the model's own, else what it can be guessed from."""
+    """Return the smallest and the largest control of each actuator: the model's own, else a guess."""
     bounds = {}
     for actuator in range(model.nu):
         bound = control_range(model, actuator)
@@ -58,7 +58,7 @@ def proposed_bounds(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
 def possible_controls(
     model: mujoco.MjModel, bounds: Bounds
 ) -> tuple[Float[np.ndarray, " C"], Float[np.ndarray, " C"]]:
-    """Return the least and the largest controls that might hold the model: `bounds`, but any where it gives no range."""
+    """Return the smallest and the largest controls that might hold the model: `bounds`, or ±`ANY` where it gives no range."""
     low = np.array(bounds.low)
     high = np.array(bounds.high)
     unlimited = actuators_without_range(model)
@@ -70,7 +70,7 @@ def possible_controls(
 def widen_guesses(
     model: mujoco.MjModel, bounds: dict[str, tuple[float, float]], held: Float[np.ndarray, " C"]
 ) -> None:
-    """Widen guessed bounds so that half of them holds the model by the controls `held`."""
+    """Widen guessed bounds so that half of them covers the controls `held` that hold the model."""
     for actuator in actuators_without_range(model):
         if not is_servo(model, actuator):
             name = actuator_name(model, actuator)
@@ -80,7 +80,7 @@ def widen_guesses(
 
 
 def _guessed(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
-    """Return a range for an actuator without one: of its joint for a servo, of its forces for a motor."""
+    """Return a range for an actuator without one: that of its joint for a servo, of its forces for a motor."""
     joint = -1
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         joint = int(model.actuator_trnid[actuator][0])

@@ -17,13 +17,13 @@ from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh, read_mesh
 from neuroanimator.systems.soft.scene import Scene
 
 STEP = 1 / 1200
-"""Small step of the physics [s]."""
+"""Small physics step [s]."""
 
 TRUTH_PARTS = 2
-"""Number of the teacher's small steps in one of these."""
+"""Number of the teacher's small steps in one of those."""
 
 FINE_PARTS = 10
-"""Number of the reference's."""
+"""Number of the reference's small steps in one of those."""
 
 EDGE = 0.01
 """Width of the upper edge, over the size of the mesh."""
@@ -37,7 +37,7 @@ AWAY = 0.6
 COMMENTS = {
     "mesh": "in metres, Z up",
     "substeps": "small steps in a super step",
-    "shapes": "numbers the cloth is told by; more are more exact and slower. Found when they are first needed",
+    "shapes": "amplitudes that describe the cloth; more are more accurate and slower. Computed when first needed",
     "physics": "Small steps [s]: a user's, the teacher's, and the reference's.",
     "cloth": "Material: density [kg/m²], stretch [N/m], bend [N/m], damping [s], thickness [m].",
     "air": "Air: drag [1/s], density [kg/m³], wind [m/s].",
@@ -49,7 +49,7 @@ COMMENTS = {
 def propose_cloth(path: Path) -> Proposal:
     """Return a definition of the cloth whose mesh is in the OBJ file at `path`.
 
-    Raises BadFileError or ArgumentError for what is no mesh of a cloth.
+    Raises BadFileError or ArgumentError for a file that is not the mesh of a cloth.
     """
     positions, faces = read_mesh(path.name, read_bounded(path, MAX_FILE))
     low = positions.min(axis=0)
@@ -78,7 +78,7 @@ def propose_cloth(path: Path) -> Proposal:
         },
     }
     definition = check_table(values, path.name, SoftDefinition)
-    Scene(definition, Mesh(positions, faces))  # refuses what cannot be
+    Scene(definition, Mesh(positions, faces))  # refuses invalid values
     told = (
         ("mesh", f"{len(positions):,} nodes, {len(faces):,} triangles, {size:g} m"),
         ("held", f"{len(pins)} nodes: {edge}"),
@@ -88,7 +88,7 @@ def propose_cloth(path: Path) -> Proposal:
 
 
 def usual_values(path: Path) -> dict[str, Any]:
-    """Return what is proposed for any soft body whose mesh is at `path`."""
+    """Return the values proposed for any soft body whose mesh is at `path`."""
     return {
         "name": usual_name(path),
         "kind": "soft",
@@ -104,7 +104,7 @@ def usual_values(path: Path) -> dict[str, Any]:
 
 
 def _held_edge(positions: Float[np.ndarray, "N 3"], size: float) -> tuple[np.ndarray, str]:
-    """Return the nodes of the upper edge, or of a level mesh those of one side; and what to call them."""
+    """Return the nodes of the upper edge, or of one side of a level mesh; and a name for them."""
     for axis, sign, name in ((2, 1, "the upper edge"), (0, -1, "the side of the least x")):
         along = sign * positions[:, axis]
         if np.ptp(along) > EDGE * size:
@@ -119,5 +119,5 @@ def _thinnest_axis(positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3
 
 
 def rounded(values: Any) -> Any:
-    """Return numbers as a TOML file has them: whole micrometres."""
+    """Return numbers rounded for a TOML file, to whole micrometres."""
     return np.round(values, 6).tolist()

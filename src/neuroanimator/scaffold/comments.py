@@ -1,4 +1,4 @@
-"""Words about a proposal for a model: comments on its values, rows for the screen, and what the user should look at."""
+"""Texts about a proposal for a model: comments on its values, rows for the screen, and warnings."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.text import listed
 
 SLOW = 0.05
-"""Growth exponent of a fall over one super step below which it is not worth a word."""
+"""Growth exponent of a fall over one super step below which it is not mentioned."""
 
 COMMENTS = {
     "base": "of a URDF: fixed to the world, or free to move over a floor",
-    "passive": "joints with an effort that no motor drives all the same",
+    "passive": "joints with an effort limit but without a motor",
     "physics": "How the physics is stepped. Speed-ups are measured against step and integrator.\n"
     "truth teaches; fine is the reference of every error, at most a tenth of the step.",
     "physics.step": "the model's own, or MuJoCo's [s]",
@@ -44,7 +44,7 @@ COMMENTS = {
     "symmetries: mirrors and like limbs, by which every example stands for several;\n"
     "planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
     "control": "The least and the largest value of each actuator.",
-    "holding": "The control that holds the model at rest; where controls cease, they cease to this.",
+    "holding": "The control that holds the model at rest, to which controls return when they end.",
     "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
     "reset_share: of runs that begin just at rest or at a keyframe, but for reset_noise;\n"
     "warm_up: random driving before the others are recorded [s]; tilt: of a free root [rad].",
@@ -55,22 +55,22 @@ COMMENTS = {
     "or as far as one number to either side of rest: over a joint's range, all the way round, or as in trial runs.",
     "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
 }
-"""Titles of tables and comments on values that are the same for every model."""
+"""Titles of tables, and comments on values that are the same for every model."""
 
 
 class Findings(NamedTuple):
-    """Everything trial runs showed of a model."""
+    """Results of a model's trial runs."""
 
     motion: Motion
-    """Its motion under the controls that are proposed."""
+    """Its motion under the proposed controls."""
     hold: Hold
     growth: float
     """Rate at which a fall from rest grows [1/s]."""
     whole: dict[str, tuple[float, float]]
-    """The whole range of each control."""
+    """Full range of each control."""
     teacher: Teacher
     lost: list[str]
-    """Those of rest and keyframes that runs diverge from."""
+    """Names of rest and keyframes from which runs diverge."""
 
 
 def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
@@ -97,7 +97,7 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
 
 
 def _substeps_note(found: Findings) -> str:
-    """Return why the super step is as long as it is."""
+    """Return the reason for the length of the super step."""
     motion = found.motion
     exponent = found.growth * motion.trial.dt
     note = f"a super step of {motion.trial.dt:g} s"
@@ -109,7 +109,7 @@ def _substeps_note(found: Findings) -> str:
 
 
 def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
-    """Return where the bounds of an actuator come from."""
+    """Return the origin of an actuator's bounds."""
     name = actuator_name(model, actuator)
     low, high = found.whole[name]
     held = found.hold.controls[actuator]
@@ -157,7 +157,7 @@ def _teacher_note(teacher: Teacher) -> str:
 
 
 def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ...]:
-    """Return what is told on the screen of a proposal, as rows."""
+    """Return the rows shown on the screen about a proposal."""
     values = found.motion.values
     rows = []
     if is_urdf(values):
@@ -175,7 +175,7 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
 
 
 def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
-    """Yield what the user should look at, one line each."""
+    """Yield warnings for the user, one line each."""
     model = system.model
     unlimited = [actuator_name(model, i) for i in actuators_without_range(model)]
     if unlimited:
@@ -190,7 +190,7 @@ def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
             f"mocap: {named} stays where it is, as no control moves a mocap body. Give the model actuators for what it should "
             "move."
         )
-    # Those of bodies act on contacts, which there may not be now.
+    # Those of bodies act on contacts, and there may be none now.
     is_idle = ~acts_on(model).any(axis=1)
     is_idle &= model.actuator_trntype != mujoco.mjtTrn.mjTRN_BODY
     idle = [actuator_name(model, i) for i in np.flatnonzero(is_idle).tolist()]
@@ -220,7 +220,7 @@ def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
 
 
 def _fall_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
-    """Yield what is to be said of a root that falls, onto a floor or for ever."""
+    """Yield warnings about a root that falls, onto a floor or for ever."""
     name = joint_name(model, 0)
     if has_free_root(model) and gravity_of(model).any() and not can_touch_ground(model):
         if found.hold.source:

@@ -1,4 +1,4 @@
-"""Declarations of a step file: STEP, STATE, CONTROL and what else it says of its function, checked."""
+"""Checked declarations of a step file: STEP, STATE, CONTROL and the rest."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ WANTED_NAME = "a name of letters, digits and _ . -, at most 40, beginning with a
 
 
 def _as_numbers(value: Any) -> Any:
-    """Return NumPy's numbers and arrays, and a single number, as a list of Python's."""
+    """Return NumPy's numbers and arrays, or a single number, as a list of Python's."""
     plain = value.tolist() if hasattr(value, "tolist") else value
     return plain if isinstance(plain, list | tuple) else [plain]
 
@@ -47,13 +47,13 @@ Numbers = Annotated[list[Finite], BeforeValidator(_as_numbers)]
 
 
 class Declarations(Table):
-    """Everything a step file declares, under the names it has there."""
+    """Everything a step file declares, by the names used there."""
 
     STEP: FunctionStep
     STATE: dict[PartName, str | tuple[str, StrictInt]] = Field(min_length=1)
     """Unit of each part, or its unit and size."""
     CONTROL: dict[PartName, tuple[str, Numbers, Numbers]] = Field(min_length=1)
-    """Unit, least and greatest value of each control."""
+    """Unit, smallest and largest value of each control."""
     ANGLES: tuple[str, ...] = ()
     RATES: dict[str, str] = Field(default={})
     REST: dict[str, Numbers] = Field(default={})
@@ -61,10 +61,10 @@ class Declarations(Table):
     BATCHED: StrictBool | None = None
     ODE: StrictBool = False
     PARAMETERS: dict[PartName, tuple[str, Finite, Finite]] = Field(default={})
-    """Unit, least and greatest value of each further argument of `step`."""
+    """Unit, smallest and largest value of each further argument of `step`."""
 
     def parts(self) -> list[dict[str, Any]]:
-        """Return the tables of the parts of the state, as a definition has them."""
+        """Return the tables of the parts of the state, as in a definition."""
         parts = []
         for name, declared in self.STATE.items():
             unit, size = (declared, 1) if isinstance(declared, str) else declared
@@ -83,7 +83,7 @@ class Declarations(Table):
         return parts
 
     def parameters(self) -> dict[str, dict[str, Any]]:
-        """Return the tables of the parameters, as a definition has them."""
+        """Return the tables of the parameters, as in a definition."""
         return {
             name: {"sets": name, "range": [low, high], "unit": unit}
             for name, (unit, low, high) in self.PARAMETERS.items()
@@ -95,7 +95,7 @@ def _repeated(numbers: list[float], size: int) -> list[float]:
 
 
 def read_declarations(path: Path, module: ModuleType) -> Declarations:
-    """Return what the module of the step file at `path` declares; BadFileError shows how a wrong one is written."""
+    """Return the declarations in the module of the step file at `path`; BadFileError shows the right form of a wrong one."""
     names = [name for name in Declarations.model_fields if hasattr(module, name)]
     try:
         declared = Declarations.model_validate({name: getattr(module, name) for name in names})
@@ -111,7 +111,7 @@ def read_declarations(path: Path, module: ModuleType) -> Declarations:
 
 
 def _fault(error: ValidationError, module: ModuleType) -> str:
-    """Return the first wrong declaration, what was wanted and what came."""
+    """Return a message on the first wrong declaration: what was wanted and what came."""
     fault = error.errors()[0]
     name, *path = fault["loc"]
     if "[key]" in path:

@@ -8,13 +8,13 @@ from pathlib import Path
 from neuroanimator.systems import SYSTEMS
 
 MAX_USUAL_NAME = 30
-"""Number of characters of a name taken from a file: with `my-` before it, it may be a system's."""
+"""Maximum number of characters of a name from a file: with `my-` before it, it must be a valid system name."""
 
 WANTED_SUPER_STEP = 0.1
-"""Longest super step that is proposed [s], unless one step is longer: three pictures of a film."""
+"""Longest proposed super step [s], unless one step is longer: three frames of a film."""
 
 FINE_PARTS = 10
-"""Number of parts into which the step is cut for the fine reference of every error."""
+"""Number of parts into which the step is divided for the fine reference of every error."""
 
 MAX_TEACHER_ERROR = 0.002
 """Largest one-step error of a scheme that may teach, as a share of the change's standard deviation."""
@@ -23,13 +23,13 @@ MIN_CHANGE = 1e-9
 """Smallest change in a super step by which errors are divided."""
 
 ANGLE_SPREAD = 3.1416
-"""Half width that spreads random starts over all angles [rad]; it is pi, rounded for people to read."""
+"""Half width that spreads random starts over all angles [rad]: pi, rounded for readability."""
 
 MAX_TURN = 0.5
-"""Largest angle by which something should turn in a super step [rad], but in a twentieth of the time."""
+"""Largest angle by which something should turn in a super step [rad], except in a twentieth of the time."""
 
 FASTEST = 95
-"""Percentile of the velocities that counts as the fastest that occurs."""
+"""Percentile of the velocities that counts as the fastest."""
 
 PART_TITLES = {
     "physics": "The step the function is called with, or the sampling interval [s].\n"
@@ -43,17 +43,17 @@ PART_TITLES = {
 
 
 def proposed_substeps(step: float) -> int:
-    """Return how many steps of `step` [s] a super step should have."""
+    """Return the proposed number of steps of `step` [s] in a super step."""
     return max(1, round(WANTED_SUPER_STEP / step))
 
 
 def rounded(value: float, digits: int) -> float:
-    """Return a number with this many significant digits, for people to read."""
+    """Return a number with `digits` significant digits, for readability."""
     return float(f"{value:.{digits}g}")
 
 
 def usual_name(path: Path) -> str:
-    """Return the name of a system by its file: of valid characters only, and no name of a system of the package."""
+    """Return a system's name from its file's: of valid characters only, and not that of a shipped system."""
     name = re.sub("[^a-z0-9_-]+", "-", path.stem.lower()).strip("-_")[:MAX_USUAL_NAME]
     if not name or not name[0].isalpha() or name in SYSTEMS:
         name = f"my-{name}".rstrip("-")

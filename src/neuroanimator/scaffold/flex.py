@@ -1,4 +1,4 @@
-"""Proposal for a MuJoCo model with a soft body: its mocap bodies move, and what they may do is tried."""
+"""Proposal for a MuJoCo model with a soft body, whose mocap bodies move: their motions are tried."""
 
 from __future__ import annotations
 
@@ -39,45 +39,45 @@ SPEED = 1.0
 """Largest speed of a mover that strikes, over the size of the body [1/s]."""
 
 CARRYING = 0.5
-"""The same of one that carries it."""
+"""The same for one that carries it."""
 
 REACH = 0.15
-"""Distance that a mover which carries the body wanders, over the size of the body."""
+"""Distance that a mover carrying the body wanders, over the size of the body."""
 
 BEYOND = 0.2
-"""Distance that one which strikes goes beyond the body's middle, over the size of the body."""
+"""Distance that a striking mover goes beyond the body's middle, over the size of the body."""
 
 TRIAL = 4.0
-"""Longest time in which movers go there, and that in which they come back, in a trial [s]."""
+"""Maximum time for the movers' way there, and for the way back, in a trial [s]."""
 
 FAR = 100.0
-"""Distance that a node has flown, over the size of the body, when it has flown apart."""
+"""Distance of a node, over the size of the body, at which the body has flown apart."""
 
 PATIENCE = 8.0
 """Processor time after which a trial ends [s]."""
 
 HALVINGS = 2
-"""Number of times that steps, or speeds, are halved."""
+"""Maximum number of times that steps, or speeds, are halved."""
 
 SAFE_STEPS = 2
-"""Shortest time constant of contacts, in steps: MuJoCo takes no shorter one."""
+"""Shortest time constant of contacts that MuJoCo accepts, in steps."""
 
 DEEP = 0.1
-"""Depth of contacts over the thickness of a geom from which on they should be harder, or movers slower."""
+"""Depth of contacts, over the thickness of a geom, above which they should be harder, or movers slower."""
 
 MAX_DATA = 3600.0
-"""Time that data may take on this machine before `new` advises to make the physics cheaper [s]."""
+"""Time for data on this machine above which `new` advises cheaper physics [s]."""
 
 MIN_SEEN = 0.5
-"""Share of their way that movers should have gone in a trial, for it to say how deep nodes get."""
+"""Minimum share of their way that movers must go in a trial for its contact depths to count."""
 
 MAX_SHAPES = 64
-"""Number of shapes proposed, if the nodes are so many."""
+"""Number of shapes proposed, if there are enough nodes."""
 
 COMMENTS = {
     "model": "one flex, and mocap bodies that move",
     "substeps": "steps in a super step",
-    "shapes": "numbers the body is told by; more are more exact and slower. Found when they are first needed",
+    "shapes": "amplitudes that describe the body; more are more accurate and slower. Computed when first needed",
     "physics": "Steps [s]: the model's own, the teacher's, and the reference's. The integrator is the model's.",
     "physics.contact_time": "MuJoCo's solref of contacts with movers, and of ties to them [s]; 0 is the model's own",
 }
@@ -87,7 +87,7 @@ FREE_ROW = (
     "held",
     "by nothing: it lies on the ground, and an emulator follows it until it tumbles",
 )
-"""Row for the screen about a body that nothing holds: how it tumbles is chaotic."""
+"""Row for the screen about a body that nothing holds: its tumbling is chaotic."""
 
 AS_MODELLED = "As hard as the model says."
 
@@ -101,26 +101,26 @@ MOVERS = (
 
 
 class Trial(NamedTuple):
-    """What was seen while movers went there and back."""
+    """Observations while movers went there and back."""
 
     has_diverged: bool
     contacts: int
     """Largest number of contacts with one geom."""
     depth: float
-    """Depth of the deepest contact beyond that at rest [m]: what a geom carries lies inside it from the start."""
+    """Depth of the deepest contact beyond that at rest [m]: a body carried by a geom lies inside it from the start."""
     share: float
-    """The greatest such depth over the geom's thickness."""
+    """Largest such depth over the geom's thickness."""
     cost: float
     """Processor time of a super step [s]."""
     seen_share: float
-    """Share of the path that was played before `PATIENCE` ended the trial."""
+    """Share of the path covered before `PATIENCE` ended the trial."""
 
 
 def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False) -> Proposal:
     """Return a definition of the compiled `model` at `path`, which has a flex.
 
-    Raises BadFileError for what is not supported, ArgumentError if `has_options` of other models are given, or if the
-    physics diverges.
+    Raises BadFileError for an unsupported model, ArgumentError if `has_options` (options of other models were given), or
+    if the physics diverges.
     """
     if has_options:
         raise ArgumentError(
@@ -191,7 +191,7 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
 
 
 def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
-    """Yield what the user should look at, one line each; the data take `data_seconds` of a core [s]."""
+    """Yield warnings for the user, one line each; the data take `data_seconds` of a core [s]."""
     if trial.share > DEEP:
         yield (
             f"movers: nodes go {1000 * trial.depth:.0f} mm deep into a geom, however slow it is. Write thicker or "
@@ -210,7 +210,7 @@ def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
 
 
 def _kind_and_size(model: mujoco.MjModel, nodes: Float[np.ndarray, "N 3"]) -> str:
-    """Return what the body is, its number of nodes and its size."""
+    """Return the kind of the body, its number of nodes and its size."""
     kind = ("rope", "cloth", "solid")[int(model.flex_dim[0]) - 1]
     return f"{kind} of {len(nodes):,} nodes, {np.ptp(nodes, axis=0).max():g} m"
 
@@ -222,7 +222,7 @@ def _data_steps(is_free: bool) -> float:
 
 
 def _mover(model: mujoco.MjModel, body: int, nodes: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
-    """Return the table of a mocap body: it carries the soft body about, or wanders from its position to beyond it."""
+    """Return the table of a mocap body: it carries the soft body around, or wanders from its position to beyond it."""
     size = float(np.ptp(nodes, axis=0).max())
     if body in tied_bodies(model):
         speed = CARRYING * size
@@ -235,7 +235,7 @@ def _mover(model: mujoco.MjModel, body: int, nodes: Float[np.ndarray, "N 3"]) ->
 
 
 def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
-    """Return what is seen while every mover goes there and back, at its speed: through the body, or its reach."""
+    """Return the observations while every mover goes there and back, at its speed: through the body, or over its reach."""
     definition = check_table(values, name, FlexDefinition)
     scene = FlexScene(definition, name, model)
     dt = definition.substeps * definition.physics.step
@@ -263,7 +263,7 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
 
 
 def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F D"]:
-    """Return positions of the movers [m], none of which turns."""
+    """Return positions of the movers [m], which do not turn."""
     middle = scene.body.positions.mean(axis=0)
     ends = []
     movers = scene.movers

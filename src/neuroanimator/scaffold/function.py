@@ -1,4 +1,4 @@
-"""Proposal for a step function: what its file declares, and what a few trial runs show."""
+"""Proposal for a step function, from its file's declarations and a few trial runs."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.text import listed
 
 TEACHER_PARTS = (1, 2, 5, 10)
-"""Numbers of parts into which the user's step is cut for the teacher: the first of which the error is small enough."""
+"""Numbers of parts into which the user's step is divided for the teacher: the first with a small enough error is used."""
 
 TRIAL_RUNS = 8
-"""Number of trial runs, which show how far the state goes; each starts elsewhere."""
+"""Number of trial runs, which show the range of the state; each starts elsewhere."""
 
 TRIAL_STEPS = 25
 """Number of super steps in a trial run, each under another random control."""
@@ -62,37 +62,37 @@ TRIAL_SEED = 0
 """Seed of trial runs, so that a proposal is the same every time."""
 
 MAX_TRIAL_SECONDS = 1.0
-"""Time that trial runs of a slow function may take [s], about: they are then shorter."""
+"""Approximate maximum time of trial runs [s]: those of a slow function are shorter."""
 
 MAX_SLOW_STATES = 30
-"""Number of states looked at of a slow function's trial runs."""
+"""Number of states examined in a slow function's trial runs."""
 
 MIN_TRIAL_STEPS = 3
 """Minimum number of super steps in a trial run."""
 
 SLOW_CALL = 1e-3
-"""Time of a call from which on a function counts as slow [s]."""
+"""Time of a call at which a function counts as slow [s]."""
 
 TIMED = 5
 """Number of calls timed; the quickest counts."""
 
 REPEATED = 20
-"""Number of states asked about twice."""
+"""Number of states for which the function is called twice."""
 
 TOLERANCES = {"rtol": 1e-9, "atol": 1e-12}
-"""Share, and amount about zero, by which equal answers may differ: the same sums, perhaps in another order."""
+"""Relative and absolute tolerances of equal results: the same sums, perhaps in another order."""
 
 MAX_PLAIN = 1e6
-"""Magnitude of states up to which a step does not overflow: NaN then comes of the function itself."""
+"""Magnitude of states up to which a step cannot overflow: NaN is then the function's own."""
 
 LATER = 5
-"""Number of steps after which a control should have made a difference."""
+"""Number of steps after which a control should have had an effect."""
 
 AT_ITS_OWN_STEP = (
     "the function at its own step is the truth. Where it integrates an equation and is the better the smaller dt is, "
     "say ODE = True in {file}"
 )
-"""Note at the teacher's step if the file does not say that it integrates an equation."""
+"""Note on the teacher's step if the file does not say that it integrates an equation."""
 
 
 class Trial(NamedTuple):
@@ -108,7 +108,7 @@ class Trial(NamedTuple):
         return self.system.physics_dt
 
     def after(self, states: States, steps: float = 1, parts: int = 1) -> States:
-        """Return what follows on `states` after some steps, each cut into `parts`."""
+        """Return the states `steps` steps after `states`, each step divided into `parts`."""
         scheme = Scheme(FUNCTION, min(steps, 1) * self.dt / parts)
         held = self.controls[:, None]
         return self.system.simulate(states, held, steps * self.dt, scheme=scheme).states[:, 1]
@@ -118,8 +118,8 @@ def propose_function(path: Path) -> Proposal:
     """Return a definition of the step file at `path`; this runs the file.
 
     The user must have allowed that, see `trust_file`. Raises BadFileError for a missing or wrong
-    declaration, a function that diverges, one that answers batches otherwise, and one that says ODE
-    and ignores dt.
+    declaration, a function that diverges, one that returns other results for batches, and one that says ODE and ignores
+    dt.
     """
     digest = digest_of(path)
     declared = read_declarations(path, run_file(digest, path.name))
@@ -141,12 +141,12 @@ def propose_function(path: Path) -> Proposal:
     trial = _run_trial(system())
     if not declared.SPREAD:
         _fill_spread(values["state"], trial)
-        comments["state.spread"] = "as far as trial runs went; SPREAD in the file says it better"
+        comments["state.spread"] = "as far as trial runs went; SPREAD in the file is better"
         trial = _run_trial(system())
     values["substeps"], comments["substeps"] = _substeps(trial)
     if _takes_batches(trial, declared) and not declared.BATCHED:
         values["batched"] = True
-        comments["batched"] = "seen by calls: it answers (S, B) arrays as it answers (S,)"
+        comments["batched"] = "from calls: (S, B) arrays give the same results as (S,)"
     if declared.ODE:
         parts, error = _teacher(trial)
         values["physics"]["truth_step"] = declared.STEP / parts
@@ -160,7 +160,7 @@ def propose_function(path: Path) -> Proposal:
 
 
 def _declared_values(path: Path, declared: Declarations) -> dict[str, Any]:
-    """Return the definition's table as far as the file itself says it."""
+    """Return the definition's table as far as the file itself gives it."""
     step = declared.STEP
     control = []
     for name, (unit, low, high) in declared.CONTROL.items():
@@ -180,7 +180,7 @@ def _declared_values(path: Path, declared: Declarations) -> dict[str, Any]:
 
 
 def _fill_structure(parts: list[dict[str, Any]], trial: Trial, declared: Declarations) -> None:
-    """Fill in what trial calls show and the file does not declare: angles, what may stand anywhere, and rates."""
+    """Fill in from trial calls what the file does not declare: angles, entries without a fixed origin, and rates."""
     layout = trial.system.state
     units: list[str] = []
     for part in layout.slices:
@@ -213,7 +213,7 @@ def _entries(part: slice) -> range:
 
 
 def _fill_spread(parts: list[dict[str, Any]], trial: Trial) -> None:
-    """Fill in, where no spread is known, how far trial runs went from rest: twice the rms, two digits."""
+    """Fill in unknown spreads by the distances of trial runs from rest: twice the rms, two digits."""
     system = trial.system
     reach = 2 * np.sqrt(np.mean((trial.states - system.rest) ** 2, axis=0))
     widths = np.where(system.spread > 0, system.spread, reach)
@@ -222,9 +222,9 @@ def _fill_spread(parts: list[dict[str, Any]], trial: Trial) -> None:
 
 
 def _substeps(trial: Trial) -> tuple[int, str]:
-    """Return how many steps a super step should have, and why.
+    """Return the proposed number of steps in a super step, and the reason.
 
-    No angle should turn too far in it, and of something slow the fastest motion should go only a little way.
+    No angle should turn too far in it, and the fastest motion of a slow system should go only a little way.
     """
     substeps = proposed_substeps(trial.dt)
     if trial.dt > WANTED_SUPER_STEP:
@@ -245,7 +245,7 @@ def _substeps(trial: Trial) -> tuple[int, str]:
 
 
 def _teacher(trial: Trial) -> tuple[int, float]:
-    """Return into how many parts the teacher cuts the step, and its error; refuse a function that ignores dt."""
+    """Return the number of parts of the teacher's step, and its error; refuse a function that ignores dt."""
     states = trial.states
     if np.array_equal(trial.after(states), trial.after(states, 0.5)):
         raise BadFileError(
@@ -262,7 +262,7 @@ def _teacher(trial: Trial) -> tuple[int, float]:
 
 
 def _warnings(trial: Trial, values: dict[str, Any]) -> Iterator[str]:
-    """Yield what the user should look at, one line each."""
+    """Yield warnings for the user, one line each."""
     system = trial.system
     states = trial.states
     substeps = values["substeps"]
@@ -290,13 +290,13 @@ def _warnings(trial: Trial, values: dict[str, Any]) -> Iterator[str]:
 
 
 def _run_trial(system: PythonSystem) -> Trial:
-    """Return the states and controls of all steps of trial runs under random controls; fewer where a call takes long."""
+    """Return the states and controls of all steps of trial runs under random controls; fewer if a call takes long."""
     rng = np.random.default_rng(TRIAL_SEED)
     starts = system.sample_starts(rng, TRIAL_RUNS)
     substeps = proposed_substeps(system.physics_dt)
     seconds = _seconds_per_call(system)
     steps = TRIAL_STEPS
-    if seconds >= SLOW_CALL:  # as many whatever else the machine does
+    if seconds >= SLOW_CALL:  # the same number however busy the machine is
         affordable = int(MAX_TRIAL_SECONDS / (seconds * TRIAL_RUNS * substeps))
         steps = max(MIN_TRIAL_STEPS, min(TRIAL_STEPS, affordable))
     shape = (TRIAL_RUNS, steps, system.control.size)
@@ -318,7 +318,7 @@ def _run_trial(system: PythonSystem) -> Trial:
 
 
 def _refuse_nan(system: PythonSystem, starts: States, controls: Float[np.ndarray, "B T C"]) -> None:
-    """Raise BadFileError if the function answers a plain state with NaN on the way from one of `starts`."""
+    """Raise BadFileError if the function returns NaN for an ordinary state on the way from one of `starts`."""
     for start, held in zip(starts, controls, strict=True):
         state = start
         for control in held:
@@ -338,7 +338,7 @@ def _refuse_nan(system: PythonSystem, starts: States, controls: Float[np.ndarray
 
 
 def _refuse_memory(trial: Trial) -> None:
-    """Raise BadFileError for a function that answers the same question in two ways: it remembers, or draws lots."""
+    """Raise BadFileError for a function with two results for the same arguments: it has memory, or is random."""
     system = trial.system
     asked = list(zip(trial.states[:REPEATED], trial.controls[:REPEATED], strict=True))
     first = [system.next_state(*question, system.physics_dt) for question in asked]
@@ -353,7 +353,7 @@ def _refuse_memory(trial: Trial) -> None:
 
 
 def _takes_batches(trial: Trial, declared: Declarations) -> bool:
-    """Return whether the function takes batches; BadFileError if it says so and answers them otherwise."""
+    """Return whether the function takes batches; BadFileError if it says so and returns other results for them."""
     if declared.BATCHED is False:
         return False
     system = trial.system
@@ -364,7 +364,7 @@ def _takes_batches(trial: Trial, declared: Declarations) -> bool:
     try:
         together = system.next_state(trial.states.T, trial.controls.T, system.physics_dt)
     except BadFileError:
-        # An error in the function itself is told as such, if it says that it takes batches.
+        # If it says that it takes batches, an error in the function itself is reported as such.
         if declared.BATCHED:
             raise
         return False
@@ -377,7 +377,7 @@ def _takes_batches(trial: Trial, declared: Declarations) -> bool:
 
 
 def _seconds_per_call(system: PythonSystem) -> float:
-    """Return how long one call of the function for one state takes [s]."""
+    """Return the time of one call of the function for one state [s]."""
     best = float("inf")
     for _ in range(TIMED):
         began = time.perf_counter()

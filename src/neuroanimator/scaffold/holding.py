@@ -1,4 +1,4 @@
-"""Controls that hold a model in its pose of rest, how it stands under them, and how fast it falls."""
+"""Controls that hold a model in its pose of rest, its stance under them, and the growth rate of a fall."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
 HOLD_SECONDS = 0.3
-"""Time after which controls are judged by how fast the model moves [s]: a fall shows, a stance has settled."""
+"""Time after which controls are judged by the model's speed [s]: a fall shows, a stance has settled."""
 
 BETTER = 0.5
 """Share of the uncontrolled model's motion below which controls count as holding it."""
 
 NEGLIGIBLE = 0.01
-"""Share of a control's range that is taken for no control at all."""
+"""Share of a control's range that counts as no control."""
 
 DIGITS = 5
-"""Number of digits of the controls that hold a model."""
+"""Number of digits of holding controls."""
 
 PROBE = 1e-3
-"""Distance over which accelerations are differentiated by controls, as a share of their range."""
+"""Finite difference of controls in derivatives of accelerations, as a share of their range."""
 
 MAX_LEAN = 1.0
-"""Largest angle between a root's up axis and where that points at rest at which the root counts as upright [rad]."""
+"""Largest angle between a root's up axis and its direction at rest at which the root counts as upright [rad]."""
 
 STAND_SECONDS = 2.0
-"""Time after which a root must still be upright to be held by its controls [s]."""
+"""Time after which a root that its controls hold is still upright [s]."""
 
 NUDGE = 1e-6
-"""Size of the differences by which the model at rest is linearised."""
+"""Size of the finite differences that linearise the model at rest."""
 
 Controls = Float[np.ndarray, " C"]
 """One control of each actuator."""
 
 
 class Hold(NamedTuple):
-    """Controls that hold a model at rest, and where they come from."""
+    """Controls that hold a model at rest, and their source."""
 
     controls: Controls
     source: str
-    """Words for a comment; empty if nothing holds it better than no control at all."""
+    """Source in words, for a comment; empty if nothing holds it better than no control."""
 
 
 class Stance(NamedTuple):
-    """The way a root that may fall stands at rest."""
+    """The stance at rest of a root that may fall."""
 
     up: Float[np.ndarray, " 3"]
     """The root's axis that points up at rest."""
@@ -62,14 +62,14 @@ class Stance(NamedTuple):
     hovers: bool
     """Whether its controls hold it in the air."""
     is_held: bool
-    """Whether it stays upright under the controls that hold it: where it does not, gentler ones are of no help."""
+    """Whether it stays upright under the holding controls: if not, gentler ones do not help."""
 
 
 def holding_controls(system: ModelSystem, keyframe: int) -> Hold:
     """Return the controls that keep the model stillest at rest.
 
     The keyframe's own (`keyframe` is its number, or -1) and those of inverse dynamics are tried for a moment; no control
-    at all unless one of them is clearly better.
+    is used unless one of them is clearly better.
     """
     model = system.model
     low, high = possible_controls(model, system.bounds)
@@ -108,7 +108,7 @@ def _inverse_dynamics(system: ModelSystem, low: Controls, high: Controls) -> Con
 
 
 def holding_table(bounds: Mapping[str, tuple[float, float]], hold: Hold) -> dict[str, float]:
-    """Return by an actuator's name the control that holds the model, within `bounds`; empty if it is none at all."""
+    """Return the control that holds the model by actuator name, within `bounds`; empty for no control."""
     table = {}
     is_worth_saying = False
     for (name, (low, high)), control in zip(bounds.items(), hold.controls, strict=True):
@@ -118,7 +118,7 @@ def holding_table(bounds: Mapping[str, tuple[float, float]], hold: Hold) -> dict
 
 
 def at(model: mujoco.MjModel, rest: Float[np.ndarray, " P"], controls: Controls) -> mujoco.MjData:
-    """Return the model's data at `rest` under `controls`, activations having followed these."""
+    """Return the model's data at `rest` under `controls`, with settled activations."""
     data = mujoco.MjData(model)
     data.qpos[:] = rest[: model.nq]
     data.ctrl[:] = controls
@@ -143,8 +143,8 @@ def _motion_after(system: ModelSystem, controls: Controls) -> float:
 def growth_at_rest(system: ModelSystem, controls: Controls) -> float:
     """Return the rate at which the fastest fall from rest under `controls` grows [1/s]; 0 if none does.
 
-    It is the largest real part of the linearised model's eigenvalues. Of a model that can touch something it is taken
-    for 0: what just touches at rest would look as if it were thrown off.
+    It is the largest real part of the linearised model's eigenvalues; 0 for a model that can touch something, as a contact
+    at rest would look like a force that throws it off.
     """
     model = system.model.__copy__()
     if has_contacts(model):
@@ -164,7 +164,7 @@ def growth_at_rest(system: ModelSystem, controls: Controls) -> float:
 
 
 def stance_of(system: ModelSystem, hold: Hold) -> Stance | None:
-    """Return how the root stands at rest, a moment after `hold` took it over; None for one that cannot fall."""
+    """Return the root's stance at rest, a moment after `hold` sets in; None for one that cannot fall."""
     model = system.model
     if not system.sampling.above_ground or not gravity_of(model).any():
         return None
@@ -186,9 +186,9 @@ def stance_of(system: ModelSystem, hold: Hold) -> Stance | None:
 def are_upright(
     system: ModelSystem, stance: Stance | None, states: Float[np.ndarray, "*B S"]
 ) -> Bool[np.ndarray, "*B"]:
-    """Return in which states the root leans by less than `MAX_LEAN`, and does not lie unless it does so at rest.
+    """Return whether the root leans by less than `MAX_LEAN`, and does not lie unless it does so at rest, in each state.
 
-    What cannot fall is always upright.
+    A root that cannot fall is always upright.
     """
     upright = np.ones(states.shape[:-1], bool)
     if stance is None:
@@ -210,11 +210,11 @@ def _is_upright(model: mujoco.MjModel, data: mujoco.MjData, stance: Stance) -> b
 
 
 def _root(model: mujoco.MjModel) -> int:
-    """Return the body that the first joint's tree begins with."""
+    """Return the root body of the first joint's tree."""
     return int(model.body_rootid[model.jnt_bodyid[0]])
 
 
 def _bodies_on_ground(model: mujoco.MjModel, data: mujoco.MjData) -> Int[np.ndarray, " N"]:
-    """Return the bodies that touch something fixed."""
+    """Return the bodies in contact with something fixed."""
     bodies = model.body_weldid[model.geom_bodyid[data.contact.geom]].reshape(-1, 2)
     return bodies[(bodies == 0).any(axis=1)].max(axis=1)

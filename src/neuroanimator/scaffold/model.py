@@ -1,4 +1,4 @@
-"""Proposal for a MuJoCo model: what can be read off it, and what a few trial runs show."""
+"""Proposal for a MuJoCo model, from the model itself and a few trial runs."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.terminal import phase
 
 WARM_UP = 1.0
-"""Time for which models with contacts are driven before a run is recorded [s]: random starts float in the air or overlap."""
+"""Time for which models with contacts are driven before recording [s]: random starts float in the air or overlap."""
 
 RESET_SHARE = 0.2
-"""Share of runs that begin at rest or at a keyframe: there motions are begun, and random starts may never be there."""
+"""Share of runs that begin at rest or at a keyframe: motions begin there, and random starts may never be near."""
 
 
 def propose(
@@ -58,11 +58,10 @@ def propose(
 ) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`; one with a soft body is `propose_flex`'s.
 
-    `keyframe` names the one that is the state of rest; `base` says whether the root of a URDF stands fixed or is free.
-    No motor drives its `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`.
-    Includes and meshes may lie in the folder `tree`; without it in the model's own, or in the ROS package it lies in.
-    Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe or a passive joint
-    that is not there, and if no scheme steps the model without diverging.
+    `keyframe` names the state of rest; `base` says whether the root of a URDF is fixed or free. No motor drives its
+    `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`. Includes and meshes may lie in the
+    folder `tree`; without it, in the model's own, or in its ROS package. Raises BadFileError with the reason for a model
+    that cannot be emulated; ArgumentError for a missing keyframe or passive joint, and if every scheme diverges.
     """
     model = compile_model(read_model_files(path, tree), base, passive)
     if model.nflex:
@@ -120,7 +119,7 @@ def propose(
 
 
 def _physics(model: mujoco.MjModel) -> dict[str, Any]:
-    """Return the model's own step and integrator, which also teach as long as no better ones are known."""
+    """Return the model's own step and integrator, which also teach until better ones are known."""
     names = {int(value): name for name, value in INTEGRATORS.items()}
     step = float(model.opt.timestep)
     own = names[int(model.opt.integrator)]
@@ -135,7 +134,7 @@ def _physics(model: mujoco.MjModel) -> dict[str, Any]:
 
 
 def _read_structure(values: dict[str, Any], model: mujoco.MjModel) -> None:
-    """Fill in what the model itself says of the state, of the frame and of random starts."""
+    """Fill in the state, the frame and random starts from the model."""
     planar = planar_root(model)
     has_ground = can_touch_ground(model)
     features = {}
@@ -163,7 +162,7 @@ def _read_structure(values: dict[str, Any], model: mujoco.MjModel) -> None:
 
 
 def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
-    """Return how a joint should be represented to the network; `planar` are the joints of a planar root."""
+    """Return the proposed feature of a joint for the network; `planar` are the joints of a planar root."""
     kind = JOINT_NAMES[int(model.jnt_type[joint])]
     if joint_name(model, joint) in planar:
         return "planar"
@@ -178,7 +177,7 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
 
 
 def _resets_that_diverge(system: ModelSystem, dt: float) -> list[str]:
-    """Return at which of rest and keyframes a run cannot begin: such runs diverge, and are left out of the data."""
+    """Return the names of rest and keyframes from which runs diverge: such runs are left out of the data."""
     starts = system.with_sensors(system.resets)
     controls = np.broadcast_to(system.bounds.idle, (len(starts), RUN_STEPS, system.control.size))
     runs = system.simulate_fastest(starts, controls, dt)

@@ -1,4 +1,4 @@
-"""Controls, starts and super step with which a model does what can be learned, found by trial runs."""
+"""Controls, starts and super step that make a model's motions learnable, found by trial runs."""
 
 from __future__ import annotations
 
@@ -45,37 +45,37 @@ from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.terminal import progress_bar
 
 SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
-"""Lengths of the super steps that are tried, about, the longest first [s]."""
+"""Approximate lengths of the super steps tried, the longest first [s]."""
 
 MAX_GROWTH = 0.5
-"""Largest growth exponent of a fall over one super step; above it control comes too late, and errors grow as fast."""
+"""Maximum growth exponent of a fall over one super step; above it control comes too late, and errors grow as fast."""
 
 HOPEFUL = 2.5
-"""Maximum factor by which things may turn too far, at the last speeds, for a shorter super step to be tried."""
+"""Maximum factor by which angles turn too far, at the last speeds, for a shorter super step to be tried."""
 
 ENOUGH = 0.04
-"""Length of the super step [s] for which controls of a model that only they hold are narrowed."""
+"""Length of the super step [s] up to which the controls of a model that only they hold are narrowed."""
 
 BEARABLE = 1.5
-"""Minimum factor by which things would turn too far, even in the shortest super step, for others' controls to be narrowed."""
+"""Minimum factor by which angles turn too far, even in the shortest super step, for controls of other models to be narrowed."""
 
 SHARES = (1.0, 0.5, 0.25, 0.125)
-"""Shares of their room over which controls are tried, the largest first."""
+"""Shares of their range over which controls are tried, the largest first."""
 
 MOST = 0.5
-"""Least share of the time that a root should be upright in the data."""
+"""Minimum share of the time that a root should be upright in the data."""
 
 FEW = 0.05
-"""Share of the time for which a root must be upright if starts are to be spread as it is then, not as all trial runs show."""
+"""Minimum share of the time that a root is upright for starts to be spread by upright states alone."""
 
 HOVER_HEIGHT = 2.0
 """Highest random start, over its rest, of a body that only its controls hold in the air [m]."""
 
 OFF_MIDDLE = 0.02
-"""Share of a control's range by which what holds a model must be off its middle to count as that."""
+"""Minimum distance of a holding control from the middle of its range, as a share of the range, to count."""
 
 MIN_ROOM = 0.1
-"""Share of half a control's range that must be left on either side of what holds the model for it to be centred there."""
+"""Minimum room on either side of a holding control, as a share of half the range, for the range to be centred there."""
 
 BALL_SPREAD = 0.5
 """Standard deviation of the random starts of a ball joint [rad]."""
@@ -84,29 +84,29 @@ TILTS = (0.1, 0.5)
 """Minimum and maximum standard deviation of the tilt with which a free root starts [rad]."""
 
 REACHES = (0.05, 2.0)
-"""Minimum and maximum distance from rest along x and y [m] at which a free body starts whose place matters."""
+"""Minimum and maximum distance from rest along x and y [m] of starts of a free body whose position matters."""
 
 UNDRIVEN_REACH = 1.0
-"""Distance from rest [m] within which a slide starts that nothing drives, such as a thing to be pushed."""
+"""Distance from rest [m] within which an undriven slide starts, such as that of an object to push."""
 
 FAR = 10.0
-"""Distance [m] beyond which a slide counts as gone away in a trial run."""
+"""Distance [m] at which a slide counts as run away in a trial run."""
 
 SMALLER_STEPS = (2, 5, 10)
-"""Numbers of parts into which the step of a model that explodes is cut, so that the error can name one that works."""
+"""Numbers of parts into which the step of an exploding model is divided, so that the error can name one that works."""
 
 EXPLOSION_STEPS = 2000
-"""Number of steps for which a model that explodes is watched, to see which of its joints does so first."""
+"""Number of steps for which an exploding model is watched, to find the first joint that does so."""
 
 
 class Motion(NamedTuple):
-    """A model's motion under controls over some share of their room."""
+    """A model's motion under controls over a share of their range."""
 
     values: dict[str, Any]
-    """The definition's table, controls, sampling and super step filled in."""
+    """The definition's table, with controls, sampling and super step filled in."""
     trial: Trial
     joint: str
-    """The joint that turns fastest."""
+    """Name of the joint that turns fastest."""
     speed: float
     """Its angular velocity [rad/s]."""
     share: float
@@ -121,18 +121,18 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class Search:
-    """A model whose controls, starts and super step are looked for, and what bounds them."""
+    """A search for a model's controls, starts and super step, and its bounds."""
 
     model: mujoco.MjModel
     hold: Hold
     longest: float
-    """Length of the longest super step there may be [s]."""
+    """Maximum length of a super step [s]."""
     stance: Stance | None
 
     def is_good(self, motion: Motion) -> bool:
         """Return whether the controls need not be narrowed further.
 
-        A model that only its controls hold is not flung about: that takes super steps of some length.
+        A model that only its controls hold must not be flung about: it needs super steps of some length.
         """
         if has_free_root(self.model) and self.hold.source:
             return motion.turn <= MAX_TURN and motion.trial.dt >= min(ENOUGH, self.longest)
@@ -142,12 +142,11 @@ class Search:
 def choose_motion(
     values: dict[str, Any], model: mujoco.MjModel, hold: Hold, growth: float
 ) -> Motion:
-    """Return controls, sampling and super step with which the model does what can be learned.
+    """Return controls, sampling and super step that make the model's motions learnable.
 
-    The whole room of the controls, if the super step need not become too short for that, and if a root that may fall is
-    then upright most of the time; else a smaller share of it. Where a root falls, it is not driven before a run is
-    recorded, and starts higher if it hovers. `growth` is the rate of a fall from rest [1/s].
-    Raises BadFileError if the model explodes whatever is tried.
+    Controls keep their full range if the super step need not become too short, and if a root that may fall is then upright
+    most of the time; else a smaller share. A root that falls is not driven before recording, and starts higher if it
+    hovers. `growth` is the rate of a fall from rest [1/s]. Raises BadFileError if the model always explodes.
     """
     longest = WANTED_SUPER_STEP
     if growth > 0:
@@ -173,13 +172,13 @@ def choose_motion(
     upright = [motion for motion in tried if motion.upright >= MOST]
     good = [motion for motion in tried if search.is_good(motion)]
     best = upright or good or tried
-    # What does not help leaves at least the controls to be used in full.
+    # If narrowing does not help, the controls are at least used in full.
     fullest = [motion for motion in best if motion.share == best[0].share]
     return max(fullest, key=lambda motion: motion.upright)
 
 
 def _before_it_falls(values: dict[str, Any], stance: Stance) -> dict[str, Any]:
-    """Return the table with runs recorded from their very start, from higher up if the body hovers."""
+    """Return the table with runs recorded from the start, and from higher up if the body hovers."""
     sampling = values["sampling"] | {"warm_up": 0.0}
     if stance.hovers:
         sampling["height"] = (0.0, HOVER_HEIGHT)
@@ -187,7 +186,7 @@ def _before_it_falls(values: dict[str, Any], stance: Stance) -> dict[str, Any]:
 
 
 def _motion_under(search: Search, values: dict[str, Any], share: float) -> Motion | None:
-    """Return the motion under a share of the controls, in the longest super step that nothing turns too far in.
+    """Return the motion under a share of the controls, in the longest super step in which nothing turns too far.
 
     None if half the trial runs diverge.
     """
@@ -214,9 +213,9 @@ def _motion_under(search: Search, values: dict[str, Any], share: float) -> Motio
 def _narrowed(
     search: Search, bounds: dict[str, tuple[float, float]], share: float
 ) -> dict[str, tuple[float, float]]:
-    """Return `share` of the range of each control, around what holds the model where that is a root that may fall.
+    """Return `share` of the range of each control, around the holding control if the root may fall.
 
-    A servo of a model that stands fixed keeps its range: wherever it goes, the model is held.
+    A servo of a fixed model keeps its range: the model is held in any pose.
     """
     may_fall = has_free_root(search.model)
     narrowed = {}
@@ -240,10 +239,10 @@ def _narrowed(
 
 
 def _fill_sampling(values: dict[str, Any], search: Search) -> Trial | None:
-    """Fill in how random starts are spread, and return trial runs from there; None if half of them diverge.
+    """Fill in the spread of random starts, and return trial runs from there; None if half of them diverge.
 
-    First runs begin at rest, where the ground, springs or servos decide, and show positions and velocities; those
-    returned begin where and as fast as these went while upright.
+    First runs begin at rest, where the ground, springs or servos matter, and show positions and velocities; those
+    returned begin at the positions and velocities of these while upright.
     """
     sampling = values["sampling"] | {"velocity": {}}
     sampling["position"] = dict(sampling["position"])
@@ -265,7 +264,7 @@ def _fill_sampling(values: dict[str, Any], search: Search) -> Trial | None:
 def _fill_joint(
     sampling: dict[str, Any], system: ModelSystem, trial: Trial, view: JointView
 ) -> None:
-    """Fill in how random starts of one joint are spread, as `trial` shows it, unless that is said already."""
+    """Fill in the spread of one joint's random starts from `trial`, unless it is given."""
     position = sampling["position"]
     first = view.position_entry
     if view.feature == "placed":
@@ -291,12 +290,12 @@ def _fill_joint(
 
 
 def _usual_tilt(orientations: Float[np.ndarray, "B T 4"], rest: Float[np.ndarray, " 4"]) -> float:
-    """Return the standard deviation of the tilt of `orientations` from what is upright at rest [rad]."""
+    """Return the standard deviation of the tilt of `orientations` from upright, as at rest [rad]."""
     # The world's vertical in the body's own frame, at rest and later.
     vertical = np.array([0.0, 0.0, 1.0])
     up = rotate_back(orientations, np.broadcast_to(vertical, (*orientations.shape[:2], 3)))
     tilt = np.arccos(np.clip(up @ rotate_back(rest, vertical), -1, 1))
-    # Of two angles, about two level axes.
+    # The tilt is two angles, about two level axes.
     return float(np.sqrt(np.mean(tilt**2) / 2))
 
 
@@ -322,7 +321,7 @@ def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
 
 
 def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:
-    """Return the name of the joint that is fastest when the model at rest has come apart under random controls."""
+    """Return the name of the fastest joint when the model has exploded under random controls from rest."""
     system = system_of(values, model)
     rng = np.random.default_rng(0)
     data = mujoco.MjData(model)
@@ -333,22 +332,22 @@ def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:
             mujoco.mj_step(model, data)
             if not np.abs(data.qvel).max() < DIVERGED_VELOCITY:
                 break
-    # Of several that are no numbers the first counts.
+    # Of several that are NaN the first counts.
     return joint_name(model, int(model.dof_jntid[np.argmax(np.abs(data.qvel))]))
 
 
 def is_urdf(values: dict[str, Any]) -> bool:
-    """Return whether a drafted definition is of a URDF, of which less is the model's own."""
+    """Return whether a drafted definition is of a URDF, in which fewer values are the model's own."""
     return values["model"].lower().endswith(".urdf")
 
 
 def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float] | None:
-    """Return the spread of a joint's random starts, as `Sampling.position` says; None if trial runs should show it.
+    """Return the spread of a joint's random starts, as in `Sampling.position`; None if trial runs should show it.
 
-    Springs, servos and the ground decide where a joint occurs; else it is its range, or a whole turn.
+    Springs, servos and the ground decide the positions of a joint; else it is its range, or a whole turn.
     """
     kind = JOINT_NAMES[int(model.jnt_type[joint])]
-    # No plane is the same along all three axes.
+    # No plane is invariant along all three axes.
     is_decided = obstacle(model, joint, np.eye(3)) or has_spring(model, joint)
     if kind == "free" or is_decided or has_servo(model, joint):
         return None
@@ -365,7 +364,7 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
 
 
 def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether an actuator drives a joint of the same tree of bodies; one that is on no joint counts as any's."""
+    """Return whether an actuator drives a joint of the same tree of bodies; one without a joint counts for all."""
     tree_of = model.body_rootid[model.jnt_bodyid]
     driven = np.array([actuated_joint(model, actuator) for actuator in range(model.nu)])
     return bool(((driven < 0) | (tree_of[driven] == tree_of[joint])).any())

@@ -24,13 +24,13 @@ limb = ["JOINT"]"""
 """Comment at the end of a model's TOML file."""
 
 FAMILY_HINT = """\
-What differs from body to body of a family, in what ranges: emulators then know it, and 'neuroanimator identify' finds it.
+What varies over a family of bodies, and its range: emulators then know it, and 'neuroanimator identify' finds it.
 [parameters]
 BODY_mass = { sets = "body/BODY/mass", range = [0.5, 1.5] }"""
 """Comment at the end of a model's TOML file."""
 
 GOAL_HINT = """\
-A goal for 'neuroanimator control': a state, or part of one, to be in at the end.
+A goal for 'neuroanimator control': a state, or part of one, to reach at the end.
 [goals.there]
 seconds = 2.0
 reach = { "PART" = [1.0] }
@@ -46,22 +46,22 @@ SOURCES = {
     SoftDefinition: "mesh",
     FlexDefinition: "model",
 }
-"""Key of a definition that names the file it was made from."""
+"""Key of a definition that names its source file."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A definition, and what is worth telling the user about it."""
+    """A definition, and notes on it for the user."""
 
     definition: Definition | FlexDefinition | PythonDefinition | RecordedDefinition | SoftDefinition
     comments: Mapping[str, str]
-    """Per table of the TOML file its title, and per key of a table ("table.key") why its value was proposed."""
+    """Title of each table of the TOML file, and reason for the value of each key ("table.key")."""
     parts: tuple[str, ...]
     """Names of the parts of the state."""
     warnings: tuple[str, ...] = ()
-    """Lines about what the user should look at before anything is generated."""
+    """Warnings for the user, to read before data are generated."""
     told: tuple[tuple[str, str], ...] = ()
-    """Further rows for the screen: what was added to the model or left out, and what trial runs showed."""
+    """Further rows for the screen: changes to the model, and results of trial runs."""
 
 
 def as_toml(proposal: Proposal) -> str:
@@ -95,7 +95,7 @@ def _fill(
     comments: Mapping[str, str],
     prefix: str = "",
 ) -> None:
-    """Add `values` to a table whose keys are called `prefix` and their own in `comments`, the tables in it last."""
+    """Add `values` to a table, nested tables last; their keys in `comments` begin with `prefix`."""
     for key, value in sorted(values.items(), key=lambda item: _has_tables(item[1])):
         name = prefix + key
         if not _has_tables(value):
@@ -106,7 +106,7 @@ def _fill(
         elif isinstance(value, list):
             tables = tomlkit.aot()
             for entry in value:
-                # What is said of the first is true of all.
+                # The comments on the first hold for all.
                 tables.append(_table(entry, {} if len(tables) else comments, name))
             container.add(key, tables)
         elif value:
@@ -121,7 +121,7 @@ def _table(values: Mapping[str, Any], comments: Mapping[str, str], name: str) ->
 
 
 def _has_tables(value: object) -> bool:
-    """Return whether a value is a table or an array of tables; an array without any is a value like others."""
+    """Return whether a value is a table or an array of tables; an empty array is an ordinary value."""
     if isinstance(value, list):
         return any(isinstance(entry, dict) for entry in value)
     return isinstance(value, dict)

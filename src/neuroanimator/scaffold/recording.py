@@ -1,4 +1,4 @@
-"""Proposal for recordings: what their columns say, and what their numbers show."""
+"""Proposal for recordings, from their columns and numbers."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.text import listed
 
 MAX_TURN_THROUGH_NOISE = 2 * MAX_TURN
-"""Maximum turn of angles in a super step [rad] where noise hides what happens in a shorter one."""
+"""Maximum turn of angles in a super step [rad] if noise hides the changes in a shorter one."""
 
 MAX_TURN_BETWEEN_SAMPLES = 0.7 * np.pi
-"""Turn of an angle from one sample to the next that is near half a turn [rad]."""
+"""Turn of an angle between samples that counts as near half a turn [rad]."""
 
 TOLD_NOISE = 0.05
-"""Share of noise in the changes in a super step that is worth a word."""
+"""Share of noise in the changes in a super step above which it is mentioned."""
 
 USUAL_SHARE = 99
-"""Percentile of all distances from the middle within which samples are what usually occurs."""
+"""Percentile of distances from the median within which samples are usual."""
 
 FAR_OUT = 10
-"""Multiple of the usual distance at which a sample is worth a word."""
+"""Multiple of the usual distance at which a sample is mentioned."""
 
 
 def propose_recording(path: Path) -> Proposal:
@@ -97,12 +97,12 @@ def propose_recording(path: Path) -> Proposal:
     }
     if control:
         values["control"] = control
-    where = "are stillest" if control else "begin, for nothing drives what is recorded"
+    where = "are stillest" if control else "begin, since nothing drives the system"
     comments = PART_TITLES | {
         "substeps": note,
         "physics.step": f"the sampling interval [s]; {len(recording.states)} runs",
         "state.rate": "where one column adds up to another's changes, noise left aside",
-        "state.rest": f"where the recordings {where}; motions begin there if nothing else is said",
+        "state.rest": f"where the recordings {where}; motions begin there by default",
     }
     warnings += [
         *_outliers(recording, samples),
@@ -115,7 +115,7 @@ def propose_recording(path: Path) -> Proposal:
 
 
 def _still_columns(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterator[str]:
-    """Yield a line if there are state columns that never change.
+    """Yield a line if some state columns never change.
 
     Raises BadFileError if no state column ever changes, or if a control column does not.
     """
@@ -137,7 +137,7 @@ def _still_columns(recording: Recording, samples: Float[np.ndarray, "N S"]) -> I
 
 
 def _unwrapped(recording: Recording) -> Runs:
-    """Return each run's states; angles go on where the recording has them jump by a whole turn."""
+    """Return each run's states, with angles unwrapped."""
     is_angle = np.array([unit == "rad" for _, unit in recording.state])
     runs = []
     for states in recording.states:
@@ -148,9 +148,9 @@ def _unwrapped(recording: Recording) -> Runs:
 
 
 def _stillest(recording: Recording, runs: Runs, span: int) -> Float[np.ndarray, " S"]:
-    """Return the recorded state from which least changes over `span` samples, each number by its own measure.
+    """Return the recorded state with the smallest change over `span` samples, each number in its own scale.
 
-    It is where the recordings begin if nothing drives what is recorded.
+    If nothing drives the recorded system, it is the start of the recordings.
     """
     if not recording.control:
         return recording.states[0][0]
@@ -163,12 +163,12 @@ def _stillest(recording: Recording, runs: Runs, span: int) -> Float[np.ndarray, 
 
 
 def _substeps(recording: Recording, runs: Runs, turning: Int[np.ndarray, " T"]) -> tuple[int, str]:
-    """Return how many samples a super step should have, and why: no angle should turn too far in it, nor noise hide it."""
+    """Return the proposed number of samples in a super step, and the reason: turns stay small, and noise does not dominate."""
     noise = noise_of(runs, recording.controls)
     substeps = proposed_substeps(recording.step)
     if recording.step > WANTED_SUPER_STEP:
         substeps = slow_substeps(runs, noise, substeps)
-    # Over the whole super step: noise between two samples is no motion.
+    # Over the whole super step: noise between two samples is not motion.
     turn = max(_fastest_turns(runs, turning, substeps), default=0.0) / substeps
     most = MAX_SUBSTEPS
     if turn > 0:
@@ -186,13 +186,13 @@ def _substeps(recording: Recording, runs: Runs, turning: Int[np.ndarray, " T"]) 
 
 
 def _fastest_turns(runs: Runs, turning: Int[np.ndarray, " T"], span: int) -> list[float]:
-    """Return how far each of the entries `turning` turns in `span` samples when it is fast [rad]."""
+    """Return the fast turns of the entries `turning` in `span` samples [rad]."""
     turns = np.abs(changes_of(runs, span)[:, turning])
     return np.percentile(turns, FASTEST, axis=0).tolist() if len(turns) else []
 
 
 def _largest_for(recording: Recording, most: int) -> int:
-    """Return the largest number of samples a super step may have, up to `most`, so that enough is left to test on.
+    """Return the largest number of samples in a super step, up to `most`, that leaves enough to test on.
 
     Raises BadFileError if the recordings are too short for any.
     """
@@ -208,8 +208,8 @@ def _largest_for(recording: Recording, most: int) -> int:
 
 
 def _outliers(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterator[str]:
-    """Yield a line for each state column in which a few samples lie far from all others: a sensor may have failed."""
-    # As they are in the file: an angle far out would be taken for one that has turned often.
+    """Yield a line for each state column with a few samples far from all others: a sensor may have failed."""
+    # As in the file: an outlier of an angle would be unwrapped to many turns.
     distances = np.abs(samples - np.median(samples, axis=0))
     usual = np.percentile(distances, USUAL_SHARE, axis=0)
     for entry, (name, unit) in enumerate(recording.state):
@@ -224,7 +224,7 @@ def _outliers(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterat
 
 
 def _fast_turns(names: list[str], runs: Runs, turning: Int[np.ndarray, " T"]) -> Iterator[str]:
-    """Yield a line for each angle that turns so far between two samples that nobody can tell which way."""
+    """Yield a line for each angle that turns so far between two samples that its direction is ambiguous."""
     for entry, turn in zip(turning, _fastest_turns(runs, turning, 1), strict=True):
         if turn > MAX_TURN_BETWEEN_SAMPLES:
             yield (
@@ -234,7 +234,7 @@ def _fast_turns(names: list[str], runs: Runs, turning: Int[np.ndarray, " T"]) ->
 
 
 def _short_runs(recording: Recording, length: int) -> Iterator[str]:
-    """Yield a line if there are runs shorter than `length` samples, which nothing can be learned from."""
+    """Yield a line if there are runs shorter than `length` samples, too short to learn from."""
     short = [run for run, states in enumerate(recording.states) if len(states) < length]
     if short:
         first = short[0]

@@ -1,4 +1,4 @@
-"""Whether a model's motion depends on where its root stands and which way it faces: contacts, ties, forces of the world."""
+"""Whether a model's motion depends on its root's position and heading: contacts, ties, forces of the world."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from neuroanimator.systems.rigid.touching import is_disabled, is_limited, touchi
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
 LEVEL_TOLERANCE = 1e-9
-"""Largest product of two directions at right angles to one another: rounding only."""
+"""Largest dot product of two perpendicular directions, due to rounding."""
 
 SHIFTS = (0.31, -4.7, 53.0)
-"""Distances by which a root is shifted to see whether that makes a difference [m]."""
+"""Distances by which a root is shifted to test for a difference [m]."""
 
 TURN = 2.0
-"""Angle by which a root is turned about the vertical to see whether that makes a difference [rad]."""
+"""Angle by which a root is turned about the vertical to test for a difference [rad]."""
 
 PERTURBATION = 0.1
 """Standard deviation of the positions in which accelerations are compared [rad or m]."""
 
 TOLERANCE = 1e-5
-"""Share of an acceleration, or of 1, that counts as rounding."""
+"""Relative or absolute difference of accelerations that counts as rounding."""
 
 LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 """Level axes of the world."""
 
 Vector = Float[np.ndarray, " _"]
-"""A vector of a model's positions, velocities, controls or activations."""
+"""Positions, velocities, controls or activations of a model."""
 
 
 def gravity_of(model: mujoco.MjModel) -> Float[np.ndarray, " 3"]:
-    """Return the acceleration of gravity [m/s²], zero where the model's flags turn it off."""
+    """Return the acceleration of gravity [m/s²], zero if the model's flags turn it off."""
     if is_disabled(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY):
         return np.zeros(3)
     return np.array(model.opt.gravity)
@@ -55,7 +55,7 @@ def has_contacts(model: mujoco.MjModel) -> bool:
 
 
 def can_touch_ground(model: mujoco.MjModel) -> bool:
-    """Return whether a body that moves can touch something that does not."""
+    """Return whether a moving body can touch something fixed."""
     bodies = model.body_weldid[model.geom_bodyid[touching_geoms(model)]]
     return bool((bodies == 0).any())
 
@@ -84,7 +84,7 @@ def world_axes(model: mujoco.MjModel) -> Float[np.ndarray, "J 3"]:
 
 
 def why_root_is_placed(model: mujoco.MjModel) -> str:
-    """Return why it matters where the free joint at the root stands, or which way it faces; empty if it does not."""
+    """Return why the position or heading of the free joint at the root matters; empty if it does not."""
     if np.sum(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) > 1:
         return "it is not the only free body"
     touched = obstacle(model, 0, LEVEL)
@@ -96,7 +96,7 @@ def why_root_is_placed(model: mujoco.MjModel) -> str:
 
 
 def is_placeless(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether only the velocity of a root's slide matters, not where it stands."""
+    """Return whether only the velocity of a root's slide matters, not its position."""
     if model.body_parentid[model.jnt_bodyid[joint]] != 0 or is_limited(model, joint):
         return False
     is_unobstructed = not obstacle(model, joint, [world_axes(model)[joint]])
@@ -104,7 +104,7 @@ def is_placeless(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def obstacle(model: mujoco.MjModel, joint: int, axes: Iterable[Vector]) -> str:
-    """Return something that the tree of bodies on `joint` can touch, but planes that look the same all along `axes`."""
+    """Return something that the tree of bodies on `joint` can touch, except planes that are invariant along `axes`."""
     is_own = model.body_rootid == model.body_rootid[model.jnt_bodyid[joint]]
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -123,9 +123,9 @@ def obstacle(model: mujoco.MjModel, joint: int, axes: Iterable[Vector]) -> str:
 
 
 def is_same_anywhere(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
-    """Return whether accelerations are the same wherever `joints` put the root, contacts apart.
+    """Return whether accelerations are the same wherever `joints` put the root, apart from contacts.
 
-    `joints` are a slide, or those of a planar root, or a free joint; roots of these two kinds are turned, too.
+    `joints` are a slide, or those of a planar root, or a free joint; roots of the latter two kinds are turned, too.
     Springs, servos, tendons and equalities that tie the root to the world, and forces along its axes, make a difference.
     """
     loose = model.__copy__()
@@ -171,7 +171,7 @@ def _accelerations(
 
 
 def _turned(model: mujoco.MjModel, joints: Sequence[int], vector: Vector) -> Vector:
-    """Return velocities or accelerations with those of the root turned by `TURN`, if it can be."""
+    """Return velocities or accelerations with those of the root turned by `TURN`, if it can turn."""
     turned = vector.copy()
     if _can_turn(model, joints):
         first = model.jnt_dofadr[joints[0]]
@@ -192,7 +192,7 @@ def has_spring(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def has_servo(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether an actuator drives the joint by how far it is from somewhere: a servo, or a muscle."""
+    """Return whether an actuator drives the joint depending on its position: a servo, or a muscle."""
     return any(
         is_servo(model, actuator) and actuated_joint(model, actuator) == joint
         for actuator in range(model.nu)
@@ -200,7 +200,7 @@ def has_servo(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def is_servo(model: mujoco.MjModel, actuator: int) -> bool:
-    """Return whether an actuator's force depends on how long it is: a position servo, or a muscle."""
+    """Return whether an actuator's force depends on its length: a position servo, or a muscle."""
     bias = model.actuator_biastype[actuator]
     is_affine = bias == mujoco.mjtBias.mjBIAS_AFFINE
     is_without = bias == mujoco.mjtBias.mjBIAS_NONE
@@ -209,7 +209,7 @@ def is_servo(model: mujoco.MjModel, actuator: int) -> bool:
 
 def actuated_joint(model: mujoco.MjModel, actuator: int) -> int:
     """Return the joint an actuator is on, -1 if it is on something else."""
-    # As whole numbers: MuJoCo's enumerations equal NumPy's numbers from one side only.
+    # As integers: MuJoCo's enumerations equal NumPy's numbers from one side only.
     kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     if int(model.actuator_trntype[actuator]) in kinds:
         return int(model.actuator_trnid[actuator][0])

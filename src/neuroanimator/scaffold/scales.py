@@ -1,4 +1,4 @@
-"""Scales of states: super steps neither too long for what moves nor too short for noise, numbers an emulator can hold."""
+"""Scales of states: super steps neither too long for the motion nor too short for noise, and numbers an emulator can hold."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.scaffold.structure import Runs, States, Step, changes_of
 
 MAX_CHANGE = 0.2
-"""Largest change in a super step of something slow, as a share of how far it goes at all."""
+"""Largest change of a slow system in a super step, as a share of its range of motion."""
 
 MAX_CHANGE_THROUGH_NOISE = 0.5
-"""The same where noise wants a longer super step."""
+"""The same if noise calls for a longer super step."""
 
 MAX_NOISE = 0.2
 """Largest share of noise in the changes in a super step."""
@@ -25,13 +25,13 @@ MAX_SUBSTEPS = 1000
 """Maximum number of steps in a super step."""
 
 MAX_STATE = 64
-"""Maximum size of a state whose rates are looked for: that takes two calls for each number."""
+"""Maximum size of a state whose rates are estimated, by two calls for each number."""
 
 DIFFERENCE = 1e-4
-"""Share of its spread by which a number of the state is moved to see what follows."""
+"""Finite difference of a number of the state, as a share of its spread."""
 
 MIN_FACTOR = 1e-9
-"""Factor of a step below which what shrinks by it is gone."""
+"""Smallest decay factor of a step: what decays faster is gone."""
 
 OTHER_UNIT = "Give it in another unit, written as the unit 1."
 """Advice about a number that is too large or too small."""
@@ -41,9 +41,9 @@ Noise = Float[np.ndarray, " S"]
 
 
 def share_of_change(runs: Runs, noise: Noise, span: int) -> Float[np.ndarray, " S"]:
-    """Return how far each number goes in `span` samples, as a share of how far it goes at all; noise does not count.
+    """Return the change of each number in `span` samples, as a share of its range of motion, without noise.
 
-    1 is as far as between two samples that know nothing of each other.
+    1 is the difference between two independent samples.
     """
     variance = np.concatenate(runs).var(axis=0) - noise**2
     change = _variance_of_change(runs, span) - 2 * noise**2
@@ -54,7 +54,7 @@ def share_of_change(runs: Runs, noise: Noise, span: int) -> Float[np.ndarray, " 
 
 
 def share_of_noise(runs: Runs, noise: Noise, span: int) -> float:
-    """Return how much of the changes over `span` samples is noise, in root mean squares over what moves."""
+    """Return the share of noise in the changes over `span` samples, in root mean squares over what moves."""
     change = _variance_of_change(runs, span)
     moves = change > 0
     if not moves.any():
@@ -63,27 +63,27 @@ def share_of_noise(runs: Runs, noise: Noise, span: int) -> float:
 
 
 def _variance_of_change(runs: Runs, span: int) -> Float[np.ndarray, " S"]:
-    """Return the variance of each number's change over `span` samples; zeros where no run is long enough."""
+    """Return the variance of each number's change over `span` samples; zeros if no run is long enough."""
     changes = changes_of(runs, span)
     return changes.var(axis=0) if len(changes) else np.zeros(changes.shape[1])
 
 
 def slow_substeps(runs: Runs, noise: Noise, usual: int) -> int:
-    """Return how many samples of something slow a super step should have: as many as leave it near where it was."""
+    """Return the proposed number of samples in a super step of a slow system, which should move it only a little."""
     return _lengthened(runs, noise, (usual, MAX_SUBSTEPS), MAX_CHANGE, noise_from=-1.0)
 
 
 def substeps_through_noise(runs: Runs, noise: Noise, usual: int, most: int) -> int:
-    """Return how many samples a super step should have so that its changes stand out from noise: `usual` to `most`."""
+    """Return the number of samples in a super step whose changes stand out from noise: `usual` to `most`."""
     return _lengthened(runs, noise, (usual, most), MAX_CHANGE_THROUGH_NOISE, noise_from=MAX_NOISE)
 
 
 def _lengthened(
     runs: Runs, noise: Noise, ends: tuple[int, int], max_change: float, noise_from: float
 ) -> int:
-    """Return the longest super step between `ends` over which nothing changes by more than the share `max_change`.
+    """Return the super step between `ends` in whose changes the share of noise falls to `noise_from`.
 
-    It is as short as leaves no more than the share `noise_from` of noise in the changes, if that may be.
+    It is shorter if something would change by more than the share `max_change`.
     """
     substeps, most = ends
     most = min(most, MAX_SUBSTEPS, max(len(states) for states in runs) - 1)
@@ -95,9 +95,9 @@ def _lengthened(
 
 
 def fastest_rate(step: Step, states: States, dt: float) -> float:
-    """Return how fast the fastest motion of a step function is [1/s], by the eigenvalues of its step around `states`.
+    """Return the rate of the fastest motion of a step function [1/s], by the eigenvalues of its step around `states`.
 
-    0 for large systems, whose rates are not looked for.
+    0 for large systems, whose rates are not estimated.
     """
     count, size = states.shape
     if size > MAX_STATE:
@@ -124,7 +124,7 @@ def refuse_large(file: str, names: Sequence[str], states: States) -> None:
 
 
 def warn_of_small(names: Sequence[str], changes: States) -> Iterator[str]:
-    """Yield a line for each number of the state whose `changes` in a super step are taken for none; not if it never changes."""
+    """Yield a line for each number of the state whose `changes` in a super step are too small to count, but not zero."""
     for name, deviation in zip(names, changes.std(axis=0), strict=True):
         if 0 < deviation < MIN_CHANGE:
             yield (

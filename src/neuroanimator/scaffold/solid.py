@@ -17,16 +17,16 @@ from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.soft_body import GRAVITY
 
 DENSITY = 1000.0
-"""[kg/m³]"""
+"""Density [kg/m³]."""
 
 SAG = 0.05
-"""Strain at the foot of a body as high as its size, under its own weight."""
+"""Strain at the bottom of a body as high as its size, under its own weight."""
 
 HARDER = 10.0
-"""Bulk modulus over Young's."""
+"""Bulk modulus over Young's modulus."""
 
 PADDLE = (0.1, 0.4, 0.4)
-"""Half the paddle's size, over the size of the body."""
+"""Half the size of the paddle, over the size of the body."""
 
 GAP = 0.2
 """Distance of the paddle at rest from the body, over the size of the body."""
@@ -34,7 +34,7 @@ GAP = 0.2
 COMMENTS = {
     "mesh": "in metres, Z up",
     "substeps": "small steps in a super step",
-    "shapes": "numbers the body is told by; more are more exact and slower. Found when they are first needed",
+    "shapes": "amplitudes that describe the body; more are more accurate and slower. Computed when first needed",
     "physics": "Small steps [s]: a user's, the teacher's, and the reference's.",
     "solid": "Material: density [kg/m³], stretch (Young's modulus) and bulk modulus [Pa], damping [s].",
     "ground": "A level plane: height [m].",
@@ -47,7 +47,7 @@ COMMENTS = {
 def propose_solid(path: Path) -> Proposal:
     """Return a definition of the soft solid whose mesh is in the Gmsh file at `path`.
 
-    Raises BadFileError or ArgumentError for what is no mesh of a solid.
+    Raises BadFileError or ArgumentError for a file that is not the mesh of a solid.
     """
     mesh = read_mesh(path.name, read_bounded(path, MAX_FILE))
     low = mesh.positions.min(axis=0)
@@ -74,7 +74,7 @@ def propose_solid(path: Path) -> Proposal:
         },
     }
     definition = check_table(values, path.name, SoftDefinition)
-    Scene(definition, mesh)  # refuses what cannot be
+    Scene(definition, mesh)  # refuses invalid values
     count = f"{len(mesh.positions):,} nodes, {len(mesh.elements):,} tetrahedra, {size:g} m"
     told = (("mesh", count), FREE_ROW)
     parts = ("paddle", "paddle_heading", "position", "velocity")

@@ -1,4 +1,4 @@
-"""Structure of a state, inferred from trial calls or recordings: angles, entries that may be anywhere, rates of change."""
+"""Structure of a state, inferred from trial calls or recordings: angles, entries without an origin, rates of change."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ States = Float[np.ndarray, "_ S"]
 """States, one in each row."""
 
 Step = Callable[[States], States]
-"""One step of many states, each under a control of its own."""
+"""One step of many states, each under its own control."""
 
 Runs = Sequence[Float[np.ndarray, "_ S"]]
-"""Runs of states, each of a length of its own; angles go on instead of jumping."""
+"""Runs of states of various lengths, with angles unwrapped."""
 
 TURN = 2 * np.pi
 """A whole turn [rad]."""
 
 SHIFTS = (0.31, -4.7, 53.0)
-"""Multiples of the trial states' spread by which an entry is shifted to see whether it may stand anywhere."""
+"""Multiples of the trial states' spread by which an entry is shifted to test whether its value matters."""
 
 TOLERANCE = 1e-6
-"""Share of an entry's magnitude to within which answers are the same: sines of large angles round."""
+"""Relative difference within which results are equal: sines of large angles are rounded."""
 
 RATE_ERROR = 0.15
-"""Largest error of an entry that is another's rate: the rms difference of what it adds up to over that one's changes."""
+"""Maximum error of an entry as another's rate: the rms difference between its integral and the other's changes, over these."""
 
 SPANS = (1, 2, 5, 10, 20, 50)
-"""Numbers of samples over which changes are compared: noise stays as it is, and the change grows."""
+"""Numbers of samples over which changes are compared: noise stays the same, and the change grows."""
 
 MIN_CHANGES = 8
 """Minimum number of changes for a span to count."""
 
 
 def wrapped(angle: Float[np.ndarray, "*N"]) -> Float[np.ndarray, "*N"]:
-    """Return angles [rad] less the whole turns in them, from -pi to pi."""
+    """Return angles [rad] without whole turns, from -pi to pi."""
     return np.asarray((angle + np.pi) % TURN - np.pi)
 
 
 def turning_entries(step: Step, states: States, units: Sequence[str]) -> Bool[np.ndarray, " S"]:
-    """Return which entries are angles that may go all the way round: a whole turn more makes no difference but itself."""
+    """Return which entries are angles that may turn all the way round: one more turn changes nothing else."""
     is_turning = [
         unit == "rad" and _is_same_after(step, states, entry, TURN, units)
         for entry, unit in enumerate(units)
@@ -52,7 +52,7 @@ def turning_entries(step: Step, states: States, units: Sequence[str]) -> Bool[np
 
 
 def placeless_entries(step: Step, states: States, units: Sequence[str]) -> Bool[np.ndarray, " S"]:
-    """Return which entries may be anywhere: wherever they are, everything changes as it did."""
+    """Return which entries have values that do not matter: shifting them leaves all changes the same."""
     is_placeless = []
     for entry, spread in enumerate(np.maximum(states.std(axis=0), TOLERANCE)):
         shifts = [share * spread for share in SHIFTS]
@@ -66,7 +66,7 @@ def placeless_entries(step: Step, states: States, units: Sequence[str]) -> Bool[
 def _is_same_after(
     step: Step, states: States, entry: int, shift: float, units: Sequence[str]
 ) -> bool:
-    """Return whether shifting an entry shifts the entry after the step, and nothing else; whole turns are nothing."""
+    """Return whether shifting an entry shifts that entry after the step, and nothing else, up to whole turns."""
     offset = np.zeros(len(units))
     offset[entry] = shift
     usual = step(states)
@@ -81,7 +81,7 @@ def _is_same_after(
 
 
 def rate_entries(runs: Runs, step: float, units: Sequence[str]) -> dict[int, int]:
-    """Return {entry: the entry that is its rate of change}, where units and numbers sampled every `step` [s] agree."""
+    """Return {entry: the entry that is its rate of change}, if units and numbers sampled every `step` [s] agree."""
     rates: dict[int, int] = {}
     for entry, unit in enumerate(units):
         best = RATE_ERROR
@@ -96,9 +96,9 @@ def rate_entries(runs: Runs, step: float, units: Sequence[str]) -> dict[int, int
 
 
 def _rate_error(runs: Runs, step: float, entry: int, other: int) -> float:
-    """Return how far what one entry adds up to is off the other's changes, as a share of these; the least of `SPANS`.
+    """Return the error of one entry's integral against the other's changes, as a share of these; the smallest over `SPANS`.
 
-    Infinite if the runs are too short to tell, or if nothing changes.
+    Infinite if the runs are too short, or if nothing changes.
     """
     errors = [float("inf")]
     # A step may use the rate before it, after it or between.
@@ -117,5 +117,5 @@ def _rate_error(runs: Runs, step: float, entry: int, other: int) -> float:
 
 
 def changes_of(runs: Runs, span: int) -> States:
-    """Return by how much each entry changes over `span` samples, wherever a run is long enough."""
+    """Return the change of each entry over `span` samples, in all runs that are long enough."""
     return np.concatenate([states[span:] - states[:-span] for states in runs])

@@ -1,4 +1,4 @@
-"""Choice of the scheme that teaches: the cheapest that is good enough, and the time its data will take."""
+"""Choice of the teaching scheme, the cheapest that is accurate enough, and the time its data will take."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import phase, progress_bar
 
 MAX_DATA_SECONDS = 240.0
-"""Longest time the usual data, warm-up apart, may take one core [s]; a teacher that takes longer is passed over."""
+"""Maximum time of the usual data on one core, without warm-up [s]; slower teachers are passed over."""
 
 MAX_TRIAL_SECONDS = 2.0
-"""Time [s], by `step_cost`, that the fine reference may take: it sets on how many transitions errors are measured."""
+"""Maximum time of the fine reference by `step_cost` [s], which sets the number of transitions in measured errors."""
 
 TRANSITIONS = (32, 320)
 """Minimum and maximum number of transitions on which errors are measured."""
 
 USUAL_RUNS = USUAL_COUNT / USUAL_SAMPLES_PER_RUN
-"""Default number of runs simulated."""
+"""Default number of simulated runs."""
 
 MINUTES_FROM = 90.0
-"""Time from which on times are given in minutes [s]."""
+"""Time above which times are given in minutes [s]."""
 
 HOURS_FROM = 7200.0
-"""Time from which on times are given in hours [s]."""
+"""Time above which times are given in hours [s]."""
 
 PARTS = (2, 5)
-"""Numbers of parts into which the model's step is cut for schemes that may teach."""
+"""Numbers of parts into which the model's step is divided for schemes that may teach."""
 
 
 class Teacher(NamedTuple):
-    """The scheme that shall teach, and what it costs in accuracy and time."""
+    """The chosen teaching scheme, its error and its time."""
 
     scheme: Scheme
-    """The first of those tried that is good enough, else the best of those that are not too dear."""
+    """The first scheme tried that is accurate enough, else the best of those that are not too slow."""
     error: float
     """Its one-step error, as a share of the standard deviation of a super step's change."""
     own_error: float
-    """The same of the scheme the model asks for."""
+    """The same of the model's own scheme."""
     seconds: float
-    """About how long one core takes for the usual data [s], with what runs are warmed up by."""
+    """Approximate time of the usual data on one core [s], including warm-up."""
     fine: Scheme
     """The reference of the errors."""
     passed_over: Scheme | None
@@ -56,7 +56,7 @@ class Teacher(NamedTuple):
 
 
 def seconds_of_runs(scheme: Scheme, duration: float, cost: float) -> float:
-    """Return about how long one core takes for `duration` [s] of all runs of the usual data by `scheme` [s].
+    """Return the approximate time [s] of one core for `duration` [s] of all runs of the usual data by `scheme`.
 
     `cost` is that of computing all forces once [s].
     """
@@ -64,7 +64,7 @@ def seconds_of_runs(scheme: Scheme, duration: float, cost: float) -> float:
 
 
 def choose_teacher(system: ModelSystem, trial: Trial) -> Teacher:
-    """Return the cheapest scheme that is good enough to teach, by what it makes of the transitions of `trial`.
+    """Return the cheapest scheme accurate enough to teach, by its errors on the transitions of `trial`.
 
     Raises ArgumentError if every scheme diverges.
     """
@@ -95,7 +95,7 @@ def choose_teacher(system: ModelSystem, trial: Trial) -> Teacher:
 def _measured_errors(
     system: ModelSystem, trial: Trial, cost: float
 ) -> tuple[dict[Scheme, float], Scheme]:
-    """Return the one-step error of each scheme that may teach, about the cheapest first, and their reference."""
+    """Return the one-step error of each scheme that may teach, roughly the cheapest first, and their reference."""
     fine = system.fine
     fine_cost = fine.steps(trial.dt) * EVALUATIONS["rk4"] * cost
     count = int(np.clip(MAX_TRIAL_SECONDS / fine_cost, *TRANSITIONS))
@@ -106,7 +106,7 @@ def _measured_errors(
     with phase("simulating finely"):
         exact = system.simulate_fastest(starts, controls, trial.dt, scheme=fine)
         if exact.has_diverged.any():
-            # What is stiff and damped, explicit schemes blow up at any step.
+            # Explicit schemes blow up on stiff, damped models at any step.
             fine = Scheme("implicitfast", fine.dt)
             exact = system.simulate_fastest(starts, controls, trial.dt, scheme=fine)
     goal = exact.states[:, 1]
@@ -126,14 +126,14 @@ def _measured_errors(
 
 
 def _usual_contacts(system: ModelSystem, trial: Trial) -> float:
-    """Return how many contacts there are on average in trial runs."""
+    """Return the mean number of contacts in trial runs."""
     every = max(1, trial.states.shape[1] // 4)
     states = trial.states[:, ::every].reshape(-1, system.state.size)
     return float(np.mean(system.contact_counts(states)))
 
 
 def _schemes_to_try(system: ModelSystem) -> list[Scheme]:
-    """Return the schemes that may teach, about the cheapest first; each once."""
+    """Return the schemes that may teach, roughly the cheapest first, without duplicates."""
     own = system.scheme.integrator
     schemes = [system.scheme, Scheme("rk4", system.physics_dt)]
     for parts in PARTS:
@@ -143,7 +143,7 @@ def _schemes_to_try(system: ModelSystem) -> list[Scheme]:
 
 
 def in_words(seconds: float) -> str:
-    """Return about how long this machine takes, with all its cores, for what takes one of them `seconds`."""
+    """Return the approximate time on all cores of this machine, in words, of what takes one core `seconds`."""
     here = seconds / core_count()
     if here < MINUTES_FROM:
         return f"{max(10, round(here, -1)):.0f} s"

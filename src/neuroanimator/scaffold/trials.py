@@ -1,4 +1,4 @@
-"""Trial runs of a drafted definition: where its joints go, how fast they turn, what they cost."""
+"""Trial runs of a drafted definition: positions and velocities of its joints, and their cost."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ TRIAL_RUNS = 16
 """Maximum number of trial runs; each starts elsewhere, and lasts as long as a run of a dataset."""
 
 MIN_RUNS = 6
-"""Minimum number of trial runs, however dear the model is."""
+"""Minimum number of trial runs, however slow the model is."""
 
 TRIAL_SECONDS = 1.5
-"""Time [s] that trial runs take on one core, about: it sets their number."""
+"""Approximate time of trial runs on one core [s], which sets their number."""
 
 USUAL_CONTACTS = 4.0
-"""Number of contacts that a model with contacts has at a time, about."""
+"""Typical number of contacts at a time in a model with contacts."""
 
 EVALUATIONS = {"rk4": 4}
-"""Number of force evaluations in a step of an integrator; of any other, one."""
+"""Number of force evaluations in a step of an integrator; one for any other."""
 
 TRIAL_SEED = 0
 """Seed of trial runs, so that a proposal is the same every time."""
 
 OUTER = 1
-"""Percentile of positions below which, and above whose counterpart, they are left out of what occurs."""
+"""Percentile of positions left out as outliers, at either end."""
 
 ROOM = 0.1
-"""Share by which the range that occurred is widened to either side: trial runs are few."""
+"""Share by which the observed range is widened to either side: trial runs are few."""
 
 
 class Trial(NamedTuple):
-    """Trial runs as `generate` would make them; those that diverged are left out."""
+    """Trial runs as `generate` would make them, without those that diverged."""
 
     states: Float[np.ndarray, "B T+1 S"]
-    """The start, and the state after each control."""
+    """States: the start, and the state after each control."""
     controls: Float[np.ndarray, "B T C"]
-    """Row k is held from state k to state k+1."""
+    """Controls: row k is held from state k to state k+1."""
     dt: float
     """Time one super step covers [s]."""
     diverged: int
@@ -53,7 +53,7 @@ class Trial(NamedTuple):
 
     @property
     def runs(self) -> int:
-        """Number of runs tried."""
+        """Number of all runs."""
         return len(self.states) + self.diverged
 
 
@@ -73,10 +73,10 @@ def run_trial(system: ModelSystem, substeps: int) -> Trial:
 
 
 def step_cost(system: ModelSystem, contacts: float) -> float:
-    """Return about how long MuJoCo takes on one core for the forces of one step [s], the same on every machine.
+    """Return the approximate time of MuJoCo on one core for the forces of one step [s], the same on every machine.
 
-    It is fitted to Gymnasium's models, the humanoid among them, to within a factor of two: it decides what is tried,
-    so it must not depend on what else a machine does. `contacts` is how many there usually are.
+    It fits Gymnasium's models, including the humanoid, within a factor of two. It decides what is tried, so it must not
+    depend on a machine's load. `contacts` is their usual number.
     """
     freedoms = system.model.nv
     return (1.5 + 0.5 * freedoms + 0.01 * freedoms**2 + 2.0 * contacts) * 1e-6
@@ -89,7 +89,7 @@ def velocities_of(view: JointView, states: Float[np.ndarray, "*B S"]) -> Float[n
 
 
 def usual_velocities(system: ModelSystem, trial: Trial) -> dict[str, tuple[float, ...]]:
-    """Return per joint the rms of its velocities: random starts should be as fast as use is; a root's along its own axes."""
+    """Return the rms velocities of each joint, a root's along its own axes: random starts should be as fast as in use."""
     usual = {}
     for view in system.views:
         velocities = velocities_of(view, trial.states).copy()
@@ -102,7 +102,7 @@ def usual_velocities(system: ModelSystem, trial: Trial) -> dict[str, tuple[float
 
 
 def occurring_range(trial: Trial, entry: int, limits: tuple[float, float]) -> tuple[float, float]:
-    """Return from where to where a state entry goes, a little widened and within `limits`."""
+    """Return the observed range of a state entry, slightly widened and within `limits`."""
     low, high = np.percentile(trial.states[..., entry], [OUTER, 100 - OUTER])
     room = ROOM * (high - low)
     low = max(low - room, limits[0])
@@ -111,7 +111,7 @@ def occurring_range(trial: Trial, entry: int, limits: tuple[float, float]) -> tu
 
 
 def fastest_turning(system: ModelSystem, trial: Trial) -> tuple[str, float]:
-    """Return (the joint that turns fastest, how fast that is [rad/s]); nothing and 0 if none turns."""
+    """Return (name of the joint that turns fastest, its speed [rad/s]); an empty name and 0 if none turns."""
     name = ""
     fastest = 0.0
     for view in system.views:

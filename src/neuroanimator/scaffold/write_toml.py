@@ -29,7 +29,7 @@ PROPOSERS = {
     ".obj": propose_cloth,
     ".msh": propose_solid,
 }
-"""Functions that propose a definition for files with these endings, which are no models."""
+"""Functions that propose a definition for files other than models, by suffix."""
 
 
 def write_definition(
@@ -46,11 +46,12 @@ def write_definition(
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    run to see what it does. `keyframe`, `base`, `passive` and `tree` are as in `propose`; the system is called `name`, or
-    after the file or the id. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
+    called in trial runs. `keyframe`, `base`, `passive` and `tree` are as in `propose`; the system is called `name`, or
+    after the file or the id. Beside the model or above it, `out` names it by its relative path, elsewhere by its absolute
+    path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
-    recordings, or if `name` is none or taken; BadFileError for what cannot be emulated.
+    recordings, or if `name` is invalid or taken; BadFileError for what cannot be emulated.
     """
     if name:
         _check_name(name)
@@ -89,7 +90,7 @@ def write_definition(
 
 
 def _check_name(name: str) -> None:
-    """Raise ArgumentError for a name that no system of a user's can have."""
+    """Raise ArgumentError for a name that a user's system cannot have."""
     if not re.fullmatch(SYSTEM_PATTERN, name):
         raise ArgumentError(
             f"name: wanted letters, digits, _ and -, at most 40, came {quoted(name)}."
@@ -99,14 +100,14 @@ def _check_name(name: str) -> None:
 
 
 def checked_base(text: str) -> Literal["fixed", "free"]:
-    """Return what the command line says of a URDF's base; ArgumentError lists what may be said."""
+    """Return a URDF's base as given on the command line; ArgumentError lists the valid ones."""
     if text == "fixed" or text == "free":
         return text
     raise ArgumentError(f"base: wanted fixed or free, came {quoted(text)}.")
 
 
 def _seen_from(toml: Path, path: Path) -> str:
-    """Return how a TOML file names a path: from its own folder if it lies in there, else as an absolute path."""
+    """Return a path for a TOML file: relative to its folder if it lies in there, else absolute."""
     folder = toml.parent.resolve()
     place = path.parent.resolve() / path.name
     if place.is_relative_to(folder):
@@ -115,7 +116,7 @@ def _seen_from(toml: Path, path: Path) -> str:
 
 
 def _propose_without_model(source: Path, path: Path, has_model_options: bool) -> Proposal:
-    """Return the proposal for a step function or recordings, by the ending of the file."""
+    """Return the proposal for a step function or recordings, by the suffix of the file."""
     if path.parent.resolve() != source.parent.resolve():
         raise ArgumentError(
             f"{path}: the TOML file must lie beside {source.name}, in {source.parent or '.'}."
@@ -125,13 +126,13 @@ def _propose_without_model(source: Path, path: Path, has_model_options: bool) ->
             f"{source.name} is no MuJoCo model, so it has neither keyframes, base, joints nor meshes. Leave --keyframe, "
             "--base, --passive and --tree out."
         )
-    # A definition of a step function takes running it: the user asks for both.
+    # Proposing a step function's definition runs the file: the user asks for both.
     trust_file(source)
     return PROPOSERS[source.suffix](source)
 
 
 def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, TaskTable | None, float]:
-    """Copy the MJCF of the environment `name` into `folder`; return its path there, its task, and the noise of the resets."""
+    """Copy the MJCF of the environment `name` into `folder`; return its path there, its task, and its reset noise."""
     from neuroanimator.gym import mjcf_of
     from neuroanimator.gym.locomotion import gymnasium_task
     from neuroanimator.gym.models import default_of

@@ -1,8 +1,8 @@
-"""The body's own frame: where it is and where it heads must not change what it does next.
+"""The body's own frame: its position and heading must not change its motion.
 
-A root that moves freely is seen by the direction of gravity and its velocities along its own axes.
-Changes are predicted along the same axes and put back into the world, so that moving the world or
-turning it about the vertical changes nothing (Grzeszczuk et al., SIGGRAPH 1998).
+A freely moving root is represented by the direction of gravity and its velocities along its own axes. Changes are
+predicted along the same axes and put back into the world, so that moving the world or turning it about the vertical
+changes nothing (Grzeszczuk et al., SIGGRAPH 1998).
 """
 
 from __future__ import annotations
@@ -37,33 +37,33 @@ from neuroanimator.state.shape_contacts import ShapeContacts
 from neuroanimator.state.structure import Probe, Structure
 
 GRAVITY_FEATURES = 3
-"""Numbers the orientation of a root is shown by: the direction of gravity."""
+"""Number of features of a root's orientation: the direction of gravity."""
 
 PROBE_FEATURES = 4
-"""Numbers a probe is shown by: its height and its depth, each now and where it would coast to."""
+"""Number of features of a probe: its height and its depth, each now and after coasting."""
 
 
 class Frame(eqx.Module):
     """The body frame: a state, and its change, without position and heading."""
 
     segments: tuple[Segment, ...] = eqx.field(static=True)
-    """Empty: the state is plain numbers and the frame does nothing."""
+    """Segments of the state, in order; if empty, the state is plain numbers and the frame does nothing."""
     probes: tuple[Probe, ...] = eqx.field(static=True)
     """Round parts of the root's body whose height matters."""
     dt: float = eqx.field(static=True)
-    """Super step [s], for what the state would become if its rates stayed."""
+    """Super step [s], over which the state would coast at its rates."""
     has_gravity: bool = eqx.field(static=True, default=True)
     """Whether the direction of gravity matters."""
     is_immersed: bool = eqx.field(static=True, default=False)
-    """Whether probes look for the surface of water, far from which it matters no more, instead of for the ground."""
+    """Whether probes measure the distance to the surface of water, which matters only nearby, instead of to the ground."""
     cloud: Cloud | None = eqx.field(static=True, default=None)
-    """The mass points that define the frame, where the state is theirs."""
+    """The mass points that define the frame, if the state is theirs."""
     external_forces: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
-    """(3, C) force [N] in the world per control; empty where controls are no such forces."""
+    """Force in the world per control (3, C) [N]; empty if controls are not such forces."""
     contacts: Contacts | None = eqx.field(static=True, default=None)
-    """Points that may touch the ground and joints that may reach a stop; None where networks are shown nothing of them."""
+    """Points that may touch the ground and joints that may reach a stop; None if networks have no features of them."""
     shape_contacts: ShapeContacts | None = eqx.field(static=True, default=None)
-    """Nodes of a soft body that may touch what moves; None of other bodies."""
+    """Nodes of a soft body that may touch movers; None for other bodies."""
 
     @classmethod
     def of(cls, structure: Structure, dt: float) -> Frame:
@@ -81,14 +81,14 @@ class Frame(eqx.Module):
         )
 
     def change_size(self, state_size: int) -> int:
-        """Return how many numbers describe a change of a state of `state_size` entries."""
+        """Return the number of entries of a change of a state of `state_size` entries."""
         if not self.segments:
             return state_size
         return sum(segment.change_size for segment in self.segments)
 
     @property
     def local_size(self) -> int:
-        """Length of what `local` returns."""
+        """Length of the result of `local`."""
         sizes = [self._shown_size(segment) for segment in self.segments]
         if self._shows_probes:
             sizes.append(PROBE_FEATURES * len(self.probes))
@@ -121,7 +121,7 @@ class Frame(eqx.Module):
 
     @property
     def _root_orientation(self) -> Segment | None:
-        """The quaternion of a root that moves freely: the first one; None without such a root."""
+        """The quaternion of a freely moving root: the first one; None without such a root."""
         if not self._has_root:
             return None
         for segment in self.segments:
@@ -131,17 +131,17 @@ class Frame(eqx.Module):
 
     @property
     def _shows_probes(self) -> bool:
-        """Whether probes are shown on their own: mass points are seen one by one, and probes through their modes."""
+        """Whether probes have features of their own: mass points are features themselves, and imply their probes."""
         return bool(self.probes) and self.cloud is None
 
     def _shown_size(self, segment: Segment) -> int:
-        """Return how many numbers `local` shows of `segment`."""
+        """Return the number of features of `segment` in `local`."""
         if segment is not self._root_orientation:
             return segment.local_size
         return GRAVITY_FEATURES if self.has_gravity else 0
 
     def _root(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "... R"]:
-        """Return what turns with the root: its quaternion (..., 4), or heading (..., 1) in a plane."""
+        """Return the root's rotation: its quaternion (..., 4), or heading (..., 1) in a plane."""
         for placed in place_segments(self.segments):
             axes = placed.segment.axes(state[..., placed.entries], self.cloud)
             if axes is not None:
@@ -173,11 +173,11 @@ class Frame(eqx.Module):
     def _probe_heights(
         self, state: Float[AnyArray, "... S"]
     ) -> list[Float[AnyArray, "... probes"]]:
-        """Return the probes' heights over the ground, now and where they would coast to, and how deep they are in it.
+        """Return the probes' heights over the ground, and their depths in it, now and after coasting.
 
-        Heights are flat above the ceiling, in water also below its like: there rest must look the same at any depth.
-        Depths have a kink at the ground, as contact forces have; without
-        them the network must make its own, and errors at touchdown are half as large again.
+        Heights are flat above the ceiling, in water also as far below the surface: there rest must look the same at any
+        depth. Depths have a kink at the ground, as contact forces have; without them the network must learn its own, and
+        errors at touchdown are half as large again.
         """
         root = first_of_each(self.segments)
         velocity = state[..., root[Velocity].entries]
@@ -192,7 +192,7 @@ class Frame(eqx.Module):
         return [in_range(height), in_range(later), *depths]
 
     def _heights(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "... P"]:
-        """Return how high each probe is over the ground, or over the surface of water [m]."""
+        """Return the height of each probe over the ground, or over the surface of water [m]."""
         root = first_of_each(self.segments)
         position = state[..., root[Position].entries]
         up = upward(state[..., root[Quaternion].entries])
@@ -200,15 +200,15 @@ class Frame(eqx.Module):
         return position[..., 2:] + up @ self._centres(state) - radii
 
     def _centres(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "3 P"]:
-        """Return the middles of the probes in the body's frame [m], as numbers of the kind `state` is of."""
+        """Return the centres of the probes in the body's frame [m], in the array type of `state`."""
         return state.__array_namespace__().asarray(self.probes, dtype=state.dtype)[:, :3].T
 
     def kept_above_ground(
         self, state: Float[AnyArray, " S"], local_low: Float[AnyArray, " L"]
     ) -> Float[AnyArray, " S"]:
-        """Return `state` (S,), lifted so that no probe is deeper in the ground than in training; lifted, it sinks no more.
+        """Return `state` (S,), lifted so that no probe is deeper in the ground than in training; if lifted, it stops sinking.
 
-        `local_low` (L,) are the lowest values that `local` had there.
+        `local_low` (L,) are the lowest values of `local` in training.
         """
         if not self._shows_probes or self.is_immersed:
             return state
@@ -217,7 +217,7 @@ class Frame(eqx.Module):
         first = shown - PROBE_FEATURES * len(self.probes)
         lowest = height_below_ceiling(local_low[first : first + len(self.probes)])
         missing = lowest - self._heights(state)
-        # One by one: the slope of `xp.max` asks which entry equals it, and where XLA rounds the two otherwise is none, 0 / 0.
+        # One by one: the gradient of `xp.max` asks which entry equals it; if XLA rounds the two differently, none does: 0 / 0.
         lift = reduce(xp.maximum, list(missing), xp.zeros_like(missing[0]))
         root = first_of_each(self.segments)
         height = root[Position].entries.start + 2
@@ -233,7 +233,7 @@ class Frame(eqx.Module):
         return xp.concat(kept)
 
     def control_size(self, controls: int) -> int:
-        """Return how many numbers `felt_control` makes of so many controls."""
+        """Return the length of `felt_control`'s result for a given number of `controls`."""
         if self.shape_contacts is not None:
             return self.shape_contacts.size
         return 3 if self.external_forces else controls
@@ -243,7 +243,7 @@ class Frame(eqx.Module):
     ) -> Float[AnyArray, "... F"]:
         """Return the controls (..., C) as the body feels them: forces of the world along its own axes.
 
-        Of a soft body what they move, in its own frame, and the contacts that it may come to.
+        For a soft body these are features of the movers, in its own frame, and of possible contacts.
         """
         if self.shape_contacts is not None:
             shown = self.shape_contacts.shown(state, control, self.dt)
@@ -255,7 +255,7 @@ class Frame(eqx.Module):
         return rotate_back(self._root(state), force)
 
     def change_entries(self, state_size: int) -> list[tuple[int, ...]]:
-        """Return, per state entry, the numbers of a change that change it: for a quaternion's four the same three."""
+        """Return, for each state entry, the entries of a change that affect it: for a quaternion's four the same three."""
         if not self.segments:
             return [(entry,) for entry in range(state_size)]
         entries: list[tuple[int, ...]] = []
@@ -269,9 +269,9 @@ class Frame(eqx.Module):
         change: Float[AnyArray, "... V"],
         control: Float[AnyArray, "... C"] | None = None,
     ) -> Float[AnyArray, "... S"]:
-        """Return `state` (..., S) after `change` (..., V) on top of coasting at its present rates.
+        """Return `state` (..., S) after `change` (..., V) on top of coasting at its current rates.
 
-        Lags come closer to `control` (..., C); without one they stay.
+        Lags approach `control` (..., C); without one they stay.
         """
         if not self.segments:
             return state + change
@@ -294,7 +294,7 @@ class Frame(eqx.Module):
     def difference(
         self, before: Float[AnyArray, "... S"], after: Float[AnyArray, "... S"]
     ) -> Float[AnyArray, "... V"]:
-        """Return how `after` differs from `before` (..., V), seen from `before`: the unit-carrying error or change."""
+        """Return the difference of `after` from `before` (..., V), in the frame of `before`: the error or change with units."""
         return self._difference(before, after, coasts=False)
 
     def _difference(

@@ -1,6 +1,6 @@
 """Contacts of a body: points of it that may touch the ground, and joints that may reach their stops. A contact is a
-kink in the motion, and its time within the super step decides the outcome. Shown heights and approaches, now and
-where the body would coast to, a network need not find the kinematics by itself.
+kink in the motion, and its time within the super step decides the outcome. With heights and approaches, now and after
+coasting, as features, a network need not learn the kinematics.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from neuroanimator.state.kinematics import Kinematics, product
 from neuroanimator.state.rotation import conjugate, rotated_by, rotation_matrices
 
 CEILING = 1.0
-"""Height [m] about which a point is as good as infinitely high: no super step crosses it unseen."""
+"""Height [m] around which features saturate: no super step falls from above it to the ground."""
 
 GROUND_SOFTNESS = 0.05
-"""Length [m] over which the kink of a depth is rounded: about how far soft ground gives way."""
+"""Length [m] over which the kink of a depth is rounded: about the indentation of soft ground."""
 
 STOP_SOFTNESS = 0.1
 """Angle [rad], or length [m], over which the kink at a joint's stop is rounded."""
 
 MAX_POINTS = 64
-"""Most points that may touch the ground: each is several features."""
+"""Maximum number of points that may touch the ground: each has several features."""
 
 MAX_PLANES = 8
-"""Most planes they may touch."""
+"""Maximum number of planes they may touch."""
 
 MAX_STOPS = 500
-"""Most joints with stops."""
+"""Maximum number of joints with stops."""
 
 UNIT_TOLERANCE = 1e-3
 """Tolerance of the length of a plane's normal read from a file, which should be 1."""
@@ -48,7 +48,7 @@ T = TypeVar("T")
 
 
 class ContactPoint(NamedTuple):
-    """A ball fixed to a link, which is what of it may touch the ground there."""
+    """A ball fixed to a link, which may touch the ground."""
 
     link: int
     x: float
@@ -58,7 +58,7 @@ class ContactPoint(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """The ground: all points whose product with the unit normal is `offset` [m]; the body is above it."""
+    """The ground: all points whose dot product with the unit normal is `offset` [m]; the body is above it."""
 
     x: float
     y: float
@@ -70,24 +70,24 @@ class Stop(NamedTuple):
     """The range of a joint: it is held between `low` and `high` [rad or m]."""
 
     entry: int
-    """Its position in the state."""
+    """State entry of the joint."""
     low: float
     high: float
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Features of contacts that may come, by the kinematics of the body."""
+    """Features of possible contacts, by the kinematics of the body."""
 
     kinematics: Kinematics
     points: tuple[ContactPoint, ...]
-    """In the order of the frames that carry them: see `in_order`."""
+    """Contact points, in the order of the frames that carry them: see `in_order`."""
     planes: tuple[Plane, ...]
     stops: tuple[Stop, ...]
     axes: tuple[int, ...]
-    """Along which of the axes x, y, z the points move at all."""
+    """Axes x, y, z along which the points move at all."""
     placeless: tuple[int, ...]
-    """State entries that tell where the body is, which does not matter: they are looked at as zeros."""
+    """State entries of the body's position where it does not matter: they are replaced by zeros."""
     rates: tuple[tuple[int, int], ...]
     """(i, j) where state entry j is the rate of entry i."""
     orientations: tuple[tuple[int, int], ...]
@@ -95,18 +95,18 @@ class Contacts:
 
     @property
     def size(self) -> int:
-        """Length of what `shown` returns."""
+        """Length of the result of `shown`."""
         heights = 4 * len(self.points) * len(self.planes)
         return heights + len(self.points) * len(self.axes) + 2 * len(self.stops)
 
     def shown(
         self, state: Float[AnyArray, "... S"], root: Float[AnyArray, "... R"], dt: float
     ) -> list[Float[AnyArray, "... _"]]:
-        """Return pieces of what a network is shown of a state (..., S).
+        """Return the features of a state (..., S) for a network, in pieces.
 
-        Of points: their heights over the planes and how deep they are in them, now and where they would coast to in
-        `dt` [s], and the way there, along the axes of `root` if it is a quaternion (R = 4). Of stops: by how much joints are past
-        them, now and then.
+        For points: their heights over the planes and depths in them, now and after coasting for `dt` [s], and the
+        displacement between, along the axes of `root` if it is a quaternion (R = 4). For stops: the angles or distances by
+        which joints are past them, now and after coasting.
         """
         shown = []
         if self.points:
@@ -125,7 +125,7 @@ class Contacts:
         return shown
 
     def _without_place(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "... S"]:
-        """Return `state` with zeros where it tells the place: differences of positions keep all their digits."""
+        """Return `state` with zeros at `placeless` entries: differences of positions keep all their digits."""
         matters = np.ones(state.shape[-1])
         matters[list(self.placeless)] = 0.0
         return state * state.__array_namespace__().asarray(matters, dtype=state.dtype)
@@ -166,7 +166,7 @@ class Contacts:
         return [(frame, np.stack(offsets, axis=1)) for frame, offsets in by_frame.items()]
 
     def heights(self, centres: Float[AnyArray, "... 3 P"]) -> Float[AnyArray, "... PG"]:
-        """Return how high the points at `centres` are over each plane [m], those over the first plane first."""
+        """Return the heights of the points at `centres` over each plane [m], those over the first plane first."""
         xp = centres.__array_namespace__()
         radii = np.array([point.radius for point in self.points])
         heights = []
@@ -179,7 +179,7 @@ class Contacts:
     def _way(
         self, way: Float[AnyArray, "... 3 P"], root: Float[AnyArray, "... R"]
     ) -> Float[AnyArray, "... PA"]:
-        """Return the points' way [m] along those axes on which they move, the root's own if it is a quaternion."""
+        """Return the points' displacements [m] along the axes on which they move, the root's own if it is a quaternion."""
         xp = way.__array_namespace__()
         if root.shape[-1] == 4:
             way = product(rotation_matrices(conjugate(root)), way)
@@ -188,8 +188,8 @@ class Contacts:
     def _past_stops(
         self, state: Float[AnyArray, "... S"], dt: float
     ) -> list[Float[AnyArray, "... L"]]:
-        """Return by how much joints are past their stops, now and where they would coast to: below the lower one
-        it is positive, above the upper one negative."""
+        """Return how far joints are past their stops, now and after coasting: positive below the lower one, negative above
+        the upper one."""
         xp = state.__array_namespace__()
         rates = dict(self.rates)
         low = xp.asarray(np.array([stop.low for stop in self.stops]), dtype=state.dtype)
@@ -202,7 +202,7 @@ class Contacts:
         return shown
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain lists of what does not follow from the skeleton and the state."""
+        """Return the parts that do not follow from the skeleton and the state, as plain lists."""
         return {
             "points": [list(point) for point in self.points],
             "planes": [list(plane) for plane in self.planes],
@@ -221,7 +221,7 @@ class Contacts:
         orientations: tuple[tuple[int, int], ...],
         state_size: int,
     ) -> Contacts:
-        """Return what `to_json` wrote of a body that moves so; ValueError says what no body has."""
+        """Return the contacts `to_json` wrote of a body with these kinematics; ValueError names the fault."""
 
         def point(row: Any, what: str) -> ContactPoint:
             link, x, y, z, radius = numbers(row, what, 5, MAX_DISTANCE)
@@ -274,7 +274,7 @@ def _at_most(rows: Any, what: str, read: Callable[[Any, str], T], most: int) -> 
     return found
 
 
-# Roots instead of tanh and softplus, whose compiled forms take one number at a time and half a super step together.
+# Square roots instead of tanh and softplus: those compile to scalar code that takes half the time of a super step.
 
 
 def below_ceiling(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
@@ -293,6 +293,6 @@ def depth(height: Float[AnyArray, " ..."], softness: float) -> Float[AnyArray, "
     """Return how far below zero `height` is, its kink rounded over `softness`, at most the ceiling."""
     xp = height.__array_namespace__()
     near = xp.clip(height, -CEILING, CEILING)
-    # (root - near) / 2; high above, where the two are nearly alike, as a quotient.
+    # (root - near) / 2; high above, where the two are nearly equal, as a quotient.
     half = (xp.sqrt(near * near + softness**2) + xp.abs(near)) / 2
     return xp.where(near > 0, softness**2 / 4 / half, half)

@@ -1,4 +1,4 @@
-"""A periodic pattern of controls by which a system moves along: an animal's way to swim."""
+"""A periodic pattern of controls that moves a system forward, as an animal swims."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from neuroanimator.files.numbers import number, numbers
 from neuroanimator.state.layout import Bounds
 
 MIN_PERIOD = 1e-6
-"""Shortest period [s]: a clock can still be divided by it."""
+"""Minimum period [s]: a clock can still be divided by it."""
 
 MAX_PERIOD = 1e6
-"""Longest period a definition allows [s]."""
+"""Maximum period in a definition [s]."""
 
 MAX_AMPLITUDE = 1e6
-"""Largest amplitude, far beyond the full range, which is 1; it limits the lags [rad] too."""
+"""Maximum amplitude, far beyond the full range, which is 1; also of the lags [rad]."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class Gait:
     """Controls middle + half width · amplitude · sin(2π t / period - lag)."""
 
     period: float
-    """[s]"""
+    """Period [s]."""
     amplitudes: tuple[float, ...]
-    """(C,) of each control, 1 for its full range; negative ones move oppositely."""
+    """Amplitude of each control (C,), 1 for its full range; negative ones move oppositely."""
     lags: tuple[float, ...]
-    """(C,) [rad]"""
+    """Phase lag of each control (C,) [rad]."""
 
     def controls(
         self, steps: int, dt: float, bounds: Bounds, *, tempo: float = 1.0, strength: float = 1.0

@@ -1,6 +1,6 @@
 """Forward kinematics of a tree of links, as homogeneous matrices: few operations on many numbers, which compile quickly.
 
-`Link.local_pose` says the same of one link in quaternions.
+`Link.local_pose` does the same for one link, in quaternions.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Matrix = Float[np.ndarray, "4 4"]
 class MovedFrame(NamedTuple):
     """The motion of a joint: its matrix in its parent's frame is a sum of constant ones.
 
-    Of a hinge `still` + sin · `first` + cos · `second`, of a slide `still` + distance · `first`; of a ball
-    `still` times its rotation; of a free joint its rotation and its position alone.
+    For a hinge `still` + sin · `first` + cos · `second`, for a slide `still` + distance · `first`; for a ball `still` times
+    its rotation; for a free joint its rotation and its position alone.
     """
 
     parent: int
-    """Index of the frame it hangs on; -1 for the world."""
+    """Index of its parent frame; -1 for the world."""
     kind: str
     """One of `links.JOINT_KINDS`."""
     entry: int
@@ -43,22 +43,22 @@ class MovedFrame(NamedTuple):
 
 
 class CarriedLink(NamedTuple):
-    """A link, as the frame it moves with carries it."""
+    """A link, and the frame that carries it."""
 
     frame: int
     """Index of the frame; -1 for a link that never moves."""
     matrix: Matrix
-    """Brings points of the link into the frame."""
+    """Matrix from the link to the frame."""
 
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Links that hang on one another."""
+    """A tree of links."""
 
     links: tuple[Link, ...]
-    """Each after its parent."""
+    """Links, each after its parent."""
     parents: tuple[int, ...]
-    """Index of the link each hangs from; -1 for the world."""
+    """Index of the parent of each link; -1 for the world."""
 
     @cached_property
     def frames(self) -> list[MovedFrame]:
@@ -90,7 +90,7 @@ class Kinematics:
         return frames, carried
 
     def transforms(self, states: Float[AnyArray, "... S"]) -> list[Float[AnyArray, "... 4 4"]]:
-        """Return per frame the matrix that brings its points into the world, of states (..., S)."""
+        """Return for each frame the matrix from the frame to the world, for states (..., S)."""
         of_axes = self._of_axes(states)
         transforms: list[Float[AnyArray, "... 4 4"]] = []
         for frame in self.frames:
@@ -104,7 +104,7 @@ class Kinematics:
         return transforms
 
     def _of_axes(self, states: Float[AnyArray, "... S"]) -> Iterator[Float[AnyArray, "... 4 4"]]:
-        """Yield the matrices of hinges and slides, in order, in the frames they hang on; they are computed together."""
+        """Yield the matrices of hinges and slides, in order, in their parents' frames; they are computed together."""
         frames = [frame for frame in self.frames if frame.kind in ("hinge", "slide")]
         if not frames:
             return
@@ -131,7 +131,7 @@ def product(
 ) -> Float[AnyArray, "*#B M N"]:
     """Return the matrix product of two small matrices, of many states at once.
 
-    As a sum of outer products it is fused with what is around it: matmul, called for each state, takes six times as long.
+    A sum of outer products is fused with the surrounding code: matmul, called for each state, takes six times as long.
     """
     count = left.shape[-1]
     terms = (left[..., :, k, None] * right[..., k, None, :] for k in range(count))
@@ -139,7 +139,7 @@ def product(
 
 
 def _moved(joint: Joint, parent: int, matrix: Matrix) -> MovedFrame:
-    """Return what `joint` moves, which hangs on the frame `parent` by `matrix`."""
+    """Return the frame that `joint` moves, attached to the frame `parent` by `matrix`."""
     first = np.zeros((4, 4))
     second = np.zeros((4, 4))
     still = matrix
@@ -183,7 +183,7 @@ def _turned(frame: MovedFrame, states: Float[AnyArray, "... S"]) -> Float[AnyArr
 
 
 def _fixed(link: Link) -> Matrix:
-    """Return where a link hangs, its joints at their references."""
+    """Return the matrix of a link in its parent's frame, with joints at their references."""
     matrix = _translation(np.array(link.offset))
     quaternion = np.array(link.orientation)
     matrix[:3, :3] = rotation_matrices(quaternion / np.linalg.norm(quaternion))

@@ -18,13 +18,13 @@ from neuroanimator.state.units import STATE_UNITS
 from neuroanimator.text import quoted
 
 MAX_NUMBERS = 4096
-"""Longest vector read from a file: memory and time grow with it."""
+"""Maximum length of a vector read from a file: memory and time grow with it."""
 
 REAL_KINDS = "biuf"
-"""NumPy's letters for truth values, whole and real numbers."""
+"""NumPy's kinds of truth values, integers and real numbers."""
 
 BFLOAT16 = "bfloat16"
-"""JAX's short numbers, which NumPy does not count as real."""
+"""Name of JAX's bfloat16, which NumPy does not count as real."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Layout:
         return [f"{part.name}[{i}] {part.unit}" for part in self.slices for i in range(part.size)]
 
     def index(self, name: str) -> slice:
-        """Return where the part called `name` lies in the vector."""
+        """Return the slice of the part called `name`."""
         start = 0
         for part in self.slices:
             if part.name == name:
@@ -69,7 +69,7 @@ class Layout:
     def check(self, vector: ArrayLike, label: str) -> np.ndarray:
         """Return `vector` as float64 if its last axis fits and every number is finite.
 
-        Raises ArgumentError also for texts, complex numbers, objects and rows of unequal length.
+        Raises ArgumentError, also for texts, complex numbers, objects and rows of unequal length.
         """
         array = self.check_shape(vector, label)
         if not np.isfinite(array).all():
@@ -119,7 +119,7 @@ def _slice_from_json(row: Any, what: str) -> Slice:
 
 
 def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
-    """Return `values` as float64, in their own shape; ArgumentError if they are no real numbers."""
+    """Return `values` as float64, in their own shape; ArgumentError if they are not real numbers."""
     try:
         array = np.asarray(values)
     except (ValueError, OverflowError) as error:
@@ -130,7 +130,7 @@ def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
         raise ArgumentError(
             f"{label}: wanted real numbers, came {_what(values)} of {array.dtype.name[:40]}."
         )
-    with np.errstate(over="ignore"):  # of long doubles: too large ones become infinite
+    with np.errstate(over="ignore"):  # too large long doubles become infinite
         return array.astype(np.float64, copy=False)
 
 
@@ -140,12 +140,12 @@ def _what(values: object) -> str:
 
 @dataclass(frozen=True)
 class Bounds:
-    """The least and the largest value of each entry of a control, in its own unit."""
+    """The smallest and the largest value of each entry of a control, in its own unit."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     holding: tuple[float, ...] = ()
-    """The control that holds the system at rest, a drone's hover for instance; empty if it is none at all."""
+    """The control that holds the system at rest, such as a drone's hover; empty for none."""
 
     @classmethod
     def symmetric(cls, limit: ArrayLike) -> Bounds:
@@ -170,7 +170,7 @@ class Bounds:
         return cls(low, high, numbers(sides[2], what, size))
 
     def to_json(self) -> list[list[float]]:
-        """Return the least values, the largest, and those that hold the system if they are not zero."""
+        """Return the smallest values, the largest, and those that hold the system unless they are zero."""
         sides = [list(self.low), list(self.high)]
         if self.holding:
             sides.append(list(self.holding))
@@ -178,26 +178,26 @@ class Bounds:
 
     @property
     def middle(self) -> np.ndarray:
-        """(C,) halfway between the bounds."""
+        """Middle between the bounds (C,)."""
         return (np.array(self.high) + np.array(self.low)) / 2
 
     @property
     def half(self) -> np.ndarray:
-        """(C,) half the way from bound to bound."""
+        """Half the distance between the bounds (C,)."""
         return (np.array(self.high) - np.array(self.low)) / 2
 
     @property
     def magnitude(self) -> np.ndarray:
-        """(C,) largest magnitude: what counts as full effort."""
+        """Largest magnitude (C,), which counts as full effort."""
         return np.maximum(np.abs(self.high), np.abs(self.low))
 
     @property
     def idle(self) -> np.ndarray:
-        """(C,) what holds the system at rest: no control at all where nothing else is said, or as little as the bounds allow."""
+        """Control that holds the system at rest (C,): `holding` if given, else zero, or as near to it as the bounds allow."""
         return self.clip(np.array(self.holding or np.zeros(len(self.low))))
 
     def contain(self, controls: np.ndarray) -> bool:
-        """Return whether all `controls` (..., C) lie within the bounds, to within rounding."""
+        """Return whether all `controls` (..., C) lie within the bounds, up to rounding."""
         return not self._beyond(controls).any()
 
     def _beyond(self, controls: np.ndarray) -> np.ndarray:
@@ -207,7 +207,7 @@ class Bounds:
         return is_low | is_high
 
     def clip(self, controls: np.ndarray) -> np.ndarray:
-        """Return `controls` (..., C) with every entry brought within the bounds."""
+        """Return `controls` (..., C) clipped to the bounds."""
         return np.clip(controls, self.low, self.high)
 
     def check(self, controls: np.ndarray, names: list[str]) -> np.ndarray:

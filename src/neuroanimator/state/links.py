@@ -1,4 +1,4 @@
-"""Joints, which let a bone move against its parent, and where they bring it; for NumPy and JAX arrays alike."""
+"""Joints, which let a bone move relative to its parent, and its resulting pose; for NumPy and JAX arrays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.rotation import multiply, rotate
 
 Numbers = tuple[float, ...]
-"""A vector or a quaternion as it stands in a skeleton: a few numbers, not an array."""
+"""A vector or a quaternion in a skeleton: a few numbers, not an array."""
 
 LocalPose = tuple[Float[AnyArray, "... 3"], Float[AnyArray, "... 4"]]
 """Positions [m] and orientations wxyz of one bone."""
@@ -20,7 +20,7 @@ JOINT_KINDS = ("hinge", "slide", "ball", "free")
 """Kinds of joints, as MuJoCo calls them."""
 
 JOINT_SIZES = {"ball": 4, "free": 7}
-"""State entries a joint reads, if more than one."""
+"""Number of state entries a joint reads, if more than one."""
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,16 @@ class Joint:
     entry: int
     """First state entry it reads: an angle [rad], a distance [m], a quaternion, or a position and a quaternion."""
     axis: Numbers
-    """Unit axis in the bone's frame; of hinges and slides."""
+    """Unit axis of a hinge or slide in the bone's frame."""
     anchor: Numbers
-    """Point in the bone's frame it rotates about [m]."""
+    """Centre of rotation in the bone's frame [m]."""
     reference: float = 0.0
-    """Value of the entry at which the bone is where the tree puts it."""
+    """Value of the entry at which the bone has its pose in the tree."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link of the kinematic tree: its place in its parent, and its joint."""
+    """A link of the kinematic tree: its pose in its parent, and its joints."""
 
     offset: Numbers
     """Its origin in the parent's frame [m], joints at their references."""
@@ -71,7 +71,7 @@ class Link:
 def point_of_chain(
     chain: tuple[Link, ...], offset: Numbers, states: Float[AnyArray, "... S"]
 ) -> Float[AnyArray, "... 3"]:
-    """Return where in the world [m] a point is that lies at `offset` [m] in the frame of the last of `chain`'s links."""
+    """Return the world position [m] of a point at `offset` [m] in the frame of the last link of `chain`."""
     point = _repeated(offset, states)
     for link in reversed(chain):
         position, orientation = link.local_pose(states)
@@ -90,14 +90,14 @@ def _rotation(joint: Joint, states: Float[AnyArray, "... S"]) -> Float[AnyArray,
 
 
 def unit_quaternion(states: Float[AnyArray, "... S"], entry: int) -> Float[AnyArray, "... 4"]:
-    """Return the quaternion that begins at `entry`, at unit length."""
+    """Return the quaternion that begins at `entry`, normalised."""
     quaternion = states[..., entry : entry + 4]
     norm = states.__array_namespace__().linalg.vector_norm
     return quaternion / norm(quaternion, axis=-1, keepdims=True)
 
 
 def _repeated(numbers: Numbers, states: Float[AnyArray, "... S"]) -> Float[AnyArray, "... V"]:
-    """Return `numbers` (V,) once a state."""
+    """Return `numbers` (V,) repeated for each state."""
     xp = states.__array_namespace__()
     vector = xp.asarray(np.array(numbers), dtype=states.dtype)
     return xp.broadcast_to(vector, (*states.shape[:-1], len(numbers)))

@@ -1,7 +1,7 @@
 """Parameters of a family of bodies: fixed in a motion, different from body to body.
 
-They are the last entries of a state, which no motion changes. So whatever takes states takes them too: a dataset
-holds those of every run, an emulator sees them, and its gradient in a state is one in them.
+They are the last entries of a state, which no motion changes. So all that takes states takes them too: a dataset holds
+those of every run, an emulator sees them, and its gradient in a state includes them.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from neuroanimator.state.layout import Slice
 from neuroanimator.text import did_you_mean, listed, quoted
 
 ROUNDING = 1e-6
-"""Share of its range by which a value may lie outside: emulators have ranges in single precision."""
+"""Tolerance of a value outside its range, as a share of it: emulators have ranges in single precision."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """What varies over a family of bodies."""
+    """A quantity that varies over a family of bodies."""
 
     name: str
     unit: str
     low: float
-    """Least value."""
+    """Smallest value."""
     high: float
     """Largest value."""
     nominal: float
-    """Value where none is given."""
+    """Default value."""
 
     @property
     def slice(self) -> Slice:
@@ -39,7 +39,7 @@ class Parameter:
         return Slice(self.name, 1, self.unit)
 
     def at(self, value: float) -> Parameter:
-        """Return the parameter that always has this `value`; ArgumentError if it lies outside the range."""
+        """Return the parameter fixed to this `value`; ArgumentError if it lies outside the range."""
         number = float(value)
         margin = ROUNDING * (self.high - self.low)
         if not self.low - margin <= number <= self.high + margin:
@@ -51,7 +51,7 @@ class Parameter:
 
 
 def nominal_values(parameters: Sequence[Parameter]) -> Float[np.ndarray, " P"]:
-    """Return the value of each parameter where none is given."""
+    """Return the default of each parameter."""
     return np.array([parameter.nominal for parameter in parameters], float)
 
 
@@ -67,9 +67,9 @@ def draw_parameters(
 def fixed_parameters(
     parameters: Sequence[Parameter], values: Mapping[str, float]
 ) -> tuple[Parameter, ...]:
-    """Return the `parameters`, those named in `values` fixed to the value given.
+    """Return the `parameters`, with those named in `values` fixed.
 
-    Raises ArgumentError for a name that is no parameter, and for a value out of range.
+    Raises ArgumentError for a name that is not a parameter, and for a value out of range.
     """
     names = [parameter.name for parameter in parameters]
     for name in values:

@@ -1,4 +1,4 @@
-"""Where a body's own frame is: the state entries of its position, and of its heading or orientation."""
+"""The pose of a body's own frame: the state entries of its position, and of its heading or orientation."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from neuroanimator.state.rotation import Rows, facing, rotation_rows
 
 @dataclass(frozen=True)
 class Placement:
-    """State entries that say where a frame is and how it is turned; -1 where they do not say."""
+    """State entries of the position and rotation of a frame; -1 for those that do not exist."""
 
     position: int = -1
-    """Where its origin begins [m]."""
+    """First entry of its origin [m]."""
     heading: int = -1
-    """How far it is turned about Z [rad]."""
+    """Entry of its heading about Z [rad]."""
     orientation: int = -1
-    """Where its quaternion begins."""
+    """First entry of its quaternion."""
 
     def origin(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         """Return the position of the frame [m]."""
@@ -28,7 +28,7 @@ class Placement:
         return states[..., self.position : self.position + 3]
 
     def rows(self, states: Float[AnyArray, "*B S"]) -> Rows | None:
-        """Return the nine entries (...) of the rotation to the world; None of a frame that does not turn."""
+        """Return the nine entries (...) of the rotation to the world; None for a frame that does not turn."""
         if self.orientation >= 0:
             return rotation_rows(states[..., self.orientation : self.orientation + 4])
         if self.heading >= 0:
@@ -36,7 +36,7 @@ class Placement:
         return None
 
     def quaternions(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 4"] | None:
-        """Return how the frame is turned; None if it does not turn."""
+        """Return the quaternions of the frame; None if it does not turn."""
         if self.orientation >= 0:
             return states[..., self.orientation : self.orientation + 4]
         if self.heading >= 0:
@@ -46,7 +46,7 @@ class Placement:
     def to_world(
         self, states: Float[AnyArray, "*B S"], points: Float[AnyArray, "*B N 3"]
     ) -> Float[AnyArray, "*B N 3"]:
-        """Return where points of the frame are in the world [m]."""
+        """Return the world positions of points of the frame [m]."""
         turned = turn(self.rows(states), points)
         return turned + self.origin(states)[..., None, :]
 

@@ -22,12 +22,12 @@ from neuroanimator.state.structure import Structure
 
 
 class Pose(NamedTuple):
-    """Of one body, or many, all in the world."""
+    """Pose of one body, or many, in the world."""
 
     position: Float[AnyArray, "... 3"]
-    """Of the root, or of a deformable body's centroid [m]."""
+    """Position of the root, or of a deformable body's centroid [m]."""
     velocity: Float[AnyArray, "... 3"]
-    """Of the same point [m/s]."""
+    """Velocity of the same point [m/s]."""
     forward: Float[AnyArray, "... 3"]
     """Unit vector along the body's X."""
     upward: Float[AnyArray, "... 3"]
@@ -43,7 +43,7 @@ class Pose(NamedTuple):
     def roll(self) -> Float[AnyArray, " ..."]:
         """Roll (...) [rad] to its right about its own axis: 0 upright, ±π belly up.
 
-        Pitch and heading do not count. A body that points straight up or down has none to speak of.
+        Pitch and heading do not count. It is meaningless for a body that points straight up or down.
         """
         xp = self.forward.__array_namespace__()
         left = cross(self.upward, self.forward)
@@ -52,7 +52,7 @@ class Pose(NamedTuple):
 
 
 def has_pose(structure: Structure) -> bool:
-    """Return whether states have a pose: of a freely moving root, or of mass points."""
+    """Return whether states have a pose: that of a freely moving root, or of mass points."""
     return structure.cloud is not None or moves_freely(structure.segments)
 
 
@@ -69,8 +69,8 @@ class HasStructure(Protocol):
 def read_pose(structure: Structure | HasStructure, states: Float[AnyArray, "... S"]) -> Pose:
     """Return the poses of `states` (..., S) of this structure, or of a system's.
 
-    A deformable body points along the first moment of its mass points about their centroid, weighted by
-    where each lies at rest along X (or Z): for a stiff symmetric body exactly its own axis, and smooth for all.
+    A deformable body points along the first moment of its mass points about their centroid, weighted by their
+    positions at rest along X (or Z): for a stiff symmetric body exactly its own axis, and smooth for all.
 
     Raises ArgumentError for a system without a freely moving root or mass points.
     """

@@ -1,4 +1,4 @@
-"""Entries of a state that hold position and heading, for programs that have nothing else to read poses by."""
+"""State entries of position and heading, for programs that read poses without this package."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from neuroanimator.state.segments import Position, Quaternion, Velocity, first_o
 from neuroanimator.state.structure import Structure
 
 NO_WEIGHT = 1e-9
-"""Weights of mass points smaller than this are none."""
+"""Weight of a mass point below which it is left out."""
 
 
 def describe_root(structure: Structure) -> dict[str, Any] | None:
-    """Return how position, velocity, forward and up of the whole body are read from a state, as JSON.
+    """Return a description of how to read position, velocity, forward and up of the whole body from a state, as JSON.
 
-    A rigid root is at three entries from `position` on, its quaternion from `orientation`, its velocity from `velocity`.
-    A body of mass points is where sums of (first of three entries, weight) say; `forward` and `up` are to be made unit
-    vectors. None where nothing moves freely.
+    A rigid root has three entries from `position` on, its quaternion from `orientation`, its velocity from `velocity`. For
+    a body of mass points they are sums over (first of three entries, weight); `forward` and `up` must be normalised.
+    None if nothing moves freely.
     """
     if structure.cloud is not None:
         return _points_root(structure)

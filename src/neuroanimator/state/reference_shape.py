@@ -1,6 +1,6 @@
-"""Position and rotation of a cloud of mass points: the frame in which a deformable body's shape is seen.
+"""Position and rotation of a cloud of mass points: the frame of a deformable body's shape.
 
-Written for NumPy and JAX alike; mass points are (..., N, 3).
+Written for NumPy and JAX; mass points are (..., N, 3).
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ MAX_DISTANCE = 1e6
 """Largest coordinate of a mass point in a file [m]."""
 
 SHARES_OFF = 1e-6
-"""Tolerance of the sum of the shares of the mass in a file, which should be 1: they are rounded."""
+"""Tolerance of the sum of mass shares in a file, which should be 1: they are rounded."""
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Mass points at rest, and what each weighs."""
+    """Mass points at rest, and their masses."""
 
     positions: tuple[Point, ...]
-    """(N, 3) at rest [m], from their centroid."""
+    """Positions at rest (N, 3) [m], from their centroid."""
     masses: tuple[float, ...]
-    """(N,) shares of the whole mass."""
+    """Masses (N,), as shares of the whole."""
     nominal: tuple[float, ...] = ()
-    """(Q,) parameters of the body of this shape, the last entries of a state; none of a single body."""
+    """Parameters (Q,) of the body of this shape, the last entries of a state; empty for a single body."""
     slopes: tuple[tuple[Point, ...], ...] = ()
-    """(Q, N, 3) change of `positions` per unit of each parameter."""
+    """Change of `positions` per unit of each parameter (Q, N, 3)."""
 
     @classmethod
     def of(cls, positions: np.ndarray, masses: np.ndarray) -> Cloud:
@@ -58,7 +58,7 @@ class Cloud:
         )
 
     def to_json(self) -> list[Any]:
-        """Return plain lists: positions, and shares of the mass; of a family also nominal parameters and slopes."""
+        """Return plain lists: positions and mass shares; for a family also nominal parameters and slopes."""
         row: list[Any] = [list(self.positions), list(self.masses)]
         if self.nominal:
             row += [list(self.nominal), [list(slope) for slope in self.slopes]]
@@ -94,7 +94,7 @@ class Cloud:
         return len(self.nominal)
 
     def growth(self, parameters: Float[AnyArray, "... Q"]) -> Float[AnyArray, "... D"]:
-        """Return by how much mass points at rest lie elsewhere in a body with these parameters [m]; D = 3 N."""
+        """Return the displacements of mass points at rest in a body with these parameters [m]; D = 3 N."""
         xp = parameters.__array_namespace__()
         slopes = xp.asarray(self.slopes, dtype=parameters.dtype).reshape(
             self.parameters, 3 * self.count
@@ -104,7 +104,7 @@ class Cloud:
     def reshaped(
         self, state: Float[np.ndarray, " S"], parameters: Float[np.ndarray, " Q"]
     ) -> Float[np.ndarray, " S"]:
-        """Return the `state` of the body with other parameters: it grows along its own axes, about its centroid."""
+        """Return the `state` of the body with other parameters: it is reshaped along its own axes, about its centroid."""
         changed = np.array(state, float)
         points = points_of(changed[: 3 * self.count])
         before = state[len(state) - self.parameters :]
@@ -122,7 +122,7 @@ class Cloud:
     def own_frame(
         self, positions: Float[AnyArray, "... N 3"]
     ) -> tuple[Float[AnyArray, "... 3"], Float[AnyArray, "... 4"], Float[AnyArray, "... N 3"]]:
-        """Return the centroid (..., 3), the `orientation` (..., 4), and `positions` (..., N, 3) from there, along its axes."""
+        """Return the centroid (..., 3), the `orientation` (..., 4), and `positions` (..., N, 3) from it, along its axes."""
         centre = self.centroid(positions)
         centred = positions - centre[..., None, :]
         orientation = self._closest_orientation(centred)
@@ -131,8 +131,8 @@ class Cloud:
     def orientation(self, positions: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... 4"]:
         """Return the unit quaternion (..., 4) that turns the cloud at rest closest to `positions` (..., N, 3).
 
-        Closest in the mass-weighted squares: the frame that wobbles least with the shape (Eckart 1935), found as
-        the largest eigenvector of a 4 x 4 matrix (Horn 1987). Its first entry is not negative.
+        Closest in mass-weighted squares: the frame that wobbles least with the shape (Eckart 1935), found as the leading
+        eigenvector of a 4 x 4 matrix (Horn 1987). Its first entry is not negative.
         """
         return self._closest_orientation(positions - self.centroid(positions)[..., None, :])
 
@@ -179,11 +179,11 @@ def _largest_eigenvector(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, 
 
 @jax.custom_jvp
 def _largest_eigenvector_in_jax(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, "... 4"]:
-    """Return the same of an array of JAX, with a derivative of its own.
+    """Return the same for a JAX array, with a custom derivative.
 
-    The derivative that JAX has for all eigenvectors divides by the differences of all eigenvalues, and those of a
-    cube's smaller ones are zero. That of one eigenvector v needs its own differences alone: to first order it turns
-    towards the others by (u · dM v) / (λ - μ) (Magnus 1985).
+    JAX' derivative of all eigenvectors divides by the differences of all eigenvalues, and the smaller ones of a cube are
+    equal. The derivative of one eigenvector v needs only its own differences: to first order it turns towards the
+    others by (u · dM v) / (λ - μ) (Magnus 1985).
     """
     return jnp.linalg.eigh(matrix)[1][..., -1]
 
@@ -202,7 +202,7 @@ def _derivative(primals: tuple[AnyArray], tangents: tuple[AnyArray]) -> tuple[An
 def _solve(
     matrix: Float[AnyArray, "... 3 3"], right: Float[AnyArray, "... 3"]
 ) -> Float[AnyArray, "... 3"]:
-    """Return the x with `matrix` x = `right`, by Cramer's rule: no pivots to look for, no loop to compile."""
+    """Return the x with `matrix` x = `right`, by Cramer's rule, without pivoting or loops to compile."""
     xp = matrix.__array_namespace__()
     first = matrix[..., :, 0]
     second = matrix[..., :, 1]
@@ -222,12 +222,12 @@ def _point_from_json(row: Any, what: str) -> Point:
 
 
 def points_of(flat: Float[AnyArray, "... D"]) -> Float[AnyArray, "... N 3"]:
-    """Return the mass points (..., N, 3) that stand one after another in `flat` (..., 3N)."""
+    """Return the mass points (..., N, 3) of `flat` (..., 3N)."""
     return flat.reshape(*flat.shape[:-1], -1, 3)
 
 
 def flat_of(points: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... D"]:
-    """Return mass points (..., N, 3) one after another: (..., 3N)."""
+    """Return mass points (..., N, 3) as flat vectors (..., 3N)."""
     return points.reshape(*points.shape[:-2], -1)
 
 

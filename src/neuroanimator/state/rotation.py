@@ -1,4 +1,4 @@
-"""Unit quaternions wxyz, written once for NumPy and JAX arrays alike (the array API standard).
+"""Unit quaternions wxyz, written once for NumPy and JAX arrays (the array API standard).
 
 All functions take any leading axes.
 """
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from neuroanimator.state.arrays import AnyArray
 
 MIN_COSINE = 1e-3
-"""Least cosine of half a rotation that is divided by: no body turns that far in one super step, and the division stays finite."""
+"""Smallest cosine of half a rotation to divide by: no body turns that far in one super step, and the result stays finite."""
 
 Rows = tuple[tuple[AnyArray, AnyArray, AnyArray], ...]
 """The nine entries (...) of rotation matrices, row by row."""
@@ -69,14 +69,14 @@ def rotate_back(
 
 
 def upward(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 3"]:
-    """Return the world's Z axis seen from the body (..., 3): where 'up' is, at any heading."""
+    """Return the world's Z axis in the body's frame (..., 3): 'up', at any heading."""
     return quaternion.__array_namespace__().stack(rotation_rows(quaternion)[2], axis=-1)
 
 
 def multiply(
     left: Float[AnyArray, "... 4"], right: Float[AnyArray, "... 4"]
 ) -> Float[AnyArray, "... 4"]:
-    """Return the quaternion product (..., 4): `right` is turned first."""
+    """Return the quaternion product (..., 4): `right` acts first."""
     a, b, c, d = (left[..., i] for i in range(4))
     w, x, y, z = (right[..., i] for i in range(4))
     parts = [
@@ -99,8 +99,8 @@ def rotated_by(
 ) -> Float[AnyArray, "... 4"]:
     """Return `quaternion` (..., 4) turned by the Rodrigues vector `rotation` (..., 3), exactly of unit length.
 
-    A Rodrigues vector is 2·tan(angle/2) along the axis, in the body's frame: the small rotation
-    vector itself to second order, and no series or branch is needed.
+    A Rodrigues vector is 2·tan(angle/2) along the axis, in the body's frame: equal to a small rotation vector to second
+    order, without a series or branch.
     """
     xp = rotation.__array_namespace__()
     half = rotation / 2
@@ -114,7 +114,7 @@ def rotation_between(
 ) -> Float[AnyArray, "... 3"]:
     """Return the Rodrigues vector (..., 3) that turns `before` into `after`, in `before`'s frame.
 
-    Turns beyond a half revolution are taken as the shorter way round.
+    A turn of more than half a revolution counts as the shorter way round.
     """
     relative = multiply(conjugate(before), after)
     xp = relative.__array_namespace__()

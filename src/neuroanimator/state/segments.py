@@ -1,7 +1,7 @@
-"""Kinds of state segment: what each shows of itself in the body's own frame, and how it changes.
+"""Kinds of state segments: their features in the body's own frame, and how they change.
 
-A state is a row of segments. A position moves along the body's own axes, a quaternion is rotated, a lag
-follows its control; each kind is a small class here, and `body_frame.Frame` puts them together.
+A state is a sequence of segments. A position moves along the body's own axes, a quaternion is rotated, a lag follows its
+control; each kind is a small class here, and `body_frame.Frame` combines them.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from neuroanimator.state.rotation import (
 from neuroanimator.text import quoted
 
 MAX_RESPONSE = 10.0
-"""Largest time constant of a lag that a definition allows [s]."""
+"""Maximum time constant of a lag in a definition [s]."""
 
 Coasting = Any
-"""Change by a segment's own rate in a super step: an array (..., V), or 0.0 where there is none."""
+"""Change by a segment's own rate in a super step: an array (..., V), or 0.0 without a rate."""
 
 
 class Surroundings(NamedTuple):
@@ -47,50 +47,50 @@ class Surroundings(NamedTuple):
     root: Float[AnyArray, "... R"]
     """Rotation of the root: its quaternion (R = 4), its heading (R = 1), or nothing (R = 0)."""
     control: Float[AnyArray, "... C"] | None
-    """The controls that lags follow; None leaves lags where they are."""
+    """The controls that lags follow; with None lags stay."""
     dt: float
-    """Time the change takes [s]."""
+    """Duration of the change [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Segment(abc.ABC):
     """Consecutive state entries that change in one way.
 
-    Entries are those of a state (..., size), changes have `change_size` numbers. A segment is added to along
-    the axes that `to_world` and `to_body` speak of; those of this class are the state's own.
+    Entries are those of a state (..., size), changes have `change_size` numbers, added along the axes of `to_world` and
+    `to_body`; in this class these are the state's own.
     """
 
     kind: ClassVar[str]
     """Its name in files."""
     size: int
-    """State entries."""
+    """Number of state entries."""
     rate: int = -1
     """State entry where its rate of change begins; -1 if none is known or used."""
 
     @property
     def change_size(self) -> int:
-        """Numbers that describe a change."""
+        """Number of entries of a change."""
         return self.size
 
     @property
     def local_size(self) -> int:
-        """Numbers that `local` shows."""
+        """Length of the result of `local`."""
         return 0
 
     def local(
         self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... R"], cloud: Cloud | None
     ) -> Float[AnyArray, "... L"]:
-        """Return the entries as seen in the body's own frame, which does not depend on position and heading."""
+        """Return the entries in the body's own frame, independent of position and heading."""
         return entries[..., :0]
 
     def axes(
         self, entries: Float[AnyArray, "... S"], cloud: Cloud | None
     ) -> Float[AnyArray, "... R"] | None:
-        """Return what the body's axes follow from, a quaternion or a heading; None if not from this segment."""
+        """Return the quaternion or heading that gives the body's axes; None for other segments."""
         return None
 
     def coasting(self, state: Float[AnyArray, "... S"], dt: float) -> Coasting:
-        """Return what the segment's own rate adds in `dt` [s]; 0.0 where that is left to the network."""
+        """Return the change by the segment's own rate in `dt` [s]; 0.0 if that is left to the network."""
         if self.rate < 0:
             return 0.0
         return dt * state[..., self.rate : self.rate + self.change_size]
@@ -124,18 +124,18 @@ class Segment(abc.ABC):
         coasting: Coasting,
         root: Float[AnyArray, "... R"],
     ) -> Float[AnyArray, "... V"]:
-        """Return the change for which `apply` makes `after` of `before`."""
+        """Return the change by which `apply` turns `before` into `after`."""
         return self.to_body(root, after - before - coasting)
 
     def change_entries(self, first: int) -> list[tuple[int, ...]]:
-        """Return, per state entry, the numbers of a change that change it; the segment's own begin at `first`."""
+        """Return, for each state entry, the entries of a change that affect it; the segment's own begin at `first`."""
         numbers = tuple(range(first, first + self.change_size))
         return [numbers] * self.size
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plain(Segment):
-    """Numbers that are added to, one by one; what they coast by is left to the network."""
+    """Numbers changed one by one; their coasting is left to the network."""
 
     kind: ClassVar[str] = "plain"
 
@@ -172,7 +172,7 @@ class Position(_AlongRoot):
 
 @dataclass(frozen=True, kw_only=True)
 class Velocity(_AlongRoot):
-    """Velocity of a root that moves freely, seen along its own axes."""
+    """Velocity of a freely moving root, along its own axes."""
 
     kind: ClassVar[str] = "velocity"
 
@@ -256,7 +256,7 @@ class PlanarPosition(_AlongHeading):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarVelocity(_AlongHeading):
-    """Velocity of a root that moves in a plane, seen along its own axes."""
+    """Velocity of a root that moves in a plane, along its own axes."""
 
     kind: ClassVar[str] = "planar velocity"
 
@@ -285,7 +285,7 @@ class Heading(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class _PointVectors(Segment):
-    """Vectors of many mass points, three numbers each, seen along the axes of the cloud they make up."""
+    """Vectors of many mass points, three numbers each, along the axes of their cloud."""
 
     @property
     def local_size(self) -> int:
@@ -309,7 +309,7 @@ class _PointVectors(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class Points(_PointVectors):
-    """Positions of mass points, seen from their centroid; the body's axes follow from them."""
+    """Positions of mass points, relative to their centroid; the body's axes follow from them."""
 
     kind: ClassVar[str] = "points"
 
@@ -338,7 +338,7 @@ class PointVelocities(_PointVectors):
 
 @dataclass(frozen=True, kw_only=True)
 class _Known(Segment):
-    """Numbers that are known exactly, so that nothing of their change is predicted."""
+    """Numbers that are known exactly, so that their change is not predicted."""
 
     @property
     def change_size(self) -> int:
@@ -347,7 +347,7 @@ class _Known(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class Lag(_Known):
-    """Numbers that tend to their controls exponentially."""
+    """Numbers that approach their controls exponentially."""
 
     kind: ClassVar[str] = "lag"
     time_constant: float = 0.0
@@ -419,21 +419,21 @@ SEGMENTS: dict[str, type[Segment]] = {
         Constant,
     )
 }
-"""Every kind of segment by the name that files give it."""
+"""Kinds of segments by their names in files."""
 
 
 class PlacedSegment(NamedTuple):
-    """A segment and where its numbers lie."""
+    """A segment and the slices of its numbers."""
 
     segment: Segment
     entries: slice
-    """In a state."""
+    """Slice of a state."""
     changes: slice
-    """In a change of a state."""
+    """Slice of a change of a state."""
 
 
 def place_segments(segments: tuple[Segment, ...]) -> Iterator[PlacedSegment]:
-    """Yield every segment of a state, in order, with where its numbers lie."""
+    """Yield every segment of a state, in order, with its slices."""
     entry = 0
     change = 0
     for segment in segments:
@@ -445,7 +445,7 @@ def place_segments(segments: tuple[Segment, ...]) -> Iterator[PlacedSegment]:
 
 
 def first_of_each(segments: tuple[Segment, ...]) -> dict[type[Segment], PlacedSegment]:
-    """Return the first segment of each kind: of a root that moves freely, its position, orientation, velocity."""
+    """Return the first segment of each kind: for a freely moving root, its position, orientation and velocity."""
     firsts: dict[type[Segment], PlacedSegment] = {}
     for placed in place_segments(segments):
         firsts.setdefault(type(placed.segment), placed)
@@ -453,7 +453,7 @@ def first_of_each(segments: tuple[Segment, ...]) -> dict[type[Segment], PlacedSe
 
 
 def moves_freely(segments: tuple[Segment, ...]) -> bool:
-    """Return whether the state has a root that moves freely: a position, an orientation and a velocity."""
+    """Return whether the state has a freely moving root: a position, an orientation and a velocity."""
     return {Position, Quaternion, Velocity} <= {type(segment) for segment in segments}
 
 
@@ -475,7 +475,7 @@ def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
 
 
 def segments_from_json(rows: Any) -> tuple[Segment, ...]:
-    """Return the segments `segments_to_json` wrote; ValueError if they cannot be."""
+    """Return the segments `segments_to_json` wrote; ValueError if they are invalid."""
     if not isinstance(rows, list):
         raise ValueError("segments: wanted a list")
     return tuple(_segment_from_json(row) for row in rows)

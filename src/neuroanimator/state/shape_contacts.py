@@ -1,13 +1,12 @@
-"""Contacts of a soft body, as its emulator is shown them: how near sampled nodes will be to what they may touch.
+"""Contacts of a soft body, as features of its emulator: the nearness of sampled nodes to what they may touch.
 
-A state is, with M movers of which some turn and K shapes,
+With M movers, some of which turn, and K shapes, a state is
 
     movers' positions and headings | their rates | root of a free body | amplitudes of the shapes | their rates | parameters
 
-The shapes are those of the body's own frame: it goes and turns with the mover that holds the body, its anchor, or with
-the root of a body that nothing holds. All that is shown is seen from there, so that moving and turning the world
-changes nothing. Nodes are looked at where they would coast to, and movers where they will be: the controls are their
-rates.
+Shapes are in the body's own frame, which moves and turns with the mover that holds the body, its anchor, or with the
+root of a body that nothing holds. All features are in that frame, so that moving and turning the world changes nothing.
+Nodes are taken where they would coast to, and movers where they will be: the controls are their rates.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from neuroanimator.state.placement import Placement, heading_rows, turn, turn_ba
 from neuroanimator.state.rotation import Rows, rotated_by, rotation_rows
 
 MAX_NODES = 256
-"""Maximum number of sampled nodes: each is four features."""
+"""Maximum number of sampled nodes: each has four features."""
 
 MAX_COLLIDERS = 64
 """Maximum number of colliders."""
@@ -38,56 +37,56 @@ MAX_DISTANCE = 1e6
 """Largest coordinate, radius or reach [m]."""
 
 ROUNDS = 8
-"""Times that nodes are pushed out of what they are deepest in: out of one collider, a node may come into another."""
+"""Number of times that nodes are pushed out of the deepest collider: out of one, a node may enter another."""
 
 TINY = 1e-9
-"""Added to squares of lengths [m²] before their root is divided by."""
+"""Square of a length [m²] added under square roots that are divided by."""
 
 FREE = -1
 """Anchor of a body that nothing holds."""
 
 HELD = -2
-"""Anchor of a body that the world holds: its own frame is the world's."""
+"""Anchor of a body held by the world: its own frame is the world's."""
 
 ROOT = 13
-"""Numbers of a free body's root: position, quaternion, velocity and angular velocity in its own axes."""
+"""Number of entries of a free body's root: position, quaternion, velocity and angular velocity in its own axes."""
 
 Point = tuple[float, ...]
 """Three coordinates in a mover's frame [m]."""
 
 
 class RoundCollider(NamedTuple):
-    """A capsule that goes with a mover; of no length, a sphere."""
+    """A capsule that moves with a mover; a sphere if its length is zero."""
 
     mover: int
     start: Point
     along: Point
-    """From its start to its end [m]."""
+    """Vector from its start to its end [m]."""
     radius: float
-    """[m]"""
+    """Radius [m]."""
 
     @property
     def is_round(self) -> bool:
-        """Whether it looks the same however its mover is turned."""
+        """Whether its mover's rotation does not matter."""
         return not any((*self.start[:2], *self.along[:2]))
 
 
 class BoxCollider(NamedTuple):
-    """A box that goes with a mover, its edges along the mover's axes."""
+    """A box that moves with a mover, its edges along the mover's axes."""
 
     mover: int
     centre: Point
     half: Point
     """Half its size along each axis [m]."""
     radius: float
-    """By how much it is rounded outwards [m]."""
+    """Radius by which it is rounded outwards [m]."""
 
 
 AnyCollider = TypeVar("AnyCollider", RoundCollider, BoxCollider)
 
 
 class Mover(NamedTuple):
-    """Entries of a mover."""
+    """State entries of a mover."""
 
     entry: int
     """First of its entries among those of all movers: its position, or velocity."""
@@ -101,7 +100,7 @@ class Mover(NamedTuple):
 
 
 def place_movers(turning: tuple[bool, ...]) -> tuple[Mover, ...]:
-    """Return the entries of each mover; `turning` says which turn."""
+    """Return the entries of each mover; `turning` is whether each turns."""
     movers = []
     entry = 0
     for turns in turning:
@@ -129,28 +128,28 @@ def placement_of(turning: tuple[bool, ...], anchor: int) -> Placement:
 
 
 class _Moment(NamedTuple):
-    """Where movers and the body's own frame are at a moment."""
+    """Poses of the movers and of the body's own frame at a moment."""
 
     movers: Float[AnyArray, "... D"]
-    """Positions and headings."""
+    """Positions and headings of the movers."""
     origin: Float[AnyArray, "... 3"]
     """Position of the frame [m]."""
     rows: Rows | None
-    """The rotation from the frame to the world; None of one that does not turn."""
+    """Rotation from the frame to the world; None for a frame that does not turn."""
 
     def to_own(self, vector: Float[AnyArray, "... 3"]) -> Float[AnyArray, "... 3"]:
-        """Return a vector of the world along the frame's axes."""
+        """Return a world vector along the frame's axes."""
         return turn_back(self.rows, vector[..., None, :])[..., 0, :]
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeContacts:
-    """Features of what moves, and of the contacts that may come in a super step, of P nodes and K shapes."""
+    """Features of movers, and of possible contacts in a super step, for P nodes and K shapes."""
 
     turning: tuple[bool, ...]
     """Whether each mover turns about Z, too."""
     anchor: int
-    """Number of the mover that all nodes go with; `FREE` of a body that nothing holds, `HELD` of one the world does."""
+    """Number of the mover that holds the body; `FREE` for a body that nothing holds, `HELD` for one held by the world."""
     capsules: tuple[RoundCollider, ...]
     boxes: tuple[BoxCollider, ...]
     ground: float | None
@@ -158,15 +157,15 @@ class ShapeContacts:
     wind: tuple[float, ...]
     """Velocity of the air [m/s]."""
     reach: float
-    """Distance from a collider's surface at which it begins to show [m]."""
+    """Distance from a collider's surface at which its features begin [m]."""
     nodes: tuple[int, ...]
     """Numbers of the sampled nodes."""
     mean: Float[np.ndarray, "P 3"] = field(repr=False)
-    """Positions of the nodes in the body's own frame, with no amplitudes [m]."""
+    """Positions of the nodes in the body's own frame, at zero amplitudes [m]."""
     modes: Float[np.ndarray, "K P 3"] = field(repr=False)
     """Displacement of the nodes by each amplitude."""
     digest: str = field(init=False)
-    """Hash of the arrays, so that its text names what is compiled for it."""
+    """Hash of the arrays, so that `repr` identifies compiled code."""
 
     def __post_init__(self) -> None:
         content = self.mean.astype(np.float32).tobytes() + self.modes.astype(np.float32).tobytes()
@@ -179,7 +178,7 @@ class ShapeContacts:
 
     @property
     def mover_size(self) -> int:
-        """Number D of entries of all movers' positions and headings: so many rates and controls, too."""
+        """Number D of entries of all movers' positions and headings, and of their rates and controls."""
         return sum(mover.size for mover in self.movers)
 
     @property
@@ -194,7 +193,7 @@ class ShapeContacts:
 
     @cached_property
     def _facing(self) -> tuple[int, ...]:
-        """Movers whose heading, seen from the body, changes and matters."""
+        """Movers whose heading relative to the body changes and matters."""
         uneven = {box.mover for box in self.boxes}
         uneven |= {capsule.mover for capsule in self.capsules if not capsule.is_round}
         facing = []
@@ -209,7 +208,7 @@ class ShapeContacts:
 
     @property
     def size(self) -> int:
-        """Length of all that `shown` returns."""
+        """Total length of the result of `shown`."""
         others = len(self.turning) - (self.anchor >= 0)
         vectors = others + len(self._facing) + self._shows_wind
         return 2 * self.mover_size + 3 * vectors + 4 * len(self.nodes) * self._has_colliders
@@ -221,11 +220,11 @@ class ShapeContacts:
         )
 
     def _moving(self, colliders: tuple[AnyCollider, ...]) -> tuple[AnyCollider, ...]:
-        """Return the colliders that move in the body's own frame: where the others are follows from the shape alone."""
+        """Return the colliders that move in the body's own frame: the others are fixed in it."""
         return tuple(collider for collider in colliders if collider.mover != self.anchor)
 
     def common_scale(self, scale: Float[np.ndarray, " V"]) -> Float[np.ndarray, " V"]:
-        """Return the scales of the numbers of a change, so that an error of any of them is as large as of the nodes.
+        """Return the scales of the numbers of a change, so that errors in each count as they move the nodes.
 
         Rotations of a free root move nodes by the radius of gyration.
         """
@@ -245,11 +244,11 @@ class ShapeContacts:
     def shown(
         self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"], dt: float
     ) -> list[Float[AnyArray, "... _"]]:
-        """Return pieces of what a network is shown of a state (..., S) and the movers' rates to come (..., C).
+        """Return the features of a state (..., S) and the movers' next rates (..., C) for a network, in pieces.
 
-        All in the body's own frame: the movers' rates, present and to come; where they are from its origin, and where
-        those head that are not round; the wind; then, summed over all colliders that move in it, how near the nodes come (0 from
-        `reach` on, 1 at the surface, more in it) after `dt` [s], and that times the direction away.
+        All are in the body's own frame: the movers' current and next rates; their positions, and headings unless they are
+        round; the wind; then, summed over all colliders that move in it, the nearness of the nodes (0 beyond `reach`, 1
+        at the surface, more inside) after `dt` [s], and that times the direction away.
         """
         size = self.mover_size
         now = self._now(state)
@@ -275,7 +274,7 @@ class ShapeContacts:
     def _later(
         self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"], dt: float
     ) -> _Moment:
-        """Return where all will be after `dt` [s]; a free root coasts."""
+        """Return the poses after `dt` [s]; a free root coasts."""
         size = self.mover_size
         movers = state[..., :size] + dt * control
         if self.anchor != FREE:
@@ -290,7 +289,7 @@ class ShapeContacts:
     def _rates(
         self, now: _Moment, rates: Float[AnyArray, "... D"]
     ) -> list[Float[AnyArray, "... _"]]:
-        """Return velocities along the frame's axes [m/s], and turning rates [rad/s] as they are."""
+        """Return velocities along the frame's axes [m/s], and turning rates [rad/s] unchanged."""
         if now.rows is None:
             return [rates]
         shown = []
@@ -301,7 +300,7 @@ class ShapeContacts:
         return shown
 
     def _direction(self, moment: _Moment, index: int, vector: Point) -> Float[AnyArray, "... 3"]:
-        """Return a vector of a mover's frame along the axes of the body's."""
+        """Return a vector of a mover's frame along the body's axes."""
         if index == self.anchor:
             return _vector(vector, moment)
         in_world = _vector(vector, moment)
@@ -312,7 +311,7 @@ class ShapeContacts:
         return moment.to_own(in_world)
 
     def _place(self, moment: _Moment, index: int, point: Point) -> Float[AnyArray, "... 3"]:
-        """Return where a point of a mover's frame is in the body's."""
+        """Return the position in the body's frame of a point of a mover's frame."""
         away = self._direction(moment, index, point)
         if index == self.anchor:
             return away
@@ -328,7 +327,7 @@ class ShapeContacts:
     def _nodes_later(
         self, state: Float[AnyArray, "... S"], dt: float
     ) -> list[Float[AnyArray, "... P"]]:
-        """Return x, y and z of the nodes in the body's frame [m] after `dt` [s] at the present rates."""
+        """Return x, y and z of the nodes in the body's frame [m] after `dt` [s] at the current rates."""
         xp = state.__array_namespace__()
         count = len(self.modes)
         first = self.first
@@ -343,7 +342,7 @@ class ShapeContacts:
     def _nearness(
         self, nodes: list[Float[AnyArray, "... P"]], later: _Moment
     ) -> list[Float[AnyArray, "... P"]]:
-        """Return the sum over colliders of how near the nodes come, and of that times each axis of the direction."""
+        """Return the sum over colliders of the nodes' nearness, and of that times each component of the direction."""
         xp = later.origin.__array_namespace__()
         found = self._surfaces(nodes, later, self._moving(self.capsules), self._moving(self.boxes))
         sums = [xp.zeros_like(nodes[0])] * 4
@@ -360,7 +359,7 @@ class ShapeContacts:
         capsules: tuple[RoundCollider, ...],
         boxes: tuple[BoxCollider, ...],
     ) -> list[tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]]:
-        """Return how far nodes are from each capsule, each box and the ground [m], and the direction away from it."""
+        """Return the distances of nodes from each capsule, each box and the ground [m], and the directions away."""
         found = [self._from_capsule(nodes, moment, capsule) for capsule in capsules]
         found += [self._from_box(nodes, moment, box) for box in boxes]
         if self.ground is not None:
@@ -368,7 +367,7 @@ class ShapeContacts:
         return found
 
     def distances(self, state: Float[AnyArray, "... S"]) -> list[Float[AnyArray, "... P"]]:
-        """Return how far the nodes are from each capsule, each box and the ground [m]; less than 0 in it."""
+        """Return the distances of the nodes from each capsule, each box and the ground [m]; negative inside."""
         nodes = self._nodes_later(state, 0.0)
         found = self._surfaces(nodes, self._now(state), self.capsules, self.boxes)
         return [distance for distance, _ in found]
@@ -376,7 +375,7 @@ class ShapeContacts:
     def pushed_out(
         self, points: Float[AnyArray, "... N 3"], states: Float[AnyArray, "... S"]
     ) -> Float[AnyArray, "... N 3"]:
-        """Return `points` of the body's own frame [m], those inside of what it may touch brought to its surface."""
+        """Return `points` of the body's own frame [m], with those inside a collider moved to its surface."""
         xp = points.__array_namespace__()
         moment = self._now(states)
         nodes = [points[..., axis] for axis in range(3)]
@@ -396,7 +395,7 @@ class ShapeContacts:
     def _from_capsule(
         self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, capsule: RoundCollider
     ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
-        """Return how far nodes are from the surface [m], and the direction away from it."""
+        """Return the distances of nodes from the surface [m], and the directions away."""
         xp = later.origin.__array_namespace__()
         start = self._place(later, capsule.mover, capsule.start)
         away = [nodes[axis] - start[..., axis : axis + 1] for axis in range(3)]
@@ -412,7 +411,7 @@ class ShapeContacts:
     def _from_box(
         self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, box: BoxCollider
     ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
-        """Return how far nodes are from the surface [m], less within it, and the direction away from it."""
+        """Return the distances of nodes from the surface [m], negative inside, and the directions away."""
         xp = later.origin.__array_namespace__()
         centre = self._place(later, box.mover, box.centre)
         away = [nodes[axis] - centre[..., axis : axis + 1] for axis in range(3)]
@@ -441,14 +440,14 @@ class ShapeContacts:
     def _from_ground(
         self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, height: float
     ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
-        """Return how far nodes are over the ground [m], and the direction away from it."""
+        """Return the heights of nodes over the ground [m], and the directions away."""
         xp = later.origin.__array_namespace__()
         upward = later.to_own(_vector((0.0, 0.0, 1.0), later))
         up = [xp.zeros_like(nodes[0]) + upward[..., axis : axis + 1] for axis in range(3)]
         return _dot(up, nodes) + later.origin[..., 2:3] - height, up
 
     def to_json(self) -> dict[str, Any]:
-        """Return all but the arrays, which follow from the shapes and the nodes' numbers."""
+        """Return everything but the arrays, which follow from the shapes and the nodes' numbers."""
         return {
             "turning": list(self.turning),
             "anchor": self.anchor,
@@ -469,7 +468,7 @@ class ShapeContacts:
         state_size: int,
         controls: int,
     ) -> ShapeContacts:
-        """Return what `to_json` wrote, of a body with this mean and these modes; ValueError says what none has.
+        """Return the contacts `to_json` wrote, of a body with this mean and these modes; ValueError names the fault.
 
         `state_size` is without parameters.
         """

@@ -25,11 +25,11 @@ BODY = {
 """Parts of a mass-spring body as a whole; the position is its centre of mass, the velocity in the world."""
 
 SHORTEST = 1e-9
-"""Length of a quaternion below which it turns nowhere."""
+"""Length of a quaternion below which it is no rotation."""
 
 
 Start = Mapping[str, ArrayLike] | Sequence[str]
-"""Parts of a state with their numbers; or texts that say the same, as on the command line."""
+"""Parts of a state with their numbers, as a mapping or as texts of the command line."""
 
 
 def start_state(
@@ -40,7 +40,7 @@ def start_state(
     orientations: Sequence[int] = (),
     cloud: Cloud | None = None,
 ) -> np.ndarray:
-    """Return `rest` (S,) with the numbers of each of `parts` in their places: a mapping, or texts as `read_starts` takes.
+    """Return `rest` (S,) with the numbers of `parts` set: a mapping, or texts as for `read_starts`.
 
     A part is one of the layout's; `<root>.heading` [rad] turns a free root about Z. A mass-spring body (`cloud`) can
     also be moved as a whole, by the parts of `BODY`. `orientations` are the first entries of quaternions.
@@ -76,7 +76,7 @@ def start_state(
 
 
 def _as_numbers(name: str, numbers: ArrayLike) -> tuple[float, ...]:
-    """Return a part's numbers, which may be one alone."""
+    """Return a part's numbers, also if only one is given."""
     try:
         return tuple(np.atleast_1d(np.asarray(numbers, float)).tolist())
     except (TypeError, ValueError):
@@ -86,7 +86,7 @@ def _as_numbers(name: str, numbers: ArrayLike) -> tuple[float, ...]:
 
 
 def read_starts(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
-    """Return the parts that texts such as `root.position=3,-2,8` name, with their numbers."""
+    """Return the parts named by texts such as `root.position=3,-2,8`, with their numbers."""
     parts = {}
     for text in texts:
         before, equals, numbers = text.partition("=")
@@ -159,7 +159,7 @@ def _with_parameters(
 
 
 def _move_body(cloud: Cloud, start: np.ndarray, parts: Mapping[str, Sequence[float]]) -> None:
-    """Turn a mass-spring body in `start` about its centre of mass, put that in its place and let it move."""
+    """Set heading, position and velocity of a mass-spring body in `start`, about its centre of mass."""
     size = 3 * cloud.count
     positions = start[:size].reshape(-1, 3)
     velocities = start[size : 2 * size].reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Exact properties of a system that an emulator may exploit."""
+"""Exact properties of a system that an emulator may use."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Probe = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Mirror:
-    """Left and right of a body: what becomes of each when Y is reversed."""
+    """Left and right of a body: the partners that swap when Y is reversed."""
 
     points: tuple[int, ...]
-    """Per mass point, its partner; itself on the middle plane."""
+    """Partner of each mass point; itself on the middle plane."""
     controls: tuple[int, ...]
-    """Per control, its partner."""
+    """Partner of each control."""
 
     def to_json(self) -> list[list[int]]:
         """Return plain lists."""
@@ -66,21 +66,21 @@ class Group:
 class Structure:
     """The exact structure of a state.
 
-    `angles`: integer combinations of the state whose sine and cosine are all that matters of them.
+    `angles`: integer combinations of the state of which only sine and cosine matter.
     `rates`: (i, j) where state entry j is the time derivative of entry i.
-    `plain`: state entries the network sees as they are.
-    `segments`: how the state changes, in order; empty for a state that is plain all through.
+    `plain`: state entries that are features themselves.
+    `segments`: how the state changes, in order; empty for a state of plain numbers.
     `probes`: round parts of the root's body, such as feet, whose height over the ground matters.
-    `symmetry_order`: how many turns of the root about its own Z axis make a whole one, each of which leaves it as it was;
+    `symmetry_order`: order of the root's rotational symmetry about its own Z axis;
     `symmetry_controls`: pairs of controls that turn with it, as X and Y do.
     `is_odd`: negating state and control negates the motion (mirror symmetry).
     `cloud`: the mass points of a deformable body, which define its frame; `mirror`: its left and right.
-    `external_forces`: (3, C) force [N] in the world per control, where controls are such forces; empty where they are not.
-    `groups`: parts of it that move much on their own.
+    `external_forces`: (3, C) force [N] in the world per control, if controls are such forces, else empty.
+    `groups`: parts of it that move largely independently.
     `has_gravity`: whether the root feels gravity, so that up and down matter.
-    `is_immersed`: whether probes look for the surface of water instead of for the ground.
-    `contacts`: what of a jointed body may touch the ground or reach a stop.
-    `shape_contacts`: what of a soft body may touch what moves.
+    `is_immersed`: whether probes measure the distance to the surface of water instead of to the ground.
+    `contacts`: points and joints of a jointed body that may touch the ground or reach a stop.
+    `shape_contacts`: nodes of a soft body that may touch movers.
     """
 
     angles: tuple[tuple[int, ...], ...]
@@ -101,7 +101,7 @@ class Structure:
     shape_contacts: ShapeContacts | None = None
 
     def __str__(self) -> str:
-        """Return what it has, by number; `repr` says all of it, and names what is compiled for it."""
+        """Return the numbers of its parts; `repr` is complete, and identifies compiled code."""
         counts = {
             "angles": len(self.angles),
             "plain numbers": len(self.plain),
@@ -116,9 +116,9 @@ class Structure:
         return f"Structure({', '.join(told)})"
 
     def common_scale(self, scale: Float[np.ndarray, " V"]) -> Float[np.ndarray, " V"]:
-        """Return the scales of the numbers of a change, the same one for all amplitudes of a soft body, and for all rates.
+        """Return the scales of the numbers of a change, one for all amplitudes of a soft body, and one for all their rates.
 
-        Their errors add up to those of its nodes, whichever shape they are of.
+        Errors of all shapes add up alike to those of its nodes.
         """
         if self.shape_contacts is None:
             return scale

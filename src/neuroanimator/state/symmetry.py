@@ -1,4 +1,4 @@
-"""Symmetries, which make of every motion another true one: a mirror, or like limbs that change places."""
+"""Symmetries, which turn every motion into another true one: a mirror, or equal limbs that swap."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from neuroanimator.state.arrays import AnyArray
 
 @dataclass(frozen=True)
 class Symmetry:
-    """State entries and controls change places, some of them reversed; the motion that follows does the same."""
+    """A permutation of state entries and controls, some reversed, under which motions stay true."""
 
     entries: tuple[int, ...]
-    """(S,) which entry of the state comes to stand at each."""
+    """State entry (S,) moved to each."""
     entry_signs: tuple[int, ...]
-    """(S,) 1, or -1 where it is reversed."""
+    """Sign of each entry (S,): 1, or -1 if reversed."""
     controls: tuple[int, ...]
-    """(C,) which control comes to stand at each."""
+    """Control (C,) moved to each."""
     control_signs: tuple[int, ...]
-    """(C,) 1, or -1 where it is reversed."""
+    """Sign of each control (C,): 1, or -1 if reversed."""
 
     @property
     def is_identity(self) -> bool:
-        """Whether it leaves everything where it is."""
+        """Whether it changes nothing."""
         stays = self.entries == tuple(range(len(self.entries)))
         return stays and all(sign == 1 for sign in (*self.entry_signs, *self.control_signs))
 
     def state(self, states: Float[AnyArray, "... S"]) -> Float[AnyArray, "... S"]:
-        """Return what becomes of `states`."""
+        """Return `states` mirrored or permuted."""
         return states[..., np.array(self.entries)] * np.array(self.entry_signs, states.dtype)
 
     def control(self, controls: Float[AnyArray, "... C"]) -> Float[AnyArray, "... C"]:
-        """Return what becomes of `controls`."""
+        """Return `controls` mirrored or permuted."""
         return controls[..., np.array(self.controls)] * np.array(self.control_signs, controls.dtype)

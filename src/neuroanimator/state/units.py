@@ -1,4 +1,4 @@
-"""The units a state or a control may be given in: SI and radians, so that nothing needs converting inside."""
+"""The units of states and controls: SI and radians, so that nothing needs converting inside."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ SPELLINGS = {
     "kg*m^2": "kg·m²", "kg*m2": "kg·m²", "kg/m^3": "kg/m³", "kg/m3": "kg/m³", "Pa*s": "Pa·s", "N*s/m": "N·s/m",
     "N*m/rad": "N·m/rad", "Nm/rad": "N·m/rad", "N*m*s/rad": "N·m·s/rad", "Nms/rad": "N·m·s/rad",
 }  # fmt: skip
-"""Other ways to write some of them, on keyboards without ² and ·."""
+"""Other spellings of some of them, for keyboards without ² and ·."""
 
 
 STATE_UNITS = frozenset((*KNOWN_UNITS, "quaternion"))
-"""Of the parts of a state or control as systems and emulators hold them: an orientation has a unit of its own."""
+"""Units of the parts of a state or control in systems and emulators: orientations have a unit of their own."""
 
 
 def known_unit(unit: str, where: str) -> str:
-    """Return the unit's one spelling; BadFileError names `where` it stands and lists the known ones."""
+    """Return the unit's canonical spelling; BadFileError names `where` it was and lists the known ones."""
     unit = SPELLINGS.get(unit, unit)
     if unit not in KNOWN_UNITS:
         raise BadFileError(
@@ -34,5 +34,5 @@ def known_unit(unit: str, where: str) -> str:
 
 
 def rate_unit(unit: str) -> str:
-    """Return the unit of the rate of change of something in `unit`, where it has a name of its own."""
+    """Return the unit of the rate of change of something in `unit`: a known one if it has a name."""
     return {"m/s": "m/s²", "rad/s": "rad/s²", "1": "1/s"}.get(unit, f"{unit}/s")

@@ -10,15 +10,15 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.text import did_you_mean, quoted
 
-if TYPE_CHECKING:  # whoever asks for names waits for no physics
+if TYPE_CHECKING:  # names do not wait for physics
     from neuroanimator.systems.system import System
 
 SYSTEMS = {name: system.about for name, system in SHIPPED_SYSTEMS.items()}
-"""What each system of the package is, by its name."""
+"""Descriptions of the shipped systems, by name."""
 
 
 def goal_names(name: str) -> tuple[str, ...]:
-    """Return the goals of the packaged system called `name`; no physics is made for it."""
+    """Return the goals of the shipped system called `name`, without making its physics."""
     file = resources.files("neuroanimator.systems") / "assets" / f"{name}.toml"
     if not file.is_file():
         return SHIPPED_SYSTEMS[name].goals
@@ -26,11 +26,11 @@ def goal_names(name: str) -> tuple[str, ...]:
 
 
 def load_system(name: str, definition: str = "") -> System:
-    """Return the system called `name`, or the one the TOML file `name` of yours describes.
+    """Return the system called `name`, or the one described by your TOML file `name`.
 
     Naming a TOML file allows this process to run the step function beside it, or to open the recordings: name only
-    files whose code you would run. `definition` is what a dataset or an emulator says of its system; with it, and for
-    every name out of a file, see `carried_system`.
+    files whose code you would run. `definition` is the definition of the system in a dataset or an emulator; with it, and
+    for every name from a file, see `carried_system`.
     """
     if definition or not name.endswith(".toml"):
         return carried_system(name, definition)
@@ -41,10 +41,10 @@ def load_system(name: str, definition: str = "") -> System:
 
 
 def carried_system(name: str, definition: str = "") -> System:
-    """Return the system a dataset, an emulator or a policy names: a packaged one, or what `definition` describes.
+    """Return the system that a dataset, an emulator or a policy names: a shipped one, or the one in `definition`.
 
-    Whatever the file says, no code is run and no recording opened. Its model is looked for among those this process
-    knows, and beside the file. Raises MissingPhysicsError if it is not there, or differs.
+    No code is run and no recording opened, whatever the file says. Its model is looked for among those this process
+    knows, and beside the file. Raises MissingPhysicsError if it is missing, or differs.
     """
     from neuroanimator.systems import loading
     from neuroanimator.systems.rigid import pendulum

@@ -1,4 +1,4 @@
-"""Goals: states, or parts of states, worth reaching."""
+"""Goals: states, or parts of states, to reach."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulat
     from neuroanimator.definitions.goal import GoalTable
 
 GOAL_TOLERANCE = 0.1
-"""How far off a part of a goal may be for which no tolerance is given, in the part's own unit."""
+"""Default tolerance of a part of a goal, in the part's own unit."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A state, or part of one, worth reaching."""
+    """A state, or part of one, to reach."""
 
     values: tuple[tuple[int, float], ...]
     """(state entry, wanted value) pairs; all four entries of a quaternion or none."""
     tolerances: tuple[float, ...]
-    """How far off still counts as reached, per pair and in its unit (a quaternion's: of the angle [rad])."""
+    """Tolerance of each pair in its unit (for a quaternion, of the angle [rad])."""
     seconds: float = 2.0
-    """A sensible length of the motion [s]."""
+    """Sensible length of the motion [s]."""
     start: tuple[float, ...] = ()
-    """A state (S,) to reach it from, if nothing else is said; empty for the state of rest."""
+    """Default initial state (S,); empty for the state of rest."""
     sums: tuple[tuple[int, ...], ...] = ()
     """Sums (S,) of differences that are judged instead of single entries, each with its tolerance: a link's angle to the
-    vertical is the sum of those of the joints above it. Where they are angles of the structure, whole turns are none."""
+    vertical is the sum of those of the joints above it. Sums that are angles of the structure ignore whole turns."""
     scales: tuple[float, ...] = ()
-    """Errors that count as one in a cost; a third of the tolerances if empty."""
+    """Errors that count as 1 in a cost; a third of the tolerances if empty."""
 
     def __str__(self) -> str:
-        """Return which state entries are to be where, and in what time."""
+        """Return the wanted values of state entries, and the time."""
         wanted = []
         for (entry, value), tolerance in zip(self.values, self.tolerances, strict=True):
             wanted.append(f"state[{entry}] = {value:.4g} ± {tolerance:.2g}")
@@ -44,7 +44,7 @@ class Goal:
 
 
 def goal_in_layout(layout: Layout, name: str, table: GoalTable) -> Goal:
-    """Return the goal `table` describes, its parts being those of `layout`.
+    """Return the goal `table` describes, with parts of `layout`.
 
     Raises ArgumentError, which names the goal and the part that is wrong.
     """
@@ -62,9 +62,9 @@ def goal_in_layout(layout: Layout, name: str, table: GoalTable) -> Goal:
 def goal_at(
     name: str, table: GoalTable, targets: Mapping[str, tuple[Sequence[int], Iterable[float]]]
 ) -> Goal:
-    """Return the goal that each part in `targets` has its numbers in its state entries.
+    """Return the goal that each part in `targets` has the given numbers in its state entries.
 
-    Raises ArgumentError where the table gives a tolerance to another part.
+    Raises ArgumentError if the table gives a tolerance for another part.
     """
     values = []
     tolerances = []

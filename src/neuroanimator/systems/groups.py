@@ -1,4 +1,4 @@
-"""What is refused in the groups of a body's parts, whatever its physics: unknown members, and members of two groups."""
+"""Checks of the groups of a body's parts, for any physics: unknown members, and members of two groups."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from neuroanimator.text import listed
 
 
 def check_groups(groups: Mapping[str, Sequence[str]], names: Sequence[str], noun: str) -> None:
-    """Refuse groups with a member that is none of `names`, or that is in another group already.
+    """Refuse groups with a member that is not among `names`, or that is in another group already.
 
-    `noun` is what the members are, such as "node", for the message.
+    `noun` names the kind of members, such as "node", for the message.
     """
     group_of: dict[str, str] = {}
     for group, members in groups.items():

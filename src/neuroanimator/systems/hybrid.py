@@ -1,7 +1,7 @@
 """A motion by an emulator and its physics in turns: where the emulator is not trusted, the physics takes over for a while.
 
-A leap's score is known from what it would leap from, before it counts: state, control → score → below the threshold the
-emulator leaps; else the physics goes on from that very state, and gives back where the emulator is trusted again.
+A leap's trust score is known from its input: state, control → score → below the threshold the emulator leaps; else the
+physics continues from the same state, and hands back where the emulator is trusted again.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.systems.system import System
 
 PHYSICS_STEPS = 3
-"""Super steps the physics stays for, at least."""
+"""Minimum number of super steps for which the physics stays."""
 
 LOOK_AHEAD = 32
-"""Number of leaps tried at a time at first, doubled each time that all of them are trusted."""
+"""Initial number of leaps tried at a time, doubled each time that all of them are trusted."""
 
 
 class HybridMotion(NamedTuple):
     """A rollout in which emulator and physics take turns."""
 
     states: Float[np.ndarray, "F S"]
-    """(T+1, S), the start included."""
+    """States (T+1, S), the start included."""
     scores: Float[np.ndarray, " T"]
-    """Trust score of each super step's input, which the threshold was compared with.
+    """Trust score of each super step's input, which is compared with the threshold.
 
-    Of leaps, and of the one that the physics made instead, it is the score of the rollout they belong to
-    (`Emulator.rollout_trusted`); of the physics' own states it is that of `Emulator.trust`, which encodes them.
+    For leaps, and for the refused one that the physics replaced, it is the score in their rollout
+    (`Emulator.rollout_trusted`); for the physics' own states it is that of `Emulator.trust`, which encodes them.
     """
     is_physics: Bool[np.ndarray, " T"]
     """Whether the physics made each super step."""
 
     @property
     def physics_share(self) -> float:
-        """Share of the time that the physics made."""
+        """Share of the super steps that the physics made."""
         return float(self.is_physics.mean()) if len(self.is_physics) else 0.0
 
 
@@ -56,13 +56,13 @@ def hybrid_rollout(
 ) -> HybridMotion:
     """Return the motion from `state` (S,) under `controls` (T, C) by `emulator`, and by `system` where that is not trusted.
 
-    The physics, the system's `truth`, makes the super steps whose score is not below `threshold`. It goes on from the state
-    the emulator came to and gives back the one it comes to itself, so that positions and velocities are continuous; it
-    stays for `physics_steps` super steps, and until the score is below the threshold again. With a threshold of 0
-    all is physics, with an infinite one nothing.
+    The physics, the system's `truth`, makes the super steps whose score is not below `threshold`. It continues from the
+    emulator's state and hands back its own, so that positions and velocities are continuous; it stays for at least
+    `physics_steps` super steps, until the score is below the threshold again. With a threshold of 0 all is physics, with
+    an infinite one nothing.
 
     Raises ArgumentError for another system, one without physics, thresholds below 0 and what `rollout` refuses;
-    DivergedError where the motion diverges.
+    DivergedError if the motion diverges.
     """
     check_hybrid(emulator, system, threshold, physics_steps)
     start = emulator.state.check(state, "state")
@@ -78,7 +78,7 @@ def hybrid_rollout(
 def check_hybrid(
     emulator: Emulator, system: System, threshold: float, physics_steps: int = PHYSICS_STEPS
 ) -> None:
-    """Raise ArgumentError where `emulator` and `system` cannot take turns so."""
+    """Raise ArgumentError if `emulator` and `system` cannot take turns in this way."""
     spec = emulator.spec
     if (system.state, system.control) != (spec.state, spec.control):
         raise ArgumentError(
@@ -88,7 +88,7 @@ def check_hybrid(
         raise ArgumentError(
             f"{system.name} is known from recordings alone: no physics can take over. Use its emulator."
         )
-    if not threshold >= 0:  # NaN is refused too
+    if not threshold >= 0:  # refuses NaN, too
         raise ArgumentError(
             f"threshold: wanted a score of 0 (all physics) or more, came {threshold}. 1 is the edge of training."
         )
@@ -126,7 +126,7 @@ class _Relay:
             after = now + len(simulated)
             states[now + 1 : after + 1] = simulated
             scores[now:after] = known
-            # Why the physics took over: asked of the decoded state anew, a deformable body's score is a little another.
+            # The score for which the physics took over: a deformable body's decoded state has a slightly different one.
             scores[now] = refused
             is_physics[now:after] = True
             now = after
@@ -135,13 +135,13 @@ class _Relay:
     def _leap(
         self, state: Float[np.ndarray, " S"], now: int
     ) -> tuple[Float[np.ndarray, "L S"], Float[np.ndarray, " L"], float]:
-        """Return the states after each leap from `state` on that is trusted, the leaps' scores, and that of the first
-        which is not trusted; no number where all are.
+        """Return the states after each trusted leap from `state` on, their scores, and the score of the first leap that is
+        not trusted; NaN if all are.
         """
         left = len(self.controls) - now
         length = LOOK_AHEAD
         while True:
-            # Of few lengths, so that JAX, where it computes, has few programs to compile.
+            # Few different lengths, so that JAX has few programs to compile.
             chosen = (now + np.arange(length)).clip(max=len(self.controls) - 1)
             states, scores = self.emulator.rollout_trusted(
                 state, self.controls[chosen], may_diverge=True
@@ -165,7 +165,7 @@ class _Relay:
         left = len(self.controls) - now
         length = min(self.physics_steps, left)
         while True:
-            # From the same state each time: in one piece the physics does to the last bit what it does by itself.
+            # From the same state each time: the physics in one piece gives the same bits as by itself.
             held = self.controls[now : now + length]
             runs = self.system.simulate_fastest(state[None], held[None], self.emulator.dt)
             if runs.has_diverged[0]:
@@ -173,7 +173,7 @@ class _Relay:
                     f"The physics of {self.system.name} diverged from super step {now} on. Start nearer to what occurs in use."
                 )
             states = runs.states[0]
-            # One control further, if there is one: whether the emulator may leap from where the physics ends.
+            # One control more, if there is one: the emulator may leap from where the physics ends.
             ahead = self.controls[now : now + length + 1]
             scores = self.emulator.trust(states[: len(ahead)], ahead)
             is_back = scores[self.physics_steps :] < self.threshold
@@ -185,5 +185,5 @@ class _Relay:
 
 
 def _first(is_so: Bool[np.ndarray, " N"]) -> int:
-    """Return where `is_so` is first true; its length where it never is."""
+    """Return the index of the first True in `is_so`; its length if there is none."""
     return int(np.argmax(is_so)) if is_so.any() else len(is_so)

@@ -1,7 +1,7 @@
-"""Make systems from definitions: the packaged ones, and a user's own by their TOML file.
+"""Make systems from definitions: the shipped ones, and users' own from their TOML files.
 
-A user's system travels as one JSON text with its datasets and emulators: its checked definition, and the sha256 of the
-files its physics is made of. These are the user's own, and are asked for where they are needed: see `trusted_files`.
+A user's system travels with its datasets and emulators as one JSON text: its checked definition, and the sha256 of the
+files of its physics. These files stay with the user, and are looked for when needed: see `trusted_files`.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ from neuroanimator.text import quoted
 
 
 def packaged(name: str) -> System:
-    """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
+    """Return the system whose TOML, and MJCF if any, ship under `name`."""
     with _assets() as folder:
         _, definition = _read_definition(folder / f"{name}.toml")
         if isinstance(definition, SoftDefinition):
@@ -77,14 +77,14 @@ def packaged(name: str) -> System:
 
 
 def _assets() -> AbstractContextManager[Path]:
-    """Return the folder of the systems that ship."""
+    """Return the folder of the shipped systems."""
     return resources.as_file(resources.files("neuroanimator.systems") / "assets")
 
 
 def movers_of(name: str, text: str, rest: Float[np.ndarray, " S"]) -> Movers | None:
-    """Return what moves the soft body `name` that rests at `rest`, with the definition `text`, empty if it ships.
+    """Return the movers of the soft body `name` that rests at `rest`, with the definition `text`, empty if it ships.
 
-    None of a system that is no soft body. Nothing but the definition is read.
+    None for any other system. Only the definition is read.
     """
     if text:
         definition = read_definition_text(text).definition
@@ -101,7 +101,7 @@ def movers_of(name: str, text: str, rest: Float[np.ndarray, " S"]) -> Movers | N
 
 
 def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
-    """Return the soft body whose mesh lies in `folder`; its shapes, and where it rests, are those of its emulator."""
+    """Return the soft body whose mesh lies in `folder`; its shapes and its state of rest are those of its emulator."""
     from neuroanimator.emulator.emulator import load_emulator
 
     mesh = read_mesh(definition.mesh, (folder / definition.mesh).read_bytes())
@@ -112,22 +112,22 @@ def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
 
 
 class Loader(NamedTuple):
-    """The functions that write down systems of one kind and make them again."""
+    """The functions that describe systems of one kind as text and make them again."""
 
     trust: Callable[[Path, Any], object]
     """Allows this process to use that file, given the TOML file and the definition."""
     pack: Callable[[Path, Any], Any]
-    """Returns what of that file travels along, as JSON values, given the TOML file and the definition."""
+    """Returns the description of that file that travels along, as JSON values, given the TOML file and the definition."""
     make: Callable[[Any, Any, str], System]
-    """Returns the system made of (definition, what travelled along, definition text)."""
+    """Returns the system made from (definition, that description, definition text)."""
 
 
 class MissingPhysicsError(BadFileError):
-    """The model of a system is not at hand, or is not the one that is named."""
+    """The model of a system is missing, or is another than named."""
 
 
 def _read_model(toml: Path, definition: Definition | FlexDefinition) -> ModelFiles:
-    """Return the files of the model that a TOML file names, which are known from now on."""
+    """Return the files of the model that a TOML file names, and remember them."""
     tree = toml.parent / definition.tree if definition.tree else None
     files = read_model_files(toml.parent / definition.model, tree)
     know_model(definition.name, files)
@@ -140,7 +140,7 @@ def _pack_model(toml: Path, definition: Definition) -> Any:
 
 
 def _model_named(toml: Path, files: ModelFiles) -> dict[str, Any]:
-    """Return how a definition text names the files of a model."""
+    """Return the names of a model's files for a definition text."""
     return {"toml": toml.name, "main": files.main, "sha256": files.digests}
 
 
@@ -156,12 +156,12 @@ def _make_model(definition: Definition, files: Any, text: str) -> System:
 
 
 def names_model(text: str) -> bool:
-    """Return whether the definition in `text` names a model's files, which are not in it."""
+    """Return whether the definition in `text` names a model's files, which it does not contain."""
     return _model_part(text) is not None
 
 
 def named_model(text: str) -> ModelFiles | None:
-    """Return the files of the model that `text` names; None if it names none, or if they are not at hand."""
+    """Return the files of the model that `text` names; None if it names none, or if they are missing."""
     named = _model_part(text)
     if named is None:
         return None
@@ -172,7 +172,7 @@ def named_model(text: str) -> ModelFiles | None:
 
 
 def _model_part(text: str) -> Any:
-    """Return how the definition in `text` names a model's files, which are not in it; None if it names none."""
+    """Return the names of a model's files in the definition in `text`; None if there are none."""
     if not text:
         return None
     written = read_definition_text(text)
@@ -186,7 +186,7 @@ def _model_part(text: str) -> Any:
 def _find_model(name: str, named: Any, text: str) -> ModelFiles:
     """Return the files a definition text names: known here, or beside a file that has this text.
 
-    Raises MissingPhysicsError if they are not there, or one differs.
+    Raises MissingPhysicsError if they are missing, or one differs.
     """
     if is_whole_model(named):
         return ModelFiles.from_json(named)
@@ -213,8 +213,7 @@ def _find_model(name: str, named: Any, text: str) -> ModelFiles:
 def _model_beside(toml: Path) -> ModelFiles | None:
     """Return the files of the model that a TOML file beside an emulator names; None if there are none in its folder.
 
-    Nobody named that file: it may be a stranger's, and reaches no farther than the folder it lies in, and the models that
-    ship.
+    The user has not named that file: it may be a stranger's, and can only reach its own folder and the shipped models.
     """
     if not toml.is_file():
         return None
@@ -249,7 +248,7 @@ def _pack_recording(toml: Path, definition: RecordedDefinition) -> dict[str, Any
 
 
 def _pack_nothing(toml: Path, definition: BodyDefinition) -> None:
-    """A body is all in its definition."""
+    """Return nothing: a body is complete in its definition."""
 
 
 def _make_body(definition: BodyDefinition, files: Any, text: str) -> System:
@@ -284,7 +283,7 @@ def _make_flex(definition: FlexDefinition, files: dict[str, Any], text: str) -> 
 
 
 def named_shapes(text: str) -> Path | None:
-    """Return the path of the shapes that the definition in `text` names; None if it names none, or if they are not at hand."""
+    """Return the path of the shapes that the definition in `text` names; None if it names none, or if they are missing."""
     if not text:
         return None
     written = read_definition_text(text)
@@ -300,7 +299,7 @@ def named_shapes(text: str) -> Path | None:
 
 
 def _find_shapes(name: str, files: dict[str, Any], text: str) -> Path:
-    """Return the path of the shapes with this sha256: of a TOML file named here, or beside a file that has this text."""
+    """Return the path of the shapes with this sha256: those of a TOML file named here, or beside a file that has this text."""
     wanted = files["sha256"]
     known = trusted_path(wanted)
     beside = [folder / files["name"] for folder in remembered_folders(text)]
@@ -321,18 +320,18 @@ LOADERS = {
     "soft": Loader(_pack_shapes, _pack_shapes, _make_soft),
     "flex": Loader(_pack_flex, _pack_flex, _make_flex),
 }
-"""Loaders of each kind of system; the kinds are those of `definitions.carried.TABLES`."""
+"""Loaders by kind of system; the kinds are those of `definitions.carried.TABLES`."""
 
 USUAL_SUBSTEPS = 50
-"""Number of physics steps in a super step of a system of the package, if nothing else is said."""
+"""Default number of physics steps in a super step of a shipped system."""
 
 
 def trust_files(toml: str | Path) -> None:
     """Allow this process to run the step function, to open the recordings, or to use the model that a TOML file names.
 
-    This is the one act by which Python code of a user's is run: call it only for a file whose code you would run.
-    The command line calls it for the TOML files named there, `load_system` for the one it is given; no dataset,
-    emulator or policy can. Emulators and datasets of the TOML file's system then find their physics.
+    This is the only way to run a user's Python code: call it only for a file whose code you would run. The command line
+    calls it for the TOML files named there, `load_system` for the one it is given; no dataset, emulator or policy can.
+    Emulators and datasets of the TOML file's system then find their physics.
     """
     path = Path(toml)
     loader, definition = _read_definition(path)
@@ -340,10 +339,10 @@ def trust_files(toml: str | Path) -> None:
 
 
 def resolve(reference: str) -> tuple[str, str, int]:
-    """Return (name, definition text, usual substeps) of what a user calls a system: its name, or its TOML file.
+    """Return (name, definition text, usual substeps) of a system given by its name or its TOML file.
 
-    Runs nothing and allows nothing: see `trust_files`, which recordings need before. The text is empty for a system
-    of the package. Raises ArgumentError or BadFileError for a wrong definition.
+    Runs nothing and allows nothing: see `trust_files`, which recordings need first. The text is empty for a shipped
+    system. Raises ArgumentError or BadFileError for a wrong definition.
     """
     if not reference.endswith(".toml"):
         return reference, "", dict(SOFT).get(reference, USUAL_SUBSTEPS)
@@ -356,14 +355,14 @@ def resolve(reference: str) -> tuple[str, str, int]:
 
 
 def _travelling(definition: Any) -> dict[str, Any]:
-    """Return the definition as JSON values, without the folders it was read from: nobody else has these."""
+    """Return the definition as JSON values, without the folders it was read from, which only this machine has."""
     values = definition.model_dump(mode="json")
     if isinstance(definition, Definition | FlexDefinition):
         values["model"] = Path(definition.model).name
         del values["tree"]
     if isinstance(definition, Definition):
         for key in ("holding", "passive", "task", "follow"):
-            if not values[key]:  # as before there was such a key
+            if not values[key]:  # as before this key existed
                 del values[key]
         if not definition.sampling.reset_share:
             del values["sampling"]["reset_share"], values["sampling"]["reset_noise"]
@@ -380,7 +379,7 @@ def _read_definition(path: Path) -> tuple[Loader, Any]:
 
 
 def _whole_table(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the table of a file: one that is the `family_of` a system that ships has all tables of that but those it gives."""
+    """Return the table of a file: the `family_of` a shipped system inherits the tables it does not give."""
     values = dict(values)
     base = values.pop("family_of", None)
     if base is None:
@@ -403,9 +402,9 @@ def _whole_table(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def from_text(text: str) -> System:
-    """Return the system `resolve` wrote down. It is checked like any stranger's, and no code of its runs.
+    """Return the system of a text of `resolve`. It is checked like any stranger's, and none of its code runs.
 
-    Raises MissingPhysicsError for a model that is not at hand.
+    Raises MissingPhysicsError for a missing model.
     """
     written = read_definition_text(text)
     loader = LOADERS[written.kind]

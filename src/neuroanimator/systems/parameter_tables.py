@@ -1,4 +1,4 @@
-"""Parameters as the tables of a definition describe them."""
+"""Parameters from the tables of a definition."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from neuroanimator.state.parameters import Parameter
 
 
 def parameter_from_table(name: str, table: ParameterTable, unit: str, own: float) -> Parameter:
-    """Return the parameter that a table describes, `own` being its value if the table gives none.
+    """Return the parameter that a table describes, with the value `own` if the table gives none.
 
     Raises ArgumentError for a nominal value outside the range.
     """

@@ -1,4 +1,4 @@
-"""The three schemes a definition names: the user's own, the teacher's, and the reference."""
+"""The three schemes in a definition: the user's own, the teacher's, and the reference."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from neuroanimator.systems.system import Scheme
 
 
 class Schemes(NamedTuple):
-    """See the fields of these names of `System`."""
+    """The schemes of a system: see the fields of these names of `System`."""
 
     scheme: Scheme
     truth: Scheme
@@ -23,7 +23,7 @@ SMALL_STEPS = "small steps"
 
 
 def schemes_of(physics: Physics | BodyPhysics | SoftPhysics) -> Schemes:
-    """Return the schemes the table `physics` of a definition names."""
+    """Return the schemes in the table `physics` of a definition."""
     if isinstance(physics, SoftPhysics):
         return Schemes(
             scheme=Scheme(SMALL_STEPS, physics.step),

@@ -1,4 +1,4 @@
-"""Make layouts, bounds and structure of the parts of state and control that a definition lists."""
+"""Layouts, bounds and structure from the parts of state and control in a definition."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.state.units import known_unit
 
 ANGLE = "rad"
-"""The unit of angles."""
+"""Unit of angles."""
 
 MAX_STATE = 1000
-"""A state may have this many numbers: a definition may come from a stranger, and memory grows with their square."""
+"""Maximum number of entries of a state: a definition may come from a stranger, and memory grows with its square."""
 
 
 def layout_of_state(parts: Sequence[StatePart]) -> Layout:
@@ -73,9 +73,9 @@ def _refuse_empty_bounds(part: ControlPart) -> None:
 def numbers_of(
     parts: Sequence[StatePart], key: Literal["rest", "spread"]
 ) -> Float[np.ndarray, " S"]:
-    """Return every part's numbers under `key` as one vector, zeros where they are left out.
+    """Return every part's numbers under `key` as one vector, zeros if they are left out.
 
-    Raises ArgumentError for a part with another count of numbers than its size.
+    Raises ArgumentError for a part whose count of numbers is not its size.
     """
     vector: list[float] = []
     for part in parts:
@@ -89,9 +89,9 @@ def numbers_of(
 
 
 def structure_of_parts(parts: Sequence[StatePart]) -> Structure:
-    """Return what an emulator may exploit: which entries are angles, and which are the rates of which.
+    """Return the structure an emulator may use: which entries are angles, and which are rates of others.
 
-    Raises ArgumentError for a rate that is no part, or a part of another size.
+    Raises ArgumentError for a rate that is not a part, or is a part of another size.
     """
     layout = layout_of_state(parts)
     entries = {}
@@ -113,7 +113,7 @@ def structure_of_parts(parts: Sequence[StatePart]) -> Structure:
 
 
 def with_parameters(structure: Structure, moving: int, parameters: int) -> Structure:
-    """Return the structure of a state of `moving` entries with `parameters` constant ones behind them."""
+    """Return the structure of a state of `moving` entries followed by `parameters` constant ones."""
     if not parameters:
         return structure
     entries = range(moving, moving + parameters)
@@ -127,7 +127,7 @@ def with_parameters(structure: Structure, moving: int, parameters: int) -> Struc
 
 
 def wrapping_entries(parts: Sequence[StatePart]) -> list[int]:
-    """Return the state entries that may jump by a whole turn and still mean the same: angles that go round."""
+    """Return the state entries that may jump by a whole turn without a change: angles that wrap."""
     layout = layout_of_state(parts)
     entries: list[int] = []
     for part in parts:
@@ -138,14 +138,14 @@ def wrapping_entries(parts: Sequence[StatePart]) -> list[int]:
 
 
 def _unit_vector(entry: int, size: int) -> tuple[int, ...]:
-    """Return `size` numbers, all zero but for a one at `entry`: an angle is that combination of the state."""
+    """Return `size` numbers, all zero except for a one at `entry`: the combination of the state that is an angle."""
     vector = [0] * size
     vector[entry] = 1
     return tuple(vector)
 
 
 def _refuse_unknown_rate(part: StatePart, entries: dict[str, range]) -> None:
-    """Raise ArgumentError unless the rate of `part` is a part of its size; `entries` are those of each part."""
+    """Raise ArgumentError unless the rate of `part` is a part of the same size; `entries` are those of each part."""
     valid = [name for name, numbers in entries.items() if len(numbers) == part.size]
     if part.rate not in valid:
         raise ArgumentError(

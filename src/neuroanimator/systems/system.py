@@ -1,4 +1,4 @@
-"""What every physics model offers to the rest of the pipeline."""
+"""The interface of every physics model to the rest of the pipeline."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulat
     from neuroanimator.definitions.goal import GoalTable
 
 TIME_RESOLUTION = 1e-9
-"""Times closer than this are the same time [s]; two steps never differ by so little."""
+"""Difference below which times are the same [s]; two steps never differ by less."""
 
 MAX_STEPS = 2**31
-"""Physics steps in a super step, which MuJoCo counts in 32 bits."""
+"""Maximum number of physics steps in a super step, which MuJoCo counts in 32 bits."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Scheme:
     """Physics step [s]."""
 
     def steps(self, duration: float) -> int:
-        """Return how many steps make up `duration` [s]; refuse if it is not a whole number."""
+        """Return the number of steps in `duration` [s]; refuse if it is not a whole number."""
         ratio = duration / self.dt
-        if not 0 < ratio < MAX_STEPS:  # NaN is refused too
+        if not 0 < ratio < MAX_STEPS:  # refuses NaN, too
             raise ArgumentError(
                 f"dt: wanted a finite time above 0 s, came {duration} s of {self.dt} s physics steps."
             )
@@ -60,67 +60,67 @@ class Runs(NamedTuple):
     """Simulated motions, one per row."""
 
     states: np.ndarray
-    """(B, T+1, S): the start and the state after each of T controls."""
+    """States (B, T+1, S): the start and the state after each of T controls."""
     has_diverged: np.ndarray
-    """(B,): True where the physics diverged; such a row holds no usable numbers."""
+    """Whether the physics of each run (B,) diverged; such a row holds no usable numbers."""
 
 
 LONG_WINDOW = 16
-"""Number of super steps that the loss of training spans for bodies whose errors show late: soft ones."""
+"""Number of super steps in the training loss of bodies whose errors show late: soft ones."""
 
 
 class System(abc.ABC):
     """A true, slow physics model: (s, u) → s a moment later.
 
-    The control u holds whatever drives the system from outside, by name: motor torques in an
-    active system, external forces f in a passive one.
+    The control u holds what drives the system from outside, by name: motor torques in an active
+    system, external forces f in a passive one.
     """
 
     name: str
     definition_text: str = ""
-    """JSON text the system can be made from again; empty for one that comes with the package."""
+    """JSON text from which the system can be made again; empty for a shipped one."""
     is_self_contained: bool = True
     """Whether its definition holds all of its physics.
 
-    Where it does not, it names a file of the user's, which may be missing or may not be run; so nothing that is
-    trained or measured may depend on simulating such a system unasked.
+    If not, it names a user's file, which may be missing or may not be run; so no training or measurement may depend on
+    simulating such a system unasked.
     """
     missing: str = ""
-    """Reason why its physics is not at hand, for people; empty where it is."""
+    """Reason why its physics is missing, in words; empty if it is not."""
     recordings: RecordingFile | None = None
-    """What the system is known from if it has no physics to simulate; None where it has."""
+    """Recordings from which the system is known; None if it has physics."""
     state: Layout
     control: Layout
     bounds: Bounds
     scheme: Scheme
-    """What a user would run by default; speed-ups are measured against it."""
+    """Scheme a user would run by default; speed-ups are measured against it."""
     truth: Scheme
-    """A finer scheme, close to converged: teacher of emulators and judge of controllers."""
+    """Finer scheme, close to converged: it teaches emulators and judges controllers."""
     fine: Scheme
-    """The reference every error is measured against: at most a tenth of the physics step."""
+    """Reference scheme of every error, with at most a tenth of the physics step."""
     structure: Structure
     skeleton: Skeleton
     rest: np.ndarray
-    """(S,) a state of rest, where motions begin if nothing else is said."""
+    """State of rest (S,), where motions begin by default."""
     warm_up: float = 0.0
-    """Random starts are taken from this first stretch of random driving [s]: contacts have settled in most."""
+    """Time of random driving from which random starts are taken [s]: contacts have settled in most."""
     run_steps: int = 40
     """Number of super steps in a run of a dataset."""
     window_steps: int = 4
-    """Maximum number of super steps that the loss of training spans: those after each example within its run."""
+    """Maximum number of super steps in the training loss: those after each example within its run."""
     reset_share: float = 0.0
     """Share of the runs of a dataset that begin at one of the states `sample_resets` returns, without warm-up."""
     parameters: tuple[Parameter, ...] = ()
-    """What varies from body to body, if it is a family: the last entries of a state, which no motion changes."""
+    """Parameters that vary from body to body, in a family: the last entries of a state, which no motion changes."""
     goals: Mapping[str, Goal] = {}
     gait: Gait | None = None
     """Its default gait; None if it has none."""
     body_length: float | None = None
-    """Length at rest of the body that distances are counted by [m]; None where there is none."""
+    """Length of the body at rest, a unit of distances [m]; None if it has none."""
     has_ground: bool = False
-    """Whether a skeleton without one is drawn on a ground, at height zero."""
+    """Whether a skeleton without a ground is drawn on one, at height zero."""
     water_surface: float | None = None
-    """Height of the surface of the water it is in [m]; None where there is none to be seen."""
+    """Height of the surface of the surrounding water [m]; None without a visible surface."""
 
     def __repr__(self) -> str:
         kind, sizes = type(self).__name__, f"{self.state.size} states, {self.control.size} controls"
@@ -129,7 +129,7 @@ class System(abc.ABC):
 
     @property
     def can_simulate(self) -> bool:
-        """Whether there is physics to simulate; not of a system known from recordings alone, nor of a model that is missing."""
+        """Whether there is physics to simulate: not for a system known from recordings alone, nor for a missing model."""
         return self.recordings is None and not self.missing
 
     @property
@@ -138,10 +138,10 @@ class System(abc.ABC):
         return slice(self.state.size - len(self.parameters), self.state.size)
 
     def at(self, /, **values: float) -> System:
-        """Return the body of this family with the parameters given, or the smaller family: it rests, and starts, with them.
+        """Return the body of this family with the given parameters, or the smaller family: it rests, and starts, with them.
 
-        `system.at(forearm_mass=1.3)`. Parameters that are not named vary as before, and rest at their nominal values.
-        Raises ArgumentError for a name that is no parameter, and for a value out of range.
+        `system.at(forearm_mass=1.3)`. Other parameters vary as before, and are nominal at rest.
+        Raises ArgumentError for a name that is not a parameter, and for a value out of range.
         """
         fixed = copy(self)
         fixed.parameters = fixed_parameters(self.parameters, values)
@@ -151,21 +151,21 @@ class System(abc.ABC):
 
     @property
     def physics_dt(self) -> float:
-        """The step δt that `substeps` counts [s]."""
+        """Physics step δt, counted by `substeps` [s]."""
         return self.scheme.dt
 
     def sample_paths(
         self, rng: np.random.Generator, count: int, steps: int, dt: float
     ) -> Float[np.ndarray, "B T C"] | None:
-        """Return the controls of random runs (count, steps, C) along paths that suit it; None where any in bounds do."""
+        """Return the controls of random runs (count, steps, C) along suitable paths; None if any controls in bounds will do."""
         return None
 
     def symmetries(self, states: np.ndarray, controls: np.ndarray) -> tuple[Symmetry, ...]:
-        """Return what makes of every motion another one that is as true, tried from `states` (N, S) under `controls` (N, C)."""
+        """Return the symmetries of its motions, tested from `states` (N, S) under `controls` (N, C)."""
         return ()
 
     def start_at(self, parts: Start) -> np.ndarray:
-        """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`.
+        """Return the state of rest (S,) with the numbers of `parts` set; see `start_state`.
 
         `{"root.heading": 0.6}` and `"root.position=3,-2,8"` are parts.
         """
@@ -177,14 +177,14 @@ class System(abc.ABC):
     def goal(self, name: str, table: GoalTable) -> Goal:
         """Return the goal that `table` describes, without its start.
 
-        Raises ArgumentError, which names the goal and the part that is wrong.
+        Raises ArgumentError, which names the goal and the part at fault.
         """
         return goal_in_layout(self.state, name, table)
 
     def goals_of(self, tables: Mapping[str, GoalTable]) -> dict[str, Goal]:
         """Return the goals that `tables` describe, with their starts.
 
-        Raises ArgumentError, which names the goal and the part that is wrong.
+        Raises ArgumentError, which names the goal and the part at fault.
         """
         goals = {}
         for name, table in tables.items():
@@ -202,7 +202,7 @@ class System(abc.ABC):
         return tuple(float(number) for number in start)
 
     def check_controls(self, controls: np.ndarray) -> np.ndarray:
-        """Return `controls` (..., C) if finite and within bounds."""
+        """Return `controls` (..., C) if they are finite and within bounds."""
         return self.bounds.check(self.control.check(controls, "control"), self.control.names)
 
     def simulate(
@@ -231,9 +231,9 @@ class System(abc.ABC):
         dt: float,
         scheme: Scheme | None = None,
     ) -> Runs:
-        """Return what `simulate` does, the soonest way there is: on every core, or in C compiled for the body.
+        """Return the runs of `simulate`, computed in the fastest way: on every core, or in C compiled for the body.
 
-        C and JAX agree to the last digits but a few (tests/systems/deformable/native/test_compiled.py).
+        C and JAX agree up to the last few digits (tests/systems/deformable/native/test_compiled.py).
         """
         states, controls, scheme, substeps = self._prepare(starts, controls, dt, scheme)
         self._simulate_fastest(states, controls, scheme, substeps)
@@ -242,7 +242,7 @@ class System(abc.ABC):
     def _prepare(
         self, starts: np.ndarray, controls: np.ndarray, dt: float, scheme: Scheme | None
     ) -> tuple[np.ndarray, np.ndarray, Scheme, int]:
-        """Return states (B, T+1, S) of which the first are given, checked controls, the scheme, and steps a control."""
+        """Return states (B, T+1, S) with the given starts, checked controls, the scheme, and the number of steps per control."""
         starts = self.state.check(starts, "state")
         controls = self.check_controls(controls)
         scheme = scheme or self.truth
@@ -260,7 +260,7 @@ class System(abc.ABC):
         substeps: int,
         threads: int,
     ) -> None:
-        """Fill `states` (B, T+1, S) from the second on: each follows `substeps` steps of `scheme` after the last."""
+        """Fill `states` (B, T+1, S) from the second on: each is `substeps` steps of `scheme` after the one before."""
 
     def _simulate_fastest(
         self, states: np.ndarray, controls: np.ndarray, scheme: Scheme, substeps: int
@@ -270,30 +270,30 @@ class System(abc.ABC):
 
     @abc.abstractmethod
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) True for each run (B, T+1, S) that is no motion any more: not finite, or impossibly fast or wide."""
+        """Return whether each run (B, T+1, S) has diverged: it is not finite, or impossibly fast or wide."""
 
     @abc.abstractmethod
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return `count` random states (count, S) covering what occurs in use."""
+        """Return `count` random states (count, S) that cover those in use."""
 
     def sample_resets(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return states (count, S) that motions are begun at on purpose: that of rest, and others if it has some."""
+        """Return states (count, S) at which motions are started on purpose: rest, and others if there are any."""
         return np.repeat(self.rest[None], count, axis=0)
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray | None:
-        """Return the kinetic energy [J] in each of `states` (N, S): (N,); None where masses are not known."""
+        """Return the kinetic energy [J] of each of `states` (N, S): (N,); None if masses are unknown."""
         return None
 
     def contact_counts(self, states: np.ndarray) -> np.ndarray | None:
-        """Return in how many points something touches something in each of `states` (N, S): (N,).
+        """Return the number of contacts in each of `states` (N, S): (N,).
 
-        None where that is not known, or nothing can touch anything.
+        None if it is unknown, or nothing can touch anything.
         """
         return None
 
 
 class SystemWithoutPhysics(System):
-    """A system whose states are known, and which cannot be simulated: whatever would do that raises `reason`."""
+    """A system whose states are known, but which cannot be simulated: attempts raise `reason`."""
 
     @property
     @abc.abstractmethod

@@ -1,15 +1,15 @@
-"""Files of the user's that this process may use: step functions and recordings, and models.
+"""The user's files that this process may use: step functions and recordings, and models.
 
 A definition that travels with a dataset or an emulator names its files by the sha256 of their bytes, and never holds
-one. A step function is run, and recordings are opened, only if the user allowed them here, so that a stranger's
-emulator cannot make us run anything. Nothing else in the package allows a file than `loading.trust_files`, for a TOML
-file the user names, and `scaffold.write_toml.write_definition`, for the file it is asked to write one for.
+one. A step function is run, and recordings are opened, only if the user has allowed them here, so that a stranger's
+emulator cannot run code. Only `loading.trust_files`, for a TOML file the user names, and
+`scaffold.write_toml.write_definition`, for its source file, allow files.
 
-A model runs no code and is compiled within limits, so it needs no consent, but has to be found: by the TOML file the
-user names, or beside the emulator, or in its dataset. The two kinds are kept apart: that a model was found allows
-nobody to run one of its files.
+A model runs no code and is compiled within limits, so it needs no consent, but must be found: by the TOML file the user
+names, beside the emulator, or in its dataset. The two kinds are kept apart: a found model allows nobody to run one of
+its files.
 
-A worker of this process's own is told what is known here, with the task it is given (`data.shard_task`).
+A worker of this process receives this knowledge with its task (`data.shard_task`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from neuroanimator.files.atomic import read_bounded
 from neuroanimator.systems.rigid.model_files import ModelFiles
 
 MAX_FILE = 512 * 2**20
-"""Maximum size of a file taken [bytes]: recordings are read whole."""
+"""Maximum size of a file [bytes]: recordings are read whole."""
 
 _TRUSTED: dict[str, Path] = {}
 
@@ -31,7 +31,7 @@ _MODELS: list[tuple[str, ModelFiles]] = []
 
 
 class TrustedFiles(NamedTuple):
-    """The files of the user's that a process may use."""
+    """The user's files that a process may use."""
 
     files: tuple[tuple[str, str], ...] = ()
     """(sha256, path) of the step functions it may run and the recordings it may open."""
@@ -50,7 +50,7 @@ def trusted_so_far() -> TrustedFiles:
 
 
 def trust_as_told(parent: TrustedFiles) -> None:
-    """Allow this process, a worker, what `trusted_so_far` said of the process that gives it work."""
+    """Allow this process, a worker, the files in `trusted_so_far` of its `parent`."""
     for digest, path in parent.files:
         _TRUSTED.setdefault(digest, Path(path))
     for system, files in parent.models:
@@ -58,30 +58,30 @@ def trust_as_told(parent: TrustedFiles) -> None:
 
 
 def know_model(system: str, files: ModelFiles) -> None:
-    """Keep the model's files of a system, for emulators and datasets that name them."""
+    """Remember the model's files of a system, for emulators and datasets that name them."""
     if (system, files) not in _MODELS:
         _MODELS.append((system, files))
 
 
 def known_models(system: str) -> list[ModelFiles]:
-    """Return the models that are known of a system called so, the one that came last first."""
+    """Return the known models of a system of this name, the latest first."""
     return [files for name, files in reversed(_MODELS) if name == system]
 
 
 def trust_file(path: Path) -> str:
-    """Allow this process to run or open the file at `path`, as its bytes are now; return their sha256."""
+    """Allow this process to run or open the file at `path` with its current bytes; return their sha256."""
     digest = digest_of(path)
     _TRUSTED[digest] = path
     return digest
 
 
 def trusted_path(digest: str) -> Path | None:
-    """Return where a file with this sha256 was when it was allowed; None if none was."""
+    """Return the path of a file with this sha256 when it was allowed; None if none was."""
     return _TRUSTED.get(digest)
 
 
 def digest_of(path: Path) -> str:
-    """Return the sha256 of a file's bytes, its name from now on. Allows nothing."""
+    """Return the sha256 of a file's bytes, by which it is known from now on. Allows nothing."""
     return hashlib.sha256(read_bounded(path, MAX_FILE)).hexdigest()
 
 

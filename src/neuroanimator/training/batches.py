@@ -20,9 +20,9 @@ RARE = 0.1
 
 
 def rare_rows(emulator: Emulator, data: Transitions) -> Int[np.ndarray, " M"]:
-    """Return the rows of `data` whose change is the most unusual in any of its numbers: a tenth of all.
+    """Return the tenth of the rows of `data` with the most unusual change in any of its numbers.
 
-    How unusual a number is follows from its distance to the mean, in standard deviations.
+    A number is unusual by its distance from the mean, in standard deviations.
     """
     normaliser = emulator.normaliser
     change = emulator.frame.remainder(data.states[:, 0], data.states[:, 1])
@@ -39,9 +39,9 @@ def draw_batches(
 ) -> tuple[Int[Array, "U B"], Float[Array, " N"] | None]:
     """Return (rows of each update's batch, weight of every row).
 
-    With a `rare_share`, that part of a batch comes from the `rare` rows, and weights make up for it
-    (importance sampling): the mean of the loss stays what it was, its noise falls where most of the
-    error comes from few rows.
+    With a `rare_share`, that part of a batch comes from the `rare` rows, and weights compensate for it
+    (importance sampling): the mean of the loss stays the same, and its noise falls if most of the error
+    comes from few rows.
     """
     batches = jax.random.randint(key, (UPDATES_PER_CHUNK, size), 0, rows)
     from_rare = round(size * rare_share)
@@ -62,7 +62,7 @@ def parts_of(
     rows: Int[Array, " B"],
     unroll: int,
 ) -> tuple[Float[Array, "B F S"], Float[Array, "B U C"]]:
-    """Return `unroll` super steps of each of the windows in `rows`, from a random one on: more examples of dear physics."""
+    """Return `unroll` super steps of each window in `rows`, from a random one on: more examples of expensive physics."""
     latest = controls.shape[1] - unroll
     first = jax.random.randint(key, (len(rows), 1), 0, latest + 1)
     steps = first + jnp.arange(unroll + 1)
@@ -75,7 +75,7 @@ def seen_by(
     states: Float[Array, "N H S"],
     controls: Float[Array, "N T C"],
 ) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
-    """Return the windows, each as it is or as one of the `symmetries` has it, drawn at random: examples for free."""
+    """Return the windows, each unchanged or under one of the `symmetries`, drawn at random: examples for free."""
     rows = jnp.arange(states.shape[0])
     drawn = jax.random.randint(key, rows.shape, 0, 1 + len(symmetries))
     views = jnp.stack([states, *(symmetry.state(states) for symmetry in symmetries)])
@@ -90,7 +90,7 @@ def folded(
     states: Float[Array, "N H S"],
     controls: Float[Array, "N T C"],
 ) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
-    """Return the windows with each body turned at random into a position that looks the same: examples for free."""
+    """Return the windows with each body turned at random by its rotational symmetry: examples for free."""
     part = jax.random.randint(key, (states.shape[0], 1), 0, structure.symmetry_order)
     angle = 2 * jnp.pi * part / structure.symmetry_order
     return turned_windows(structure, frame, angle, states, controls)

@@ -20,11 +20,11 @@ Numbers = TypeVar("Numbers")
 NAME = "checkpoint.safetensors"
 
 MAX_CHUNKS = 2**31
-"""JAX counts them in 32 bits."""
+"""Maximum number of chunks, which JAX counts in 32 bits."""
 
 
 WORST_ERROR = 1e30
-"""Validation error before the first validation; any real one is lower, and JSON has no infinity."""
+"""Validation error before the first validation, as JSON has no infinity; any real one is lower."""
 
 
 class Progress(NamedTuple):
@@ -33,16 +33,16 @@ class Progress(NamedTuple):
     network: Network
     optimizer_state: Any
     best: Network
-    """The network with the lowest validation error so far."""
+    """Network with the lowest validation error so far."""
     best_error: float
     chunk: int
-    """Chunks done."""
+    """Number of chunks done."""
     stale: int
-    """Reports since the best one."""
+    """Number of reports since the best one."""
 
     @classmethod
     def fresh(cls, network: Network, optimizer: optax.GradientTransformation) -> Progress:
-        """Return the progress of a run that has not begun."""
+        """Return the progress of a new run."""
         return cls(
             network=network,
             optimizer_state=eqx.filter_jit(optimizer.init)(network),  # pyright: ignore[reportArgumentType]
@@ -53,7 +53,7 @@ class Progress(NamedTuple):
         )
 
     def judged(self, error: float) -> Progress:
-        """Return the progress after a validation that found `error`."""
+        """Return the progress after a validation with this `error`."""
         if error < self.best_error:
             return self._replace(best=self.network, best_error=error, stale=0)
         return self._replace(stale=self.stale + 1)
@@ -93,7 +93,7 @@ def read_tree(
 ) -> tuple[Any, Numbers] | None:
     """Return (a tree like `fresh`, the numbers) of the checkpoint in `folder`; None if there is none.
 
-    `numbers_of` reads them, and raises ValueError for wrong ones. BadFileError if the checkpoint is damaged, has more than
+    `numbers_of` reads the numbers, and raises ValueError for wrong ones. BadFileError if the checkpoint is damaged, has more than
     `largest` bytes, or belongs to other data or another configuration.
     """
     path = folder / NAME
@@ -119,7 +119,7 @@ def _leaves_by_path(tree: Any) -> dict[str, Any]:
 
 
 def _numbers(metadata: dict[str, Any]) -> tuple[float, int, int]:
-    """Return (best error, chunks done, reports since the best one); ValueError names what is no such number."""
+    """Return (best error, chunks done, reports since the best one); ValueError names the one at fault."""
     best_error = metadata.get("best_error")
     if not isinstance(best_error, int | float) or best_error < 0:
         raise ValueError(f"best_error is {str(best_error)[:40]!r}")

@@ -1,4 +1,4 @@
-"""One chunk of updates, compiled: what a training run repeats."""
+"""One compiled chunk of updates, which a training run repeats."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
 
 
 class TrainingProblem(eqx.Module):
-    """The data of every update of a run."""
+    """The constants of every update of a run."""
 
     config: TrainingConfig = eqx.field(static=True)
     structure: Structure = eqx.field(static=True)
-    """Of the system's states."""
+    """Structure of the system's states."""
     symmetries: tuple[Symmetry, ...] = eqx.field(static=True)
-    """By which every window may be seen, besides as it is."""
+    """Symmetries under which every window may be transformed."""
     base: Emulator
     """The emulator whose network is trained."""
     rest: RestStreams | None
-    """Network inputs at rest; None where the system does not keep still there."""
+    """Network inputs at rest; None if the system does not stay there."""
 
 
 class WindowsInMemory(eqx.Module):
-    """The windows that batches are drawn from."""
+    """The windows from which batches are drawn."""
 
     states: Float[Array, "N T I"]
     """Windows of T = H + 1 latent states."""
     controls: Float[Array, "N H C"]
-    """The latent controls between them."""
+    """Latent controls between them."""
     rare: Int[Array, " M"]
     """Rows of the windows with the most unusual changes."""
 
 
 def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
-    """Return `base` with another network, and, given what that sees at rest, at rest there."""
+    """Return `base` with another network, which, given its inputs at rest, stays at rest there."""
     emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
     if rest is None:
         return emulator
@@ -56,7 +56,7 @@ def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> 
 
 
 completed = eqx.filter_jit(with_network)
-"""`with_network` as one compiled function, for use outside of others."""
+"""`with_network` as one compiled function, for use outside compiled code."""
 
 
 @eqx.filter_jit
@@ -70,8 +70,8 @@ def train_chunk(
 ) -> tuple[Network, Any, Float[Array, ""]]:
     """Return (network, optimiser state, mean loss) after chunk number `chunk`, whose loss spans `unroll` super steps.
 
-    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same. The number
-    is an array: a plain one would be compiled in, and every chunk compiled anew.
+    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same. The number is an
+    array, as a Python number would be compiled in, and every chunk recompiled.
     """
     config = problem.config
     size = config.batch_at(unroll)
@@ -116,7 +116,7 @@ def _batch_loss(
     controls: Float[Array, "N H C"],
     weights: Float[Array, " N"] | None,
 ) -> Float[Array, ""]:
-    """Return the loss of some windows, each of them as it is or as one of the symmetries has it."""
+    """Return the loss of some windows, each unchanged or under one of the symmetries."""
     structure = problem.structure
     emulator = with_network(problem.base, network, problem.rest)
     if problem.symmetries:

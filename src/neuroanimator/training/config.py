@@ -1,4 +1,4 @@
-"""Configuration of a training: every choice the resulting weights depend on, besides the data."""
+"""Configuration of a training: every choice on which the weights depend, besides the data."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from neuroanimator.systems.system import LONG_WINDOW
 from neuroanimator.text import quoted
 
 UPDATES_PER_CHUNK = 250
-"""Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
+"""Number of updates in one compiled call: enough to hide the call, few enough for a lively progress bar."""
 
 LARGE_BATCHES: dict[str, Any] = {
     "batch": 2048,
     "learning_rate": 1e-2,
     "orthogonalisation_steps": 3,
 }
-"""Settings that suit bodies with contacts, together or not at all. In the time of as many updates of a quarter of the
-batch, errors of a walking robot are a tenth smaller."""
+"""Settings for bodies with contacts, which only help together. In the time of the same number of updates with a quarter
+of the batch, errors of a walking robot are a tenth smaller."""
 
 ON_GROUND = LARGE_BATCHES | {"widths": (256, 192), "updates": 16_000}
-"""Bodies that may touch the ground: with half as many units errors of a walking robot are a fifth larger."""
+"""Settings for bodies that may touch the ground: with half the units, errors of a walking robot are a fifth larger."""
 
 WITH_STOPS = LARGE_BATCHES | {"widths": (128, 96), "updates": 32_000}
-"""Bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
+"""Settings for bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
 
 SOFT: dict[str, Any] = {
     "network": "linear-glu",
@@ -46,13 +46,13 @@ SOFT: dict[str, Any] = {
     "unroll_share": 0.6,
     "error_growth": 1.0,
 }
-"""Soft bodies: they are damped, so that errors grow slowly at last, and what they are off by then is what counts."""
+"""Settings for soft bodies: they are damped, so that errors grow slowly in the end, and final errors count."""
 
 MIN_MEMORY = 16 * 10**6
-"""With less, not even one shard of the smallest system would fit [bytes]."""
+"""Minimum memory, below which not even one shard of the smallest system fits [bytes]."""
 
 MAX_MEMORY = 10**15
-"""More is a slip of the hand [bytes]."""
+"""Maximum memory, above which it is a typing error [bytes]."""
 
 SIZE_UNITS = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 
@@ -62,7 +62,7 @@ DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
 
 def _suited(structure: Structure) -> dict[str, Any]:
-    """Return the settings that suit states of this `structure`, where they are not everybody's."""
+    """Return the settings for states of this `structure` that differ from the defaults."""
     if structure.shape_contacts is not None:
         return SOFT
     if structure.contacts is None:
@@ -73,43 +73,43 @@ def _suited(structure: Structure) -> dict[str, Any]:
 class TrainingConfig(Settings):
     """A training run: single super steps first, then a share of updates unrolled over several.
 
-    Raises ArgumentError naming the field that is wrong.
+    Raises ArgumentError naming the field at fault.
     """
 
     network: Literal["gated", "classic", "glu", "linear-glu", "mirrored", "hierarchy"] = "gated"
     widths: tuple[int, ...] = Field(default=(), validate_default=True)
-    """Units in each hidden layer; the network's usual ones if empty."""
+    """Number of units in each hidden layer; the network's default if empty."""
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
     learning_rate: float = Field(
         default=0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True
     )
-    """The highest; the optimiser's usual one if 0."""
+    """Highest learning rate; the optimiser's default if 0."""
     orthogonalisation_steps: int = Field(default=5, ge=1, le=10)
-    """Number of Newton-Schulz iterations by which Muon orthogonalises an update's matrix: it takes most of the time
-    that wide layers take."""
+    """Number of Newton-Schulz iterations by which Muon orthogonalises an update's matrix: they take most of the time of
+    wide layers."""
     updates: int = Field(default=40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     batch: int = Field(default=512, ge=4, le=65_536)
     rare_share: float = Field(default=0.0, ge=0, lt=1)
-    """Share of each batch drawn among the tenth of all windows with the most unusual changes, such as touchdowns."""
+    """Share of each batch drawn from the tenth of windows with the most unusual changes, such as touchdowns."""
     position_modes: int = Field(default=0, ge=0, le=256)
-    """Shapes a deformable body is made of, and ways its parts move; 0: as many as matter. See `shape_modes`."""
+    """Number of shape modes of a deformable body for positions; with 0, all that matter. See `shape_modes`."""
     velocity_modes: int = Field(default=0, ge=0, le=256)
     local_modes: int = Field(default=4, ge=1, le=64)
-    """The same per segment, besides where it is; of hierarchies."""
+    """Number of shape modes of each segment of a hierarchy, besides its rigid motion."""
     unroll: int = Field(default=MAX_UNROLL, ge=1, le=LONG_WINDOW)
     unroll_share: float = Field(default=0.2, ge=0, le=1)
     error_growth: float = Field(default=2.0, ge=0, le=4)
-    """Power of the number of super steps by which squared errors are expected to grow: the loss divides them by it."""
+    """Power of the number of super steps with which squared errors are expected to grow: the loss divides them by it."""
     calm: float = Field(default=0.0, ge=0, le=1e3)
-    """Mean square change in a super step, over the usual one, from which on a window counts less the more it changes, and below
-    which all count alike; 0: all count alike, so that fast motion, whose changes and errors are large, is most of the loss.
-    Windows of soft bodies that move freely are weighed by their errors instead."""
+    """Mean square change in a super step, over the usual one, above which windows count less the more they change; 0: all
+    count alike, so that fast motion, with its large changes and errors, dominates the loss. Windows of soft bodies that move
+    freely are weighed by their errors instead."""
     validation_share: float = Field(default=0.05, gt=0, lt=0.9)
     patience: int = Field(default=80, ge=1)
     seed: int = Field(default=0, ge=0, lt=2**31)
     memory: int = Field(default=DEFAULT_MEMORY, ge=MIN_MEMORY, le=MAX_MEMORY)
-    """Maximum memory of windows, besides the program itself [bytes], or text such as `1GB`. A dataset that takes more stays on
-    disk, and its windows come in another order; of one that fits nothing depends on this."""
+    """Maximum memory of windows, besides the program itself [bytes], or text such as `1GB`. A larger dataset stays on disk,
+    and its windows come in another order; for one that fits, nothing depends on this."""
 
     @field_validator("memory", mode="before")
     @classmethod
@@ -137,7 +137,7 @@ class TrainingConfig(Settings):
 
     @classmethod
     def usual(cls, structure: Structure, **settings: Any) -> TrainingConfig:
-        """Return how states of this `structure` are learnt if nothing but `settings` is said."""
+        """Return the default configuration for states of this `structure`, changed by `settings`."""
         is_usual = settings.get("network", "gated") in ("gated", "glu")
         is_usual &= settings.get("optimizer", "muon") == "muon"
         suited = _suited(structure)
@@ -152,26 +152,26 @@ class TrainingConfig(Settings):
 
     @property
     def hash(self) -> str:
-        """Sixteen hex digits that name this configuration: all but the memory, which matters to few datasets.
+        """Sixteen hex digits that identify this configuration, without the memory, which matters to few datasets.
 
-        Runs of before windows were weighed go on, too.
+        Runs from before windows were weighed can be continued, too.
         """
         values = self.model_dump(exclude={"memory"} if self.calm else {"memory", "calm"})
         return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]
 
     @property
     def chunks(self) -> int:
-        """Compiled calls in the whole run."""
+        """Number of compiled calls in the whole run."""
         return -(-self.updates // UPDATES_PER_CHUNK)
 
     def batch_at(self, unroll: int) -> int:
-        """Return how many windows a batch has whose loss spans `unroll` super steps."""
+        """Return the number of windows in a batch whose loss spans `unroll` super steps."""
         return max(1, self.batch // unroll)
 
     def unroll_at(self, chunk: int) -> int:
-        """Return how many super steps the loss of chunk number `chunk` spans.
+        """Return the number of super steps in the loss of chunk number `chunk`.
 
-        More than `MAX_UNROLL` after single ones are come to by doubling, in half of the updates that are unrolled.
+        Above `MAX_UNROLL` it is reached by doubling from single ones, in half of the unrolled updates.
         """
         first = round(self.chunks * (1 - self.unroll_share))
         if chunk < first:

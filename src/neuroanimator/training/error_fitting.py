@@ -1,10 +1,10 @@
 """Error bounds of an emulator's rollouts: `emulator.error_bounds`, measured on runs that training never saw.
 
-runs as in training, runs under controls that descents found → errors after each super step, scores on the way
+runs as in training, runs under controls found by descents → errors after each super step, trust scores along them
   → half of the runs: the power of the scores with which an error's logarithm grows (quantile regression)
-  → the other half: by how much that must be raised until the share `level` stays below (split conformal prediction)
-Whatever the regression is worth, of runs like the other half so many stay below. Kinds of motions are measured apart,
-because optimisation leads where an emulator errs more than its scores say (Mondrian conformal prediction).
+  → the other half: the offset that brings the share `level` below it (split conformal prediction)
+However good the regression is, this share of similar runs stays below. Kinds of motions are measured separately,
+because optimisation leads to larger errors than scores suggest (Mondrian conformal prediction).
 """
 
 from __future__ import annotations
@@ -31,41 +31,41 @@ from neuroanimator.systems.system import System
 from neuroanimator.training.optimised_controls import optimised_controls
 
 SECONDS = 2.0
-"""Time after the start up to which errors are bounded [s]; of a slow system longer."""
+"""Time after the start up to which errors are bounded [s]; longer for a slow system."""
 
 RANDOM_RUNS = 2048
-"""Number of runs simulated as in training: shares of 90 % are then right to 1 %."""
+"""Number of runs simulated as in training: shares of 90 % are then accurate to 1 %."""
 
 OPTIMISED_RUNS = 1024
-"""Number of controls sought by descents."""
+"""Number of descents for controls."""
 
 MIN_RUNS = 100
-"""With fewer runs of a kind there are too few to measure by how many stay below."""
+"""Minimum number of runs of a kind in measurements of the share that stays below."""
 
 BOUNDS_SEED = 2**31 + 1
-"""Runs are drawn from this seed, above all that datasets and tests are drawn from."""
+"""Seed of the runs, above all seeds of datasets and tests."""
 
 LEAST_ERROR = 1e-6
-"""Errors below it count as it: they are rounding."""
+"""Minimum error, to which smaller ones, due to rounding, are clipped."""
 
 MOST_ERROR = 1e6
-"""Errors above it, and those that are no numbers, count as it: the rollout has diverged."""
+"""Maximum error, which also stands for NaN: the rollout has diverged."""
 
 RIDGE = 1e-6
-"""Added to the curvature of the regression, so that scores that are all alike do no harm."""
+"""Curvature added to the regression, so that equal scores do no harm."""
 
 BANDWIDTHS = (0.5, 0.2, 0.1, 0.05)
-"""Of the smoothed quantile loss, in logarithms of errors: from easy to exact."""
+"""Bandwidths of the smoothed quantile loss, in logarithms of errors: from easy to exact."""
 
 NEWTON_STEPS = 12
-"""With each of these."""
+"""Number of Newton steps with each bandwidth."""
 
 
 class UnseenRuns(NamedTuple):
     """Runs of the true physics that training left out."""
 
     states: Float[np.ndarray, "B F S"]
-    """(B, T+1, S)"""
+    """States (B, T+1, S)."""
     controls: Float[np.ndarray, "B T C"]
 
 
@@ -80,11 +80,11 @@ def fit_error_bounds(
 ) -> Emulator:
     """Return the emulator with `error_bounds`: for files from before there were any, or for other uses.
 
-    Its system is simulated for that: half a minute of what ships. Of one known from recordings alone there are bounds of
-    recorded motions only, by the runs that `data` kept apart. `more_optimised` are further runs under controls that were
-    found through this emulator; each of them counts as much as the descents to random states that are made here.
+    Its system is simulated, which takes half a minute for shipped ones. An emulator of recordings has bounds for recorded
+    motions only, from the runs that `data` kept apart. `more_optimised` are further runs under controls found through this
+    emulator; each of them counts as much as the descents to random states made here.
 
-    Raises ArgumentError where there are too few runs.
+    Raises ArgumentError if there are too few runs.
     """
     system = carried_system(emulator.system, emulator.spec.definition)
     if not system.can_simulate:
@@ -103,7 +103,7 @@ def fit_error_bounds(
 def simulate_random(
     emulator: Emulator, system: System, count: int, seed: int, kind: int = 0
 ) -> UnseenRuns:
-    """Return `count` runs as in training, less those that diverge; `kind` draws others of the same seed."""
+    """Return `count` runs as in training, without those that diverge; another `kind` draws others from the same seed."""
     rng = np.random.default_rng([BOUNDS_SEED, seed, kind])
     starts = sample_starts(system, rng, count, core_count())
     controls = sample_control_runs(rng, count, steps_of(emulator), emulator.dt, system)
@@ -111,7 +111,7 @@ def simulate_random(
 
 
 def simulate_optimised(emulator: Emulator, system: System, count: int, seed: int) -> UnseenRuns:
-    """Return `count` runs under controls that descents through the emulator came to, less those that diverge."""
+    """Return `count` runs under controls found by descents through the emulator, without those that diverge."""
     reachable = simulate_random(emulator, system, count, seed, kind=1)
     starts = reachable.states[:, 0]
     controls = optimised_controls(
@@ -126,13 +126,13 @@ def simulate_unseen(
     starts: Float[np.ndarray, "B S"],
     controls: Float[np.ndarray, "B T C"],
 ) -> UnseenRuns:
-    """Return what the physics makes of starts and controls, less what diverges."""
+    """Return the runs of the physics from starts under controls, without those that diverge."""
     runs = system.simulate_fastest(starts, controls, emulator.dt)
     return UnseenRuns(runs.states[~runs.has_diverged], controls[~runs.has_diverged])
 
 
 def steps_of(emulator: Emulator) -> int:
-    """Return after how many super steps errors are bounded at most."""
+    """Return the maximum number of super steps after which errors are bounded."""
     return max(1, round(SECONDS * slowness(emulator.dt) / emulator.dt))
 
 
@@ -144,9 +144,9 @@ def with_error_bounds(
 ) -> Emulator:
     """Return the emulator with bounds measured on runs of its physics, whose states have this `structure`.
 
-    Of `optimised` each counts as much as any other, however many runs it has.
+    All of `optimised` count alike, whatever their numbers of runs.
 
-    Raises ArgumentError where there are too few runs.
+    Raises ArgumentError if there are too few runs.
     """
     unit = _usual_change(structure, random.states)
     measured = [_measured(emulator, structure, unit, runs) for runs in (random, *optimised)]
@@ -178,7 +178,7 @@ class _Measured(NamedTuple):
     error: Float[np.ndarray, "B T"]
     """Logarithm of the error after each super step."""
     size: Float[np.ndarray, "B T"]
-    """Logarithm of the root mean square of the scores up to it."""
+    """Logarithm of the root mean square of the scores up to that super step."""
 
 
 def _measured(
@@ -218,9 +218,9 @@ def _weights_of(
 def conformal_quantile(
     values: Float[np.ndarray, " N"], share: Float[np.ndarray, " N"], level: float
 ) -> float:
-    """Return what a further value stays below with probability `level` at least, where it is like these (N,).
+    """Return the bound below which a further value like these (N,) stays with probability at least `level`.
 
-    Each counts by its `share`. It is the ⌈level (N + 1)⌉-th smallest where all count alike (Papadopoulos et al., 2002).
+    Each counts by its `share`. It is the ⌈level (N + 1)⌉-th smallest if all count alike (Papadopoulos et al., 2002).
     """
     order = np.argsort(values)
     reached = np.cumsum(share[order]) / share.sum()
@@ -235,9 +235,9 @@ def quantile_line(
     share: Float[np.ndarray, " N"],
     level: float,
 ) -> Float[np.ndarray, " 2"]:
-    """Return (a, b), b at least 0, such that a share `level` of the errors lies below a + b size, about wherever one looks.
+    """Return (a, b), b at least 0, such that a share `level` of the errors lies below a + b size, at about any size.
 
-    It is quantile regression (Koenker and Bassett, 1978), its loss smoothed by a logistic kernel and descended by Newton.
+    It is quantile regression (Koenker and Bassett, 1978), its loss smoothed by a logistic kernel and minimised by Newton.
     """
     inputs = np.stack([np.ones_like(size), size], axis=1)
     line = np.array([np.quantile(error, level), 0.0])
@@ -249,7 +249,7 @@ def quantile_line(
             slope = inputs.T @ (share * (below - level))
             bend = share * below * (1 - below) / bandwidth
             step = np.linalg.solve((inputs * bend[:, None]).T @ inputs + ridge, slope)
-            # No further at a time than where the curvature still says anything.
+            # No step beyond the range where the curvature is valid.
             line = line - step / max(1.0, np.abs(inputs @ step).max())
     if line[1] < 0:
         return np.array([np.quantile(error, level), 0.0])

@@ -1,4 +1,4 @@
-"""The windows of a training run, pool by pool, and the updates made of them."""
+"""The windows of a training run, pool by pool, and the updates on them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Feed:
     _ahead: Prefetched[WindowsInMemory] | None = None
     _pool: WindowsInMemory | None = None
     _number: int = -1
-    """Number of the pool that is in memory."""
+    """Number of the pool in memory."""
 
     def train(
         self, network: Network, optimizer_state: Any, chunk: int
@@ -51,7 +51,7 @@ class Feed:
         return self._pool
 
     def close(self) -> None:
-        """Let go of what is in memory, and end what is read ahead."""
+        """Free the pool in memory, and end the prefetch."""
         if self._ahead is not None:
             self._ahead.close()
         self._ahead = None

@@ -1,4 +1,4 @@
-"""A fresh emulator that fits a dataset's system and numbers, its network untrained."""
+"""A fresh emulator for a dataset's system and numbers, with an untrained network."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ from neuroanimator.systems.system import System
 from neuroanimator.training.config import TrainingConfig
 
 BLOCK_ROWS = 4096
-"""Number of windows whose statistics are taken at once."""
+"""Number of windows whose statistics are computed at once."""
 
 MIN_SCALE = 1e-6
-"""Least scale of a feature or a change: a number that never varies is not divided by zero."""
+"""Minimum scale of a feature or a change, so that constant numbers are not divided by zero."""
 
 NOTHING_MOVES = (
     f"Nothing in this system changes by {MIN_CHANGE:g} of its unit in a super step. "
     "Use longer super steps (--substeps), smaller units, or stronger controls."
 )
-"""Said of a dataset in which no number moves."""
+"""Error message for a dataset in which no number moves."""
 
 MAX_SHAPES = 20_000
-"""States whose shapes the modes of a deformable body are found from, at most."""
+"""Maximum number of states from which the shape modes of a deformable body are computed."""
 
 SHAPES_TRIED = 64
-"""States around which the effect of a latent change on the body is measured."""
+"""Number of states around which the effect of a latent change on the body is measured."""
 
 SMALL_CHANGE = 1e-5
-"""Size of the latent changes by which that effect is measured, in their own units."""
+"""Size of these latent changes, in their own units."""
 
 
 @dataclass(frozen=True)
 class _Latent:
-    """The latent numbers of a system, and how a network is shown them."""
+    """The latent numbers of a system, and their features for a network."""
 
     encoding: Encoding
     frame: Frame
@@ -62,7 +62,7 @@ class _Latent:
     odd_changes: Bool[np.ndarray, " V"]
     """Whether the mirror reverses each number of a change."""
     grouped_modes: GroupedModes | None = None
-    """Shape modes and the groups they belong to; None where states are not encoded."""
+    """Shape modes and their groups; None if states are not encoded."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,9 @@ class _Statistics(NamedTuple):
     """Statistics for normalisers and domains."""
 
     raw: _Moments
-    """Of the raw features."""
+    """Moments of the raw features."""
     change: _Moments
-    """Of what a network predicts of a change."""
+    """Moments of the changes a network predicts."""
     whole_change: _Moments
 
     @classmethod
@@ -126,7 +126,7 @@ class _Statistics(NamedTuple):
 def _latent_numbers(
     encoding: Encoding, data: Transitions
 ) -> tuple[Float[np.ndarray, "N I"], Float[np.ndarray, "N I"], Float[np.ndarray, "N C"]]:
-    """Return (latent states, those a super step later, latent controls between them)."""
+    """Return (latent states, latent states a super step later, latent controls between them)."""
     if encoding.is_identity:
         return data.states[:, 0], data.states[:, 1], data.controls[:, 0]
     states = encoding.encode(np.asarray(data.states[:, :2], float))
@@ -139,8 +139,8 @@ def build_emulator(
 ) -> Emulator:
     """Return an emulator normalised by `data`, its network drawn from the config's seed.
 
-    Where there is more data than fits into memory, `data` is a sample of them, by which shape modes are found; means,
-    spreads and ranges are those of all data, whose `parts` come one after another.
+    If the data do not fit into memory, `data` is a sample of them, from which shape modes are computed; means, spreads and
+    ranges are those of all data, whose `parts` come one after another.
     """
     system = data.system
     dt = data.config.substeps * system.physics_dt
@@ -168,13 +168,13 @@ def build_emulator(
 
 
 def _blocks_of(data: Transitions) -> Iterator[Transitions]:
-    """Yield `data` block by block: features of all at once would take many times its memory."""
+    """Yield `data` block by block: features of all at once would take many times the memory."""
     for first in range(0, len(data.states), BLOCK_ROWS):
         yield data.where(slice(first, first + BLOCK_ROWS))
 
 
 def _state_numbers(system: System, dt: float) -> _Latent:
-    """Return the numbers of a system whose super steps are made in the state itself."""
+    """Return the numbers of a system whose super steps advance the state itself."""
     structure = system.structure
     size = system.state.size
     frame = Frame.of(structure, dt)
@@ -188,7 +188,7 @@ def _state_numbers(system: System, dt: float) -> _Latent:
 
 
 def _body_numbers(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
-    """Return the numbers of a deformable body, whose super steps are made in shape modes."""
+    """Return the numbers of a deformable body, whose super steps advance shape modes."""
     grouped = _fit_modes(data, config)
     modes = grouped.modes
     body = data.system.structure
@@ -247,7 +247,7 @@ def _network(config: TrainingConfig, latent: _Latent, system: System, count: int
 
 
 def _parts(latent: _Latent, system: System, count: int) -> tuple[Part, ...]:
-    """Return who sees and answers what in a hierarchy that is shown `count` raw features."""
+    """Return the inputs and outputs of each part of a hierarchy with `count` raw features."""
     structure = system.structure
     if not structure.groups:
         raise ArgumentError(
@@ -259,7 +259,7 @@ def _parts(latent: _Latent, system: System, count: int) -> tuple[Part, ...]:
 
 
 def _network_name(config: TrainingConfig, features: Features) -> str:
-    """Return the network asked for, or what stands for `gated` where the mirror is another or there is none."""
+    """Return the requested network, or the variant of `gated` for another mirror symmetry or none."""
     if config.network != "gated":
         return config.network
     if features.even:
@@ -268,7 +268,7 @@ def _network_name(config: TrainingConfig, features: Features) -> str:
 
 
 def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
-    """Return the fixed facts of an emulator of `system` that leaps `substeps` physics steps, `dt` [s], at a time."""
+    """Return the facts of an emulator of `system` that leaps `substeps` physics steps, `dt` [s], at a time."""
     return EmulatorSpec(
         system=system.name,
         state=system.state,
@@ -285,17 +285,17 @@ def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
 
 
 def _domain(raw: _Moments, odd: Bool[np.ndarray, " K"]) -> Domain:
-    """Return the range of the raw features, the same on both sides for those the mirror reverses."""
+    """Return the range of the raw features, symmetric for those the mirror reverses."""
     high = np.where(odd, np.maximum(-raw.low, raw.high), raw.high)
     low = np.where(odd, -high, raw.low)
     return Domain(as_jax(low), as_jax(high))
 
 
 def _with_parameters(domain: Domain, features: Features, system: System) -> Domain:
-    """Return the domain with the whole ranges of parameters, of which runs showed nearly all."""
+    """Return the domain with the whole ranges of parameters, most of which runs have shown."""
     low = np.array(domain.low)
     high = np.array(domain.high)
-    last = features.angles.shape[1]  # of a state, or of the latent state in its place
+    last = features.angles.shape[1]  # of a state or a latent state
     for place, parameter in enumerate(reversed(system.parameters), start=1):
         shown = features.plain.index(last - place)
         low[shown] = parameter.low
@@ -309,7 +309,7 @@ def _normaliser(
     statistics: _Statistics,
     odd_raw: Bool[np.ndarray, " K"],
 ) -> Normaliser:
-    """Return the normaliser of raw features and changes; what the mirror reverses has a mean of zero."""
+    """Return the normaliser of raw features and changes; those the mirror reverses have a mean of zero."""
     raw = statistics.raw
     change = statistics.change
     whole_change = statistics.whole_change
@@ -321,7 +321,7 @@ def _normaliser(
             raise ArgumentError(NOTHING_MOVES)
         change_scale = np.where(moves, change_scale, 0.0)
         unit = data.system.structure.common_scale(np.where(moves, unit, 0.0))
-    else:  # the latent numbers of a deformable body all move, and have units of their own
+    else:  # all latent numbers of a deformable body move, and have their own units
         unit = _body_units(data, latent)
     plain_mean = np.where(odd_raw, 0.0, raw.mean)
     plain_scale = np.maximum(raw.std, MIN_SCALE)
@@ -336,9 +336,9 @@ def _normaliser(
 
 
 def _body_units(data: Transitions, latent: _Latent) -> Float[np.ndarray, " V"]:
-    """Return the error of each number of a change that costs as much as any other in the body's whole state.
+    """Return the errors of the numbers of a change that have equal effects on the body's whole state.
 
-    Errors of modes are measured by what they do to all mass points, found by small changes of some states.
+    Errors of modes are measured by their effect on all mass points, from small changes of some states.
     """
     body = Frame.of(data.system.structure, 0.0)
     frame = replace(latent.frame, dt=0.0)

@@ -22,7 +22,7 @@ from neuroanimator.training.pools import Pools
 from neuroanimator.training.survey import Survey, base_windows, sample_of
 
 STILL = 0.01
-"""Share of a usual change by which a system at rest may move in a super step and still count as keeping still."""
+"""Share of a usual change by which a system at rest may move in a super step and still count as staying."""
 
 
 class Lesson(NamedTuple):
@@ -31,16 +31,16 @@ class Lesson(NamedTuple):
     problem: TrainingProblem
     feed: Feed
     validation: Transitions
-    """Windows of runs that are not learnt from, in latent numbers."""
+    """Windows of runs kept out of training, in latent numbers."""
     measured: Transitions
-    """Windows that a meter of trust is fitted to, in latent numbers: the validation's. Of recordings all, for they have too few
-    segments to leave any out."""
+    """Windows to which a trust meter is fitted, in latent numbers: those of validation. For recordings all, as these have
+    too few segments to leave any out."""
     fingerprint: str
-    """Names the data, the settings and the emulator the run begins with."""
+    """Hash of the data, the settings and the initial emulator of the run."""
 
 
 def lesson_of(data: Dataset, config: TrainingConfig, start_from: Emulator | None) -> Lesson:
-    """Return what is learnt from `data`, beginning with a fresh emulator or `start_from`."""
+    """Return the lesson of `data`, beginning with a fresh emulator or `start_from`."""
     longest = data.system.window_steps
     if config.unroll > longest:
         raise ArgumentError(
@@ -82,10 +82,10 @@ def _problem(
 
 
 def keeps_still(system: System, emulator: Emulator) -> bool:
-    """Return whether the physics stays where it is at rest without control, measured over one super step.
+    """Return whether the physics stays at rest without control, measured over one super step.
 
-    Recordings and users' functions are not asked: what is trained must not depend on whether they are there or allowed to run.
-    A soft body's physics is always there.
+    Recordings and users' functions are not used: training must not depend on whether they exist or may run. A soft body's
+    physics is always there.
     """
     is_soft = system.structure.shape_contacts is not None
     if not system.is_self_contained and not is_soft:
@@ -100,9 +100,9 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
 
 
 def found_symmetries(data: Transitions) -> tuple[Symmetry, ...]:
-    """Return the symmetries of the system, tried on some of `data`.
+    """Return the symmetries of the system, tested on some of `data`.
 
-    As with `keeps_still`, only physics of our own is asked.
+    As in `keeps_still`, only our own physics is used.
     """
     if not data.system.is_self_contained:
         return ()

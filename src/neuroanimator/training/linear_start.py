@@ -1,4 +1,4 @@
-"""Where training begins: the linear map of a network by ridge regression, so that its units learn what is not linear."""
+"""Linear start of training: the linear map of a network by ridge regression, so that its units learn the rest."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.glu import LinearGlu
 
 MAX_ROWS = 40_000
-"""Maximum number of super steps that the map is fitted to."""
+"""Maximum number of super steps to which the map is fitted."""
 
 RIDGE = 1e-4
-"""Weight of the squares of the map's numbers, over those of normalised features."""
+"""Weight of the map's squared coefficients, over the squares of normalised features."""
 
 
 def with_linear_start(emulator: Emulator, data: Transitions) -> Emulator:
     """Return `emulator` with its linear map fitted to super steps of `data`, which are latent windows.
 
-    A network without a linear map stays as it is.
+    A network without a linear map is unchanged.
     """
     network = emulator.network
     if not isinstance(network, LinearGlu):

@@ -20,8 +20,8 @@ def squared_error(
 ) -> Float[Array, "H V"]:
     """Return the mean squared error after 1..H super steps, in units of the change's standard deviation.
 
-    `states` are windows of T = H + 1 latent states, `controls` the latent controls between them. `weights` make
-    rows count more or less; their mean should be one. What never moves makes no error.
+    `states` are windows of T = H + 1 latent states, `controls` the latent controls between them. `weights`
+    of rows should have a mean of one. Numbers that never move have no error.
     """
     unit = emulator.normaliser.unit
     rollout = partial(rollout_latent, emulator, is_bounded=False)
@@ -39,8 +39,8 @@ def calm_weights(
 ) -> Float[Array, " N"]:
     """Return weights 1 / (`calm` + m) of windows, of mean one, where m is the mean square change in their first super step.
 
-    In units of the change's standard deviation. So errors count beside what happens: a body that balances as it walks slowly
-    changes ten times less than one that runs, and falls by errors that are ten times smaller.
+    In units of the change's standard deviation. So errors count relative to the change: a body that balances in a slow walk
+    changes ten times less than one that runs, and falls by errors ten times smaller.
     """
     unit = emulator.normaliser.unit
     change = emulator.frame.difference(states[:, 1], states[:, 0])
@@ -50,7 +50,7 @@ def calm_weights(
 
 
 STRAY = 4.0
-"""Mean square error from which on a window has strayed, in units of the change's variance."""
+"""Mean square error above which a window has strayed, in units of the change's variance."""
 
 
 def unrolled_loss(
@@ -62,9 +62,8 @@ def unrolled_loss(
 ) -> Float[Array, ""]:
     """Return the squared error averaged over the super steps k of the windows, weighted by k to the minus `growth`.
 
-    For H = 1 this is the seminar paper's eq. 5; a longer window teaches the network to take its
-    own output as input, which is how it will be used. Errors mostly grow as k, so that a growth of 2 gives
-    every step an equal say.
+    For H = 1 this is the seminar paper's eq. 5; a longer window teaches the network to take its own output as input, as
+    in use. Errors mostly grow as k, so that a growth of 2 weighs every step alike.
     """
     decay = jnp.arange(1, controls.shape[1] + 1) ** -growth
     by_step = jnp.mean(squared_error(emulator, states, controls, weights), axis=1)
@@ -77,9 +76,9 @@ def robust_loss(
     controls: Float[Array, "N H C"],
     growth: float,
 ) -> Float[Array, ""]:
-    """Return `unrolled_loss`, but that windows which have strayed count less: c log(1 + e/c) of each window's error e.
+    """Return `unrolled_loss` with smaller weights of windows that have strayed: c log(1 + e/c) of each window's error e.
 
-    A body on its edge falls this way or that, whoever predicts it; a few such windows were most of the loss.
+    A body on its edge falls either way, unpredictably; a few such windows would dominate the loss.
     """
     error = jax.vmap(
         lambda path, held: unrolled_loss(emulator, path[None], held[None], None, growth)

@@ -1,6 +1,6 @@
-"""Controls as optimisation leaves them: descents through an emulator to random states, many side by side.
+"""Controls found by optimisation: descents through an emulator to random states, many side by side.
 
-They lead where an emulator promises more than the physics keeps, so that its errors under them are measured apart.
+They lead to where an emulator promises more than the physics gives, so its errors under them are measured separately.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ SIDE_BY_SIDE = 256
 """Number of descents at a time."""
 
 ITERATIONS = 20
-"""Backward sweeps of each: as many as a controller takes (1998, and `control.descent`)."""
+"""Number of backward sweeps of each descent, as for a controller (1998, and `control.descent`)."""
 
 RATES = (0.05, 0.5)
-"""Learning rates of Adam are between these: from descents that are half done to those that are over."""
+"""Smallest and largest learning rate of Adam: from half-finished to finished descents."""
 
 EFFORTS = (1e-3, 1.0)
-"""Weights of the mean square of controls, as shares of their bounds, are between these."""
+"""Smallest and largest weight of the mean square of controls, over their bounds."""
 
 TO_STATE_SHARE = 0.6
-"""Share of descents that are to come to a state; the others shall go as far as they can in its direction."""
+"""Share of descents that should reach a state; the others should go as far as possible in its direction."""
 
 FIRST_SPREAD = 0.1
-"""Standard deviation of the first guesses, as shares of the bounds."""
+"""Standard deviation of initial guesses, over the bounds."""
 
 DECAYS = (0.9, 0.99)
-"""Of Adam's averages of slopes and of their squares."""
+"""Decay rates of Adam's averages of gradients and of their squares."""
 
 LEAST_WAY = 1e-6
-"""Mean square of the way to a state [usual changes], at least: some are where they shall go."""
+"""Minimum mean square distance to a state [usual changes], as some begin at their target."""
 
 
 def optimised_controls(
@@ -59,7 +59,7 @@ def optimised_controls(
     columns = (guesses, begin, aims, rates, efforts, goes_beyond)
     found = []
     for first in range(0, count, SIDE_BY_SIDE):
-        # The last ones again where there are fewer: then one program does for all.
+        # The last rows are repeated to fill up, so that one compiled program does for all.
         rows = np.arange(first, first + SIDE_BY_SIDE).clip(max=count - 1)
         found.append(_descents(emulator, *(as_jax(column[rows]) for column in columns)))
     shares = np.concatenate([np.asarray(some, float) for some in found])[:count]
@@ -77,7 +77,7 @@ def _descents(
     efforts: Float[Array, " B"],
     goes_beyond: Float[Array, " B"],
 ) -> Float[Array, "B T C"]:
-    """Return what descents by Adam came to, as shares of the control bounds."""
+    """Return the results of descents by Adam, over the control bounds."""
 
     def one(
         guess: Array, start: Array, aim: Array, rate: Array, effort: Array, beyond: Array
@@ -112,7 +112,7 @@ def _cost(
     effort: Float[Array, ""],
     goes_beyond: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Return how far from `aim` the motion ends, over how far it is there; or how far it does not go in that direction."""
+    """Return the final distance from `aim`, over the initial one; or the missing distance in its direction."""
     shares = jnp.tanh(numbers)
     bounds = emulator.bounds
     controls = jnp.asarray(bounds.middle) + shares * jnp.asarray(bounds.half)

@@ -11,20 +11,20 @@ from optax import contrib
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 
 MAX_GRADIENT = 1.0
-"""Norm that gradients are clipped to; a rare wild batch must not undo hours of training."""
+"""Norm to which gradients are clipped: a rare wild batch must not undo hours of training."""
 
 MOMENTUM = 0.9
-"""Share of the last step that gradient descent with momentum takes again, as in 1998."""
+"""Momentum of gradient descent, as in 1998."""
 
 ADAM_DECAY = 0.99
 """Decay rate of Adam's mean square gradient (β₂)."""
 
 MAX_WARMUP = 500
-"""Most updates in which the learning rate rises; a tenth of short runs."""
+"""Maximum number of updates of warm-up; a tenth of short runs."""
 
 
 def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
-    """Return the optimiser with a learning rate that falls to zero along a cosine."""
+    """Return the optimiser with a cosine decay of the learning rate to zero."""
     total = config.chunks * UPDATES_PER_CHUNK
     warmup = min(MAX_WARMUP, total // 10)
     rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, warmup, total)
@@ -42,7 +42,7 @@ def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
 
 
 def matrices_of(network: Any) -> Any:
-    """Return which of a network's weights Muon orthogonalises: its matrices, but those without rows."""
+    """Return which of a network's weights Muon orthogonalises: its matrices, except those without rows."""
 
     # Without a mirror a network has no even inputs, and Muon would divide by their number.
     def dimensions(weights: Any) -> contrib.MuonDimensionNumbers | None:

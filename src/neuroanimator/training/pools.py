@@ -1,9 +1,9 @@
-"""The training windows of a dataset, in pools: as many windows as fit into memory, from shards in random order.
+"""The training windows of a dataset, in pools of the windows that fit into memory, from shards in random order.
 
-A dataset that fits is one pool. Of a larger one every epoch orders the shards anew; pools are cut one after another from
-the windows in that order, all of a shard's or, where few shards would fill a pool, some of every run. Batches are drawn
-from the pool of their chunk, with replacement. The pools follow from the seed and their size alone, so a run that is taken
-up anywhere goes on as if it had never stopped.
+A dataset that fits is one pool. For a larger one every epoch reorders the shards; pools are cut one after another from the
+windows in that order: all of a shard, or, if few shards would fill a pool, some of every run. Batches are drawn from the
+pool of their chunk, with replacement. The pools follow from the seed and their size alone, so a resumed run goes on as if
+it had never stopped.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.survey import base_windows, training_windows
 
 SHARD_ORDER = 11
-"""Tells the random numbers that order shards from others of the same seed."""
+"""Number of the random stream that orders shards."""
 
 MIN_PARTS = 32
-"""Minimum number of parts that the windows of a pool come from: windows of few runs are too much alike."""
+"""Minimum number of parts in a pool: windows of few runs are too much alike."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Pools:
 
     data: Dataset
     base: Emulator
-    """The emulator that encodes the windows."""
+    """Emulator that encodes the windows."""
     config: TrainingConfig
     counts: Int[np.ndarray, " D"]
     """Number of training windows in each part of the data."""
@@ -51,7 +51,7 @@ class Pools:
 
     @cached_property
     def size(self) -> int:
-        """Number of windows in a pool; ArgumentError if there is not room for a part of the data."""
+        """Number of windows in a pool; ArgumentError if a part of the data does not fit."""
         if self.data.part_count == 1:
             return self.epoch
         state_size = self.base.encode(np.asarray(self.base.rest, float)).shape[-1]
@@ -69,12 +69,12 @@ class Pools:
 
     @property
     def is_one(self) -> bool:
-        """Whether one pool holds all windows: then nothing depends on how much memory there is."""
+        """Whether one pool holds all windows, so that nothing depends on the memory."""
         return self.size == self.epoch
 
     @cached_property
     def passes(self) -> int:
-        """Number of times that all parts are read in an epoch, each time for other windows of every run."""
+        """Number of passes over all parts in an epoch, each for other windows of every run."""
         if self.is_one:
             return 1
         largest = int(self.counts.max())
@@ -82,7 +82,7 @@ class Pools:
 
     @cached_property
     def of_chunks(self) -> Int[np.ndarray, " K"]:
-        """Number of the pool that each chunk draws from: a new one after as many draws as a pool has windows."""
+        """Number of the pool of each chunk: a new one once the number of draws reaches that of its windows."""
         config = self.config
         if self.is_one:
             return np.zeros(config.chunks, int)
@@ -92,11 +92,11 @@ class Pools:
         return (np.cumsum(drawn) - drawn) // self.size
 
     def pools(self, first: int) -> Iterator[WindowsInMemory]:
-        """Yield the pools from number `first` on: without end, or the one that holds all windows."""
+        """Yield the pools from number `first` on: endlessly, or the one that holds all windows."""
         windows = recut(self._windows(first * self.size), self.size)
         if self.is_one:
             windows = islice(windows, 1)
-        return map(self._in_memory, windows)  # a loop would keep what it yielded last
+        return map(self._in_memory, windows)  # a loop would keep the last one alive
 
     def _windows(self, position: int) -> Iterator[Transitions]:
         """Yield the latent windows of all epochs, one after another, from number `position` on, a part at a time."""

@@ -1,4 +1,4 @@
-"""Prefetch: the next item is made in a thread while this process uses the last one."""
+"""Prefetch: a thread makes the next item while this process uses the last one."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ Item = TypeVar("Item")
 
 
 class _Failure(NamedTuple):
-    """Error the iterator raised instead of an item, or its end."""
+    """Error the iterator raised instead of an item, also at its end."""
 
     error: BaseException
 
 
 class Prefetched(Generic[Item]):
-    """The items of an iterator, the next `depth` of them made ahead in a thread of their own.
+    """The items of an iterator, with the next `depth` of them made ahead in a thread.
 
-    Besides the one in use no more than `depth` are ever made or in the making: memory stays bounded. What the
-    iterator raises, `next` raises. To be closed.
+    Besides the one in use, at most `depth` items are ever made or being made, which bounds memory. `next` raises the
+    iterator's errors. Must be closed.
     """
 
     def __init__(self, items: Iterator[Item], depth: int):
@@ -28,7 +28,7 @@ class Prefetched(Generic[Item]):
         self._may_make = threading.Semaphore(depth)
         self._made: SimpleQueue[Item | _Failure] = SimpleQueue()
         self._is_closed = False
-        # Daemonic: a process that is interrupted does not wait for a shard to be read.
+        # Daemonic: an interrupted process does not wait for a shard to be read.
         self._thread = threading.Thread(target=self._make, name="prefetch", daemon=True)
         self._thread.start()
 
@@ -44,7 +44,7 @@ class Prefetched(Generic[Item]):
         return made
 
     def close(self) -> None:
-        """End the thread, once the item in the making is made."""
+        """End the thread, once its current item is made."""
         self._is_closed = True
         self._may_make.release()
         self._thread.join()
@@ -56,5 +56,5 @@ class Prefetched(Generic[Item]):
                 if self._is_closed:
                     return
                 self._made.put(next(self._items))
-        except BaseException as error:  # raised where the item is asked for
+        except BaseException as error:  # raised where the item is requested
             self._made.put(_Failure(error))

@@ -1,4 +1,4 @@
-"""The recipes of the emulators that ship in the package: same data, same seeds, same weights on one machine."""
+"""The recipes of the shipped emulators: same data, same seeds, same weights on one machine."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ class Recipe:
     transitions: int
     updates: int
     samples_per_run: Literal[12, 36] = 12
-    """Examples from each run; 36 where contacts make rare events matter and physics is dear."""
+    """Number of examples from each run; 36 if contacts make rare events matter and physics is expensive."""
     rare_share: float = 0.0
     """See `TrainingConfig`."""
     aside: float = 1.0
-    """Share of transitions and updates for other super steps than of 50 physics steps."""
+    """Share of transitions and updates for super steps of other than 50 physics steps."""
     idle_share: float = 0.0
-    """Share of runs whose controls cease; nothing to learn where the mirror keeps rest at rest."""
+    """Share of runs whose controls end; not needed if the mirror symmetry keeps rest at rest."""
     modes: tuple[int, int] = (1, 1)
-    """Numbers of shape modes for positions and for velocities; of deformable bodies."""
+    """Numbers of shape modes of deformable bodies for positions and for velocities."""
     longest_stride: int = 1000
-    """Maximum number of physics steps the network leaps: a longer super step is made in strides, see `Emulator.in_strides`."""
+    """Maximum number of physics steps the network leaps: longer super steps are made in strides, see `Emulator.in_strides`."""
 
     def strides(self, substeps: int) -> int:
-        """Return how many strides make a super step of `substeps` physics steps."""
+        """Return the number of strides in a super step of `substeps` physics steps."""
         return -(-substeps // self.longest_stride)
 
     def stride(self, substeps: int) -> int:
-        """Return how many physics steps a stride of such a super step is."""
+        """Return the number of physics steps in a stride of such a super step."""
         return substeps // self.strides(substeps)
 
     def data(self, system: str, substeps: int) -> DatasetConfig:
@@ -65,7 +65,7 @@ class Recipe:
         return 1.0 if substeps == USUAL_SUBSTEPS else self.aside
 
     def training(self, substeps: int, seed: int = 0) -> TrainingConfig:
-        """Return how to train on strides of `substeps` physics steps; `seed` 0 is the emulator that ships."""
+        """Return the training on strides of `substeps` physics steps; `seed` 0 gives the shipped emulator."""
         return TrainingConfig(
             widths=self.widths,
             updates=round(self.updates * self._share(substeps)),
@@ -78,20 +78,20 @@ class Recipe:
 
 @dataclass(frozen=True)
 class SoftRecipe:
-    """The data and the length of training of a soft body's emulator; all else is as for anybody's soft body."""
+    """The data and the length of training of a soft body's emulator; the rest is as for users' soft bodies."""
 
     runs: int
     """Number of simulated runs."""
     updates: int
     unroll_share: float = SOFT["unroll_share"]
-    """See `TrainingConfig`: of cloths windows from the first update on are more exact, of solids single steps before."""
+    """See `TrainingConfig`: windows from the first update on are more accurate for cloths, single steps first for solids."""
 
 
 SOFT_RANDOM_RUNS = 256
-"""Number of runs along random paths by which errors of soft bodies are bounded: their physics is dear."""
+"""Number of runs along random paths for error bounds of soft bodies, whose physics is expensive."""
 
 SOFT_OPTIMISED_RUNS = 128
-"""Number of runs under controls that descents found, likewise."""
+"""Number of runs under controls found by descents, for the same."""
 
 SOFT_RECIPES = {
     name: SoftRecipe(**system.recipe) for name, system in SHIPPED_SYSTEMS.items() if system.is_soft
@@ -102,14 +102,14 @@ RECIPES = {
     for name, system in SHIPPED_SYSTEMS.items()
     if system.recipe and not system.is_soft
 }
-"""Those of the usual size, by system."""
+"""Recipes of the usual size, by system."""
 
 LARGE_RECIPES = {
     name: replace(RECIPES[name], **system.large)
     for name, system in SHIPPED_SYSTEMS.items()
     if system.large
 }
-"""Those of the large size."""
+"""Recipes of the large size, by system."""
 
 
 def cook(
@@ -121,7 +121,7 @@ def cook(
     seed: int = 0,
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> tuple[Emulator, Path]:
-    """Return the emulator the recipe makes in `folder` and its file; a killed run goes on where it stopped.
+    """Return the emulator the recipe makes in `folder` and its file; a killed run is resumed.
 
     `size` is "large", or empty for the usual one.
     """
@@ -147,9 +147,9 @@ def cook_soft(
     *,
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> Path:
-    """Return the file of the emulator that the recipe of a soft body makes in `folder`; a killed run goes on where it stopped.
+    """Return the file of the emulator that the recipe of a soft body makes in `folder`; a killed run is resumed.
 
-    It is made of copies of the packaged TOML file and mesh, as one makes an emulator of a body of one's own, and has error
+    It is made from copies of the shipped TOML file and mesh, as users make emulators of their own bodies, and has error
     bounds.
     """
     assets = resources.files("neuroanimator.systems") / "assets"

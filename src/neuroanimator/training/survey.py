@@ -15,16 +15,16 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.training.config import TrainingConfig
 
 MAX_SAMPLED_PARTS = 64
-"""Maximum number of parts that shape modes are found by."""
+"""Maximum number of parts from which shape modes are computed."""
 
 MAX_VALIDATION = 8192
-"""Maximum number of windows used for validation: more would slow training and change no digit that matters."""
+"""Maximum number of windows for validation: more would slow training without changing a relevant digit."""
 
 
 def validation_mask(
     run: Int[np.ndarray, " N"], config: TrainingConfig, part: int = 0
 ) -> Bool[np.ndarray, " N"]:
-    """Return (N,) True for windows whose whole run is kept for validation, of part number `part` of a dataset."""
+    """Return whether each window (N,) of part number `part` of a dataset belongs to a run kept for validation."""
     runs = np.unique(run)
     count = max(1, round(len(runs) * config.validation_share))
     chosen = np.random.default_rng([config.seed, 1, part]).permutation(runs)[:count]
@@ -32,20 +32,20 @@ def validation_mask(
 
 
 def training_windows(data: Dataset, number: int, config: TrainingConfig) -> Transitions:
-    """Return the windows of part `number` that are learnt from."""
+    """Return the training windows of part `number`."""
     part = data.read_part(number)
     return part.where(~validation_mask(part.run, config, number))
 
 
 def base_windows(base: Emulator, data: Transitions) -> Transitions:
-    """Return the windows in the latent numbers in which `base` makes its super steps."""
+    """Return the windows in the latent numbers of `base`."""
     states = base.encoding.encode_recorded(data.states)
     controls = base.encode_control(data.controls).astype(np.float32, copy=False)
     return replace(data, states=states, controls=controls)
 
 
 def sample_of(data: Dataset, config: TrainingConfig) -> Transitions:
-    """Return training windows from all over the dataset, as many as there is memory for; ArgumentError for none."""
+    """Return training windows from all over the dataset, as far as memory allows; ArgumentError for none."""
     share = config.memory / memory_taken(data.config, data.system)
     count = min(data.part_count, max(1, int(share * data.part_count)), MAX_SAMPLED_PARTS)
     numbers = np.unique(np.linspace(0, data.part_count - 1, count).astype(int))
@@ -68,14 +68,14 @@ def sample_of(data: Dataset, config: TrainingConfig) -> Transitions:
 
 @dataclass
 class Survey:
-    """One reading of all windows; what it found is known when it is over."""
+    """One pass over all windows; its results are complete at its end."""
 
     data: Dataset
     config: TrainingConfig
     counts: list[int] = field(default_factory=list)
     """Number of training windows in each part read so far."""
     held_out: list[Transitions] = field(default_factory=list)
-    """Windows of each part that are kept for validation, at most its share of `MAX_VALIDATION`."""
+    """Validation windows of each part, at most its share of `MAX_VALIDATION`."""
 
     def parts(self) -> Iterator[Transitions]:
         """Yield the training windows of each part that has any."""

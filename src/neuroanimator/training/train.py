@@ -36,19 +36,19 @@ from neuroanimator.training.trust_fitting import with_meter
 from neuroanimator.training.validation import validation_errors
 
 CHUNKS_PER_REPORT = 4
-"""Chunks between two validations, lines of metrics and checkpoints."""
+"""Number of chunks between two validations, lines of metrics and checkpoints."""
 
 METRICS = "metrics.jsonl"
 """Name of the file of reports in a run's folder."""
 
 Line = TypeVar("Line")
-"""Tuple that a line of `metrics.jsonl` becomes."""
+"""Tuple type of a line of `metrics.jsonl`."""
 
 MAX_LINE = 10_000
-"""Longest line of `metrics.jsonl` that is read [characters]; ours have a hundred."""
+"""Maximum length of a line of `metrics.jsonl` [characters]; ours have a hundred."""
 
 MAX_METRICS = 50_000_000
-"""Longest `metrics.jsonl` that is read [bytes]: of a hundred million updates."""
+"""Maximum size of `metrics.jsonl` [bytes]: that of a hundred million updates."""
 
 
 class Report(NamedTuple):
@@ -61,7 +61,7 @@ class Report(NamedTuple):
     unrolled_error: float
     """The same after the longest unroll."""
     seconds: float
-    """Since this process began training [s]."""
+    """Time since this process began training [s]."""
 
 
 def train(
@@ -76,8 +76,8 @@ def train(
 ) -> Emulator:
     """Train on `data`, write the best emulator by validation to `out` and return it.
 
-    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued. Where another machine may have
-    to go on, `checkpoints` is a folder or URL that both see. Nothing is locked there: two that train the same write the
+    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued. If another machine may
+    have to resume it, `checkpoints` is a folder or URL that both see. It is not locked: two that train the same write the
     same bytes.
     """
     out = Path(out)
@@ -97,7 +97,7 @@ def train(
 
 
 def _settings(feed: Feed, config: TrainingConfig) -> dict[str, Any]:
-    """Return the settings that the weights depend on: where all windows fit into memory, its size is none of them."""
+    """Return the settings on which the weights depend: not the memory's size, if all windows fit into it."""
     settings = config.model_dump(mode="json")
     if feed.pools.is_one:
         del settings["memory"]
@@ -118,16 +118,16 @@ class _Run:
     validation_states: Float[Array, "N T I"]
     validation_controls: Float[Array, "N H C"]
     measured: Transitions
-    """Latent windows that the meter of trust is fitted to."""
+    """Latent windows to which the trust meter is fitted."""
     noise: Float[np.ndarray, " S"] | None
-    """Standard deviation of the noise in the states, where they were recorded and it is known."""
+    """Standard deviation of the noise in recorded states, if it is known."""
     folder: Path
     checkpoints: Place
     fingerprint: str
-    """Names the data, the settings and the emulator the run began with."""
+    """Hash of the data, the settings and the initial emulator of the run."""
     progress: Progress
     began: float = field(default_factory=time.monotonic)
-    """When this process began to train [s]."""
+    """Time at which this process began to train [s]."""
 
     @classmethod
     def prepare(
@@ -138,7 +138,7 @@ class _Run:
         checkpoints: Place,
         start_from: Emulator | None,
     ) -> _Run:
-        """Return the run in `folder`, where it stopped if there are `checkpoints` of it."""
+        """Return the run in `folder`, resumed if there are `checkpoints` of it."""
         lesson = lesson_of(data, config, start_from)
         fresh = Progress.fresh(lesson.problem.base.network, make_optimizer(config))
         progress = read_checkpoint(checkpoints, lesson.fingerprint, fresh)
@@ -158,18 +158,18 @@ class _Run:
 
     @property
     def is_over(self) -> bool:
-        """Whether every update is done, or too many reports went by without a better network."""
+        """Whether every update is done, or too many reports have passed without a better network."""
         config = self.problem.config
         return self.progress.chunk >= config.chunks or self.progress.stale >= config.patience
 
     @property
     def best(self) -> Emulator:
-        """The emulator with the lowest validation error so far."""
+        """Emulator with the lowest validation error so far."""
         return completed(self.problem.base, self.progress.best, self.problem.rest)
 
     @property
     def known_best(self) -> Emulator:
-        """`best`, with the meter of what it knows, and with its errors there."""
+        """`best`, with its trust meter and its validation errors."""
         known = with_meter(self.best, self.measured)
         states = np.asarray(self.validation_states)
         controls = np.asarray(self.validation_controls)
@@ -205,7 +205,7 @@ class _Run:
         return report
 
     def _validation_errors(self, network: Network) -> Float[np.ndarray, " H"]:
-        """Return the root mean square error after 1..H super steps, of all numbers that move."""
+        """Return the root mean square error after 1..H super steps, over all numbers that move."""
         emulator = completed(self.problem.base, network, self.problem.rest)
         squares = _validate(emulator, self.validation_states, self.validation_controls)
         moves = np.asarray(self.problem.base.normaliser.unit) > 0
@@ -220,14 +220,14 @@ def _validate(
 
 
 def read_metrics(path: Path) -> list[Report]:
-    """Return what `metrics.jsonl` of a training at `path` tells; see `read_reports`."""
+    """Return the reports in `metrics.jsonl` of a training at `path`; see `read_reports`."""
     return read_reports(path, Report)
 
 
 def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
-    """Return what `metrics.jsonl` at `path` tells, in order; nothing where there is none. Torn lines are left out.
+    """Return the reports in `metrics.jsonl` at `path`, in order; none without a file. Torn lines are left out.
 
-    `kind` is a tuple of named numbers. BadFileError if the file is longer than any training makes it.
+    `kind` is a tuple of named numbers. BadFileError if the file is longer than that of any training.
     """
     if not path.is_file():
         return []
@@ -245,7 +245,7 @@ def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
 
 
 def trim_metrics(folder: Path, update: int) -> None:
-    """Drop lines a killed run logged after its last checkpoint."""
+    """Drop the lines that a killed run logged after its last checkpoint."""
     path = folder / METRICS
     if not path.exists():
         return
@@ -255,7 +255,7 @@ def trim_metrics(folder: Path, update: int) -> None:
 
 
 def _logged_by(line: str, update: int) -> bool:
-    """Return whether a line of the metrics was written by update number `update`; false for torn lines."""
+    """Return whether a line of the metrics was written up to update number `update`; False for torn lines."""
     try:
         return parse_json_object(line, MAX_LINE)["update"] <= update
     except (ValueError, KeyError, TypeError):

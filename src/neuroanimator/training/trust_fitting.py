@@ -1,7 +1,7 @@
 """Fit of `emulator.trust` to the last layer's activations on unseen runs.
 
-Units of the last layer are whitened, so that distance in them is what an ensemble of last layers would disagree by. Of
-the whitened directions those are kept in which errors are largest, and 99 of a hundred inputs score at most 1.
+Units of the last layer are whitened, so that distances in them are the disagreement of an ensemble of last layers. The
+whitened directions with the largest errors are kept, and scaled so that 99 of a hundred inputs score at most 1.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ from neuroanimator.state.arrays import as_rows
 from neuroanimator.training.survey import base_windows
 
 DIRECTIONS = 16
-"""Directions that are measured: half as many tell a little less, all of them take as long as the network."""
+"""Number of directions: half of them predict slightly worse, all would take as long as the network."""
 
 MAX_INPUTS = 16_384
-"""Super steps a meter is fitted to, at most."""
+"""Maximum number of super steps to which a meter is fitted."""
 
 COVERED_SHARE = 0.99
 """Share of the inputs that score at most 1."""
 
 FOLDS = 10
-"""Number of parts that the segments of recordings are divided into, each measured by directions fitted to the others."""
+"""Number of folds of the segments of recordings, each scored by directions fitted to the others."""
 
 RIDGE = 1e-3
-"""Share of the units' mean variance that is added to each: what hardly varies is not divided by nothing."""
+"""Share of the units' mean variance added to each, so that nearly constant units are not divided by zero."""
 
 WEIGHT_SHARE = 0.999
-"""Errors above this quantile count as much as it: one crash shall not choose all directions."""
+"""Quantile to which larger errors are clipped, so that one crash does not choose all directions."""
 
 SMALLEST = 1e-12
-"""Variances and scores below this are nothing."""
+"""Variance and score below which they count as zero."""
 
 
 def fit_trust(emulator: Emulator, data: Dataset) -> Emulator:
-    """Return the emulator with a meter fitted to `data`: for files from before there was one, or for other uses.
+    """Return the emulator with a trust meter fitted to `data`: for files from before there was one, or for other uses.
 
-    Data it was not trained on tell more of what it knows than those it was.
+    Data it was not trained on say more than its training data.
     """
     # Each window has several super steps, so this is more than enough.
     windows = base_windows(emulator, first_windows(data, MAX_INPUTS))
@@ -56,7 +56,7 @@ def fit_trust(emulator: Emulator, data: Dataset) -> Emulator:
 
 
 def with_meter(emulator: Emulator, windows: Transitions) -> Emulator:
-    """Return the emulator with a meter fitted to latent `windows`; of recordings its edge to segments it was not fitted to."""
+    """Return the emulator with a meter fitted to latent `windows`; for recordings its edge is found on held-out segments."""
     rows = (windows.states[:, :-1], windows.controls, windows.states[:, 1:])
     starts, held, ends = (as_jax(as_rows(row)[:MAX_INPUTS]) for row in rows)
     segments = None
@@ -65,7 +65,7 @@ def with_meter(emulator: Emulator, windows: Transitions) -> Emulator:
     units = _units_and_errors(emulator, starts, held, ends)
     odd, even, errors = (np.asarray(rows, float) for rows in units)
     meter = fit_meter(odd, even, errors, segments)
-    # Bounds of errors are by scores of another meter, and mostly of another network.
+    # Existing error bounds belong to the scores of another meter, and mostly of another network.
     return replace(emulator, meter=meter, calibration=None)
 
 
@@ -92,11 +92,11 @@ def _units_and_errors(
 
 
 class _Directions(NamedTuple):
-    """Directions of some units, the most telling last."""
+    """Directions of some units, the most predictive last."""
 
     vectors: Float[np.ndarray, "H D"]
     telling: Float[np.ndarray, " D"]
-    """Size of errors along each, over their mean."""
+    """Size of errors along each direction, over their mean."""
 
 
 def fit_meter(
@@ -105,11 +105,11 @@ def fit_meter(
     errors: Float[np.ndarray, " M"],
     segments: Int[np.ndarray, " M"] | None = None,
 ) -> TrustMeter:
-    """Return the meter of these units, made by inputs with these `errors`.
+    """Return the meter of these units, from inputs with these `errors`.
 
-    Inputs of one of the `segments` follow each other: of what a segment holds, the others say less than its own inputs
-    do. So the edge is found by scores of segments to which the directions were not fitted. Without them inputs count as
-    independent.
+    Inputs within one of the `segments` are correlated, so a segment is predicted better by its own inputs than by others.
+    So the edge is found from scores of segments left out of the fit of the directions. Without `segments`, inputs count
+    as independent.
     """
     directions = _fit_directions(odd, even, errors)
     scores = directions.scores(odd, even)
@@ -129,7 +129,7 @@ def _scores_of_unseen(
     errors: Float[np.ndarray, " M"],
     segments: Int[np.ndarray, " M"],
 ) -> Float[np.ndarray, " M"]:
-    """Return the score of each input by directions that were fitted without its fold of the segments."""
+    """Return the score of each input by directions fitted without its fold of the segments."""
     scores = np.empty(len(errors))
     numbers = np.unique(segments)
     for fold in range(FOLDS):
@@ -143,7 +143,7 @@ def _scores_of_unseen(
 
 
 class _Measure(NamedTuple):
-    """Directions of both kinds of units, and how far from what scores are measured."""
+    """Directions of both kinds of units, and the origin of the scores."""
 
     odd: Float[np.ndarray, "H P"]
     even: Float[np.ndarray, "G Q"]
@@ -152,7 +152,7 @@ class _Measure(NamedTuple):
     def scores(
         self, odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"]
     ) -> Float[np.ndarray, " M"]:
-        """Return the distance of each input's units, whose edge is yet to be found."""
+        """Return the distance of each input's units, before scaling to the edge."""
         return np.sqrt(
             ((odd @ self.odd) ** 2).sum(1) + (((even - self.even_mean) @ self.even) ** 2).sum(1)
         )
@@ -161,11 +161,11 @@ class _Measure(NamedTuple):
 def _fit_directions(
     odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"], errors: Float[np.ndarray, " M"]
 ) -> _Measure:
-    """Return the `DIRECTIONS` of whitened units that tell most of errors."""
+    """Return the `DIRECTIONS` of whitened units that best predict errors."""
     mean = even.mean(axis=0)
     weights = np.minimum(errors, np.quantile(errors, WEIGHT_SHARE))
     weights = weights / max(weights.mean(), SMALLEST)
-    # Apart, as if every input came with its mirror image: then nothing of one goes along with the other.
+    # Separately, as if every input came with its mirror image: then odd and even units are uncorrelated.
     found = [_directions(rows, weights) for rows in (odd, even - mean)]
     least = np.sort(np.concatenate([one.telling for one in found]))[-DIRECTIONS:][0]
     odd_kept, even_kept = (one.vectors[:, one.telling >= least] for one in found)
@@ -173,7 +173,7 @@ def _fit_directions(
 
 
 def _directions(units: Float[np.ndarray, "M H"], weights: Float[np.ndarray, " M"]) -> _Directions:
-    """Return the directions of whitened `units`, by how much inputs of large errors go along them."""
+    """Return the directions of whitened `units`, ordered by the extent of inputs with large errors along them."""
     size = units.shape[1]
     if not size:
         return _Directions(np.zeros((0, 0)), np.zeros(0))

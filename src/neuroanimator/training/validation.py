@@ -1,4 +1,4 @@
-"""One-step errors of a trained emulator on held-out runs, beside those of cheap predictors."""
+"""One-step errors of a trained emulator on held-out runs, and those of cheap predictors."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from neuroanimator.emulator.verdict import ValidationErrors, WindowErrors
 from neuroanimator.state.body_frame import Frame
 
 NOISE_SEED = 3
-"""Seed of the noise that is added to states."""
+"""Seed of the noise added to states."""
 
 MAX_WINDOWS = 1024
-"""Maximum number of windows whose ends are looked at: their nodes take memory."""
+"""Maximum number of windows whose ends are measured: their nodes take memory."""
 
 MAX_NODES = 256
-"""Maximum number of nodes looked at, spread over the body."""
+"""Maximum number of nodes measured, spread over the body."""
 
 LARGEST_ERROR = 1e6
-"""Errors above this count as much as it, and so do those that are not finite: files hold finite numbers."""
+"""Maximum error, which also stands for non-finite ones: files hold finite numbers."""
 
 
 def validation_errors(
@@ -37,7 +37,7 @@ def validation_errors(
 ) -> ValidationErrors:
     """Return the errors of the first super steps of windows of T = H + 1 latent states and the latent controls between.
 
-    `noise` is the standard deviation of that in recorded states, where it is known.
+    `noise` is the standard deviation of the noise in recorded states, if it is known.
     """
     starts = states[:, 0]
     ends = states[:, 1]
@@ -72,7 +72,7 @@ def window_errors(
     states: Float[np.ndarray, "N T I"],
     controls: Float[np.ndarray, "N H C"],
 ) -> WindowErrors | None:
-    """Return how far a soft body is astray at the ends of windows of T = H + 1 latent states; None of other bodies."""
+    """Return the errors of a soft body at the ends of windows of T = H + 1 latent states; None for other bodies."""
     shapes = emulator.skeleton.shapes
     if shapes is None:
         return None
@@ -139,7 +139,7 @@ def noise_differences(
     truth: Float[np.ndarray, "N S"],
     noise: Float[np.ndarray, " S"],
 ) -> tuple[Float[np.ndarray, "N V"], Float[np.ndarray, "N V"]]:
-    """Return the differences that `noise` makes: in what follows from `states`, and in the `truth` it is compared with."""
+    """Return the differences due to `noise`: in the states following `states`, and in the `truth` they are compared with."""
     rng = np.random.default_rng(NOISE_SEED)
     at_start = rng.normal(size=states.shape) * noise
     at_end = rng.normal(size=states.shape) * noise

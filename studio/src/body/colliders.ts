@@ -1,17 +1,17 @@
-// Spheres and capsules that go with bones: what strikes a cloth, and what is taken hold of.
+// Spheres and capsules that move with bones: they strike a cloth, and can be grabbed.
 
 import type { Bone, Shape } from "../bundle/bundle";
 import type { Pose } from "./pose";
 import { rotate } from "./quaternion";
 
-/** All points nearer than a radius [m] to the line between two ends, in the frame of a bone; of a sphere they are one. */
+/** All points within a radius [m] of the line between two ends, in the frame of a bone; equal ends make a sphere. */
 export interface Collider {
   readonly bone: number;
   readonly ends: readonly [number[], number[]];
   readonly radius: number;
 }
 
-/** Return the spheres and capsules of the bones; other shapes are as large as the sphere within them. */
+/** Return the spheres and capsules of the bones; other shapes count as the sphere within them. */
 export function collidersOf(skeleton: readonly Bone[]): Collider[] {
   return skeleton.flatMap((bone, number) => bone.shapes.map((shape) => colliderOf(shape, number)));
 }

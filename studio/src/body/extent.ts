@@ -1,21 +1,21 @@
-// Where a body is and how large it is, from its pose alone.
+// Position and size of a body, from its pose alone.
 
 import type { Bone } from "../bundle/bundle";
 import { isMoved, type Pose } from "./pose";
 
-/** Where a body is [m]: its middle, lowest and highest point, by its bones. */
+/** Middle, lowest and highest point of a body [m], by its bones. */
 export interface Extent {
   readonly middle: [number, number, number];
   readonly low: number;
   readonly high: number;
 }
 
-/** Return the number of each bone that moves. */
+/** Return the numbers of the moving bones. */
 export function movingBones(skeleton: readonly Bone[]): number[] {
   return skeleton.map((_, number) => number).filter((number) => isMoved(skeleton, number));
 }
 
-/** Return how far a bone's shapes, or what follows it of a model's skin, reach from its origin [m]. */
+/** Return the reach of a bone's shapes, or of a model's skin that follows it, from its origin [m]. */
 export function reachOf(bone: Bone): number {
   const reaches = bone.shapes.map((shape) => {
     const largest = shape.kind === "capsule" ? shape.size[0]! + shape.size[1]! : Math.max(...shape.size);
@@ -24,13 +24,13 @@ export function reachOf(bone: Bone): number {
   return Math.max(bone.reach ?? 0, ...reaches);
 }
 
-/** Return those of `bones` of which something is drawn; all of them where a skin is drawn around mass points. */
+/** Return the drawn ones among `bones`; all of them if a skin is drawn around mass points. */
 function drawnOf(skeleton: readonly Bone[], bones: readonly number[]): readonly number[] {
   const drawn = bones.filter((number) => reachOf(skeleton[number]!) > 0);
   return drawn.length > 0 ? drawn : bones;
 }
 
-/** Return the box around so many `bones`; each reaches as far as its shapes. */
+/** Return the box around `bones`, each with its shapes. */
 export function extentOf(skeleton: readonly Bone[], bones: readonly number[], pose: Pose): Extent {
   const low = [Infinity, Infinity, Infinity];
   const high = [-Infinity, -Infinity, -Infinity];

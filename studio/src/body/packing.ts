@@ -1,33 +1,33 @@
-// A surface as a graphics card reads it: a texture of whole numbers, in which every node has a block of texels.
+// A surface for the graphics card: a texture of integers with a block of texels for every node.
 //
 //   node: G groups of 4 shapes, each 3 texels (x, y and z of the 4 shapes); then G groups, each 6 texels of tangents
 //
-// What stands in a texel times the 4 weights of its group is part of where a node is, or of a tangent; a weight is an
-// amplitude times the scale of its shape.
+// A texel times the 4 weights of its group is a part of a node's position, or of a tangent; a weight is an amplitude times
+// the scale of its shape.
 
 import type { Surface } from "./surface";
 import { neighbourhoods, type Neighbourhood } from "./tangents";
 
-/** Shapes in a group: a texel has so many numbers. */
+/** Number of shapes in a group, which is that of a texel's numbers. */
 export const GROUP = 4;
 
-/** Texels of a group: x, y, z of the displacement, of the tangent across, and of that along. */
+/** Number of texels of a group: x, y, z of the displacement, of the tangent across, and of that along. */
 export const ROWS = 9;
 
-/** Every machine has textures of so many texels along a side. */
+/** Largest texture size that every machine supports [texels along a side]. */
 const MAX_SIDE = 4096;
 
-/** Largest number of 16 bits with a sign. */
+/** Largest signed 16-bit integer. */
 const LARGEST = 2 ** 15 - 1;
 
 export interface PackedSurface {
   readonly texels: Int16Array<ArrayBuffer>;
   readonly width: number;
   readonly height: number;
-  /** Groups of shapes that are drawn: all, or as many of the first as find room. */
+  /** Number of groups of shapes drawn: all, or as many of the first ones as fit. */
   readonly groups: number;
   readonly nodesPerRow: number;
-  /** Tangents stand in the texture in units of this, which displacements have not [1/m]. */
+  /** Unit of the tangents in the texture, unlike displacements [1/m]. */
   readonly tangentScale: number;
   /** Tangents of the mean surface (N, 3). */
   readonly across: Float32Array<ArrayBuffer>;
@@ -36,7 +36,7 @@ export interface PackedSurface {
 
 const known = new WeakMap<Surface, PackedSurface>();
 
-/** Return the surface as textures hold it, the same every time. */
+/** Return the surface packed for textures, the same object every time. */
 export function packedOf(surface: Surface): PackedSurface {
   const packed = known.get(surface) ?? packSurface(surface);
   known.set(surface, packed);
@@ -83,7 +83,7 @@ export function writeWeights(surface: Surface, state: ArrayLike<number>, out: Fl
   }
 }
 
-/** Return how many groups find room in a texture, `wanted` at most: the last shapes are the finest wrinkles. */
+/** Return the number of groups that fit into a texture, at most `wanted`: the last shapes are the finest wrinkles. */
 export function groupsWithRoom(nodes: number, wanted: number): number {
   let groups = wanted;
   while (groups > 1 && Math.ceil(nodes / Math.floor(MAX_SIDE / (ROWS * groups))) > MAX_SIDE) {

@@ -1,9 +1,9 @@
-// Where the bones of a body are in a state (appearance/skeleton.py, appearance/binding.py, state/links.py).
+// Poses of the bones of a body in a state (appearance/skeleton.py, appearance/binding.py, state/links.py).
 
 import { isMeshSkin, type Binding, type Bone, type Bundle, type Joint, type Weights } from "../bundle/bundle";
 import { multiply, normalised, quaternionOfAxes, rotate } from "./quaternion";
 
-/** Directions are never divided by less [m]. */
+/** Smallest length that a direction is divided by [m]. */
 const MIN_LENGTH = 1e-12;
 
 /** Positions (B, 3) [m] and orientations wxyz (B, 4) of bones in the world. */
@@ -12,12 +12,12 @@ export interface Pose {
   readonly orientations: Float64Array;
 }
 
-/** Return room for the pose of so many bones. */
+/** Return an empty pose of `bones` bones. */
 export function emptyPose(bones: number): Pose {
   return { positions: new Float64Array(3 * bones), orientations: new Float64Array(4 * bones) };
 }
 
-/** Write where all bones are in `state` to `pose`. */
+/** Write the pose of all bones in `state` to `pose`. */
 export function poseBones(skeleton: readonly Bone[], state: ArrayLike<number>, pose: Pose): void {
   skeleton.forEach((bone, number) => {
     let { position, orientation } = bone.binding ? boundPose(bone.binding, state) : jointedPose(bone, state);
@@ -31,7 +31,10 @@ export function poseBones(skeleton: readonly Bone[], state: ArrayLike<number>, p
   });
 }
 
-/** Return the pose a skin was made in: a model's says it, others are around bones that hang from the world. The body at rest may be elsewhere, as the dolphin under water. */
+/**
+ * Return the pose in which a skin was made: a model's skin holds it; others are made around bones whose parent is the world.
+ * The body at rest may be elsewhere, as the dolphin under water.
+ */
 export function skinPose(skeleton: readonly Bone[], skin: Bundle["skin"] = null): Pose {
   const pose = emptyPose(skeleton.length);
   skeleton.forEach(({ offset, orientation }, number) => {
@@ -47,7 +50,7 @@ export function skinPose(skeleton: readonly Bone[], skin: Bundle["skin"] = null)
   return pose;
 }
 
-/** Return where bone `number` is [m]. */
+/** Return the position of bone `number` [m]. */
 export function positionOf(pose: Pose, number: number): number[] {
   return Array.from(pose.positions.subarray(3 * number, 3 * number + 3));
 }
@@ -57,7 +60,7 @@ export function orientationOf(pose: Pose, number: number): number[] {
   return Array.from(pose.orientations.subarray(4 * number, 4 * number + 4));
 }
 
-/** Return whether anything moves a bone, or one it hangs from; what nothing moves is scenery. */
+/** Return whether anything moves a bone or one of its ancestors; a bone that nothing moves is scenery. */
 export function isMoved(skeleton: readonly Bone[], number: number): boolean {
   for (let i = number; i >= 0; i = skeleton[i]!.parent) {
     const bone = skeleton[i]!;
@@ -73,7 +76,7 @@ interface BonePose {
   orientation: number[];
 }
 
-/** Where a bone is in its parent's frame, joint after joint as MuJoCo does. */
+/** Pose of a bone in its parent's frame, joint after joint as in MuJoCo. */
 function jointedPose(bone: Bone, state: ArrayLike<number>): BonePose {
   let position: number[] = [...bone.offset];
   let orientation: number[] = [...bone.orientation];
@@ -104,7 +107,7 @@ function jointRotation(joint: Joint, state: ArrayLike<number>): number[] {
   return [Math.cos(half), sine * joint.axis[0], sine * joint.axis[1], sine * joint.axis[2]];
 }
 
-/** Where a bone is that goes with mass points: X along `forward`, Z along `up` as far as that is across. */
+/** Pose of a bone that follows mass points: X along `forward`, Z along the part of `up` across it. */
 function boundPose(binding: Binding, state: ArrayLike<number>): BonePose {
   const position = weightedSum(binding.position, state);
   if (binding.forward.length === 0) {

@@ -1,6 +1,6 @@
 // Quaternions wxyz, as everywhere inside NeuroAnimator.
 
-/** Return the product: first the rotation `b`, then `a`. */
+/** Return the product: `b` acts first, then `a`. */
 export function multiply(a: ArrayLike<number>, b: ArrayLike<number>): number[] {
   const aw = a[0]!, ax = a[1]!, ay = a[2]!, az = a[3]!;
   const bw = b[0]!, bx = b[1]!, by = b[2]!, bz = b[3]!;
@@ -27,7 +27,7 @@ export function rotate(quaternion: ArrayLike<number>, vector: ArrayLike<number>)
   ];
 }
 
-/** Return the quaternion at unit length; no rotation if it has none. */
+/** Return the normalised quaternion; no rotation for a zero one. */
 export function normalised(quaternion: ArrayLike<number>): number[] {
   const numbers = [quaternion[0]!, quaternion[1]!, quaternion[2]!, quaternion[3]!];
   const length = Math.hypot(...numbers);
@@ -39,7 +39,7 @@ export function quaternionOfAxes(x: ArrayLike<number>, y: ArrayLike<number>, z: 
   const m00 = x[0]!, m10 = x[1]!, m20 = x[2]!;
   const m01 = y[0]!, m11 = y[1]!, m21 = y[2]!;
   const m02 = z[0]!, m12 = z[1]!, m22 = z[2]!;
-  // The largest of the four components is found first, so that no division is by a small number.
+  // The largest of the four components comes first, to avoid a division by a small number.
   const traces = [m00 + m11 + m22, m00 - m11 - m22, m11 - m00 - m22, m22 - m00 - m11];
   const largest = traces.indexOf(Math.max(...traces));
   const twice = Math.sqrt(1 + traces[largest]!) * 2;

@@ -1,4 +1,4 @@
-// Where the whole body is and where it points, read from its state (state/pose.py, policies/steering.py).
+// Position and direction of the whole body, read from its state (state/pose.py, policies/steering.py).
 
 import type { Root, Weights } from "../bundle/bundle";
 import { rotate } from "./quaternion";
@@ -6,17 +6,17 @@ import { rotate } from "./quaternion";
 export type Vector = [number, number, number];
 
 export interface RootPose {
-  /** [m] */
+  /** Position [m]. */
   readonly position: Vector;
-  /** [m/s] */
+  /** Velocity [m/s]. */
   readonly velocity: Vector;
-  /** Unit vector in which it points. */
+  /** Unit vector forward. */
   readonly forward: Vector;
-  /** Unit vector to its left. */
+  /** Unit vector to the left. */
   readonly left: Vector;
-  /** Unit vector upward from it, at right angles to where it points. */
+  /** Unit vector upward, perpendicular to forward. */
   readonly up: Vector;
-  /** How far it is rolled over to its right [rad]. */
+  /** Roll to the right [rad]. */
   readonly roll: number;
 }
 

@@ -1,10 +1,10 @@
-// Bones of many swimmers at once: matrices from the pose their skin was made in to the present one, without new arrays.
+// Bones of many swimmers at once: matrices from the pose in which their skin was made to the current one, without new arrays.
 
 import type { Bone, Weights } from "../bundle/bundle";
 import { orientationOf, positionOf, skinPose, type Pose } from "./pose";
 import { rotate } from "./quaternion";
 
-/** Numbers of a bone's matrix: three rows of four. */
+/** Number of entries of a bone's matrix: three rows of four. */
 export const MATRIX_SIZE = 12;
 
 interface FlatWeights {
@@ -16,7 +16,7 @@ interface FlatBone {
   readonly position: FlatWeights;
   readonly forward: FlatWeights;
   readonly up: FlatWeights;
-  /** From the skin as it was made into the bone: rotation by rows, then the translation. */
+  /** Transform from the skin, as it was made, to the bone: rotation by rows, then the translation. */
   readonly inverse: Float64Array;
 }
 
@@ -111,7 +111,7 @@ function weightedSum({ entries, weights }: FlatWeights, state: ArrayLike<number>
   return sum;
 }
 
-/** Return what takes a point of the world into the frame of bone `number` in `pose`. */
+/** Return the transform from the world to the frame of bone `number` in `pose`. */
 function inverseOf(pose: Pose, number: number): Float64Array {
   const position = positionOf(pose, number);
   const orientation = orientationOf(pose, number);

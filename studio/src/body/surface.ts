@@ -1,22 +1,22 @@
-// The surface of a soft body: a mean and shapes, of which a state holds the amplitudes (appearance/shapes.py).
+// The surface of a soft body: a mean and shapes, whose amplitudes a state holds (appearance/shapes.py).
 
 import { floatsOf, int16Of, uint32Of } from "../bundle/base64";
 import type { Placement, SurfaceArrays, Vector3 } from "../bundle/bundle";
 import { normalised, rotate } from "./quaternion";
 
 export interface Surface {
-  /** (N, 3) [m] */
+  /** Mean positions (N, 3) [m]. */
   readonly mean: Float32Array<ArrayBuffer>;
-  /** (K, N, 3), in units of `scales`. */
+  /** Shapes (K, N, 3), in units of `scales`. */
   readonly modes: Int16Array<ArrayBuffer>;
   readonly scales: Float32Array<ArrayBuffer>;
-  /** (F, 3) */
+  /** Corners of the triangles (F, 3). */
   readonly faces: Uint32Array<ArrayBuffer>;
   readonly first: number;
   readonly placement: Placement;
   readonly nodes: number;
   readonly shapes: number;
-  /** The box around the nodes with every amplitude zero, in their own frame. */
+  /** The box around the nodes at zero amplitudes, in their own frame. */
   readonly box: Box;
 }
 
@@ -28,7 +28,7 @@ export interface Box {
 
 const known = new WeakMap<SurfaceArrays, Surface>();
 
-/** Return the surface that a bundle describes, the same one every time; an error names what does not fit together. */
+/** Return the surface that a bundle describes, the same object every time; an error names an inconsistency. */
 export function surfaceOf(arrays: SurfaceArrays): Surface {
   const surface = known.get(arrays) ?? readSurface(arrays);
   known.set(arrays, surface);
@@ -51,13 +51,13 @@ function readSurface(arrays: SurfaceArrays): Surface {
   return { mean, modes, scales, faces, first: arrays.first, placement: arrays.placement, nodes, shapes, box: boxOf(mean) };
 }
 
-/** Where a frame is: its origin in the world [m], and the quaternion from it to the world. */
+/** Pose of a frame: its origin in the world [m], and the quaternion from it to the world. */
 export interface Frame {
   readonly origin: [number, number, number];
   readonly turn: number[];
 }
 
-/** Return the frame that all nodes go and turn with in a state. */
+/** Return the frame with which all nodes move and turn in a state. */
 export function surfaceFrame({ placement }: Pick<Surface, "placement">, state: ArrayLike<number>): Frame {
   const { position: p, heading, orientation: q } = placement;
   const origin: [number, number, number] = p < 0 ? [0, 0, 0] : [state[p]!, state[p + 1]!, state[p + 2]!];
@@ -68,7 +68,7 @@ export function surfaceFrame({ placement }: Pick<Surface, "placement">, state: A
   return { origin, turn: [Math.cos(half), 0, 0, Math.sin(half)] };
 }
 
-/** Return where a point of a frame is in the world [m]. */
+/** Return the world position of a point of a frame [m]. */
 export function inWorld({ origin, turn }: Frame, point: ArrayLike<number>): [number, number, number] {
   const [x, y, z] = rotate(turn, point);
   return [origin[0] + x!, origin[1] + y!, origin[2] + z!];
@@ -84,7 +84,7 @@ function boxOf(mean: Float32Array): Box {
   return { low, high };
 }
 
-/** Return the heading [rad] of the level direction in which the nodes lie least far apart: whence a cloth shows its face. */
+/** Return the heading [rad] of the level direction of the nodes' smallest extent, from which a cloth shows its face. */
 export function facing({ mean, nodes }: Pick<Surface, "mean" | "nodes">): number {
   let [x, y, xx, xy, yy] = [0, 0, 0, 0, 0];
   for (let i = 0; i < nodes; i++) {
@@ -102,7 +102,7 @@ export function facing({ mean, nodes }: Pick<Surface, "mean" | "nodes">): number
 
 /**
  * Return the root mean square distance [m] of the nodes of two states: modes are orthogonal, of root mean square 1 a node.
- * How far their frames are apart is seen by the corners of the surface's box.
+ * The distance of their frames is measured at the corners of the surface's box.
  */
 export function surfaceGap(surface: Surface, one: ArrayLike<number>, other: ArrayLike<number>): number {
   let square = 0;
@@ -122,7 +122,7 @@ export function cornersOf({ low, high }: Box): number[][] {
   return Array.from({ length: 8 }, (_, corner) => [0, 1, 2].map((axis) => ((corner >> axis) % 2 === 0 ? low : high)[axis]!));
 }
 
-/** Return whether a surface is closed, each edge one of two triangles: that of a solid, and not a cloth. */
+/** Return whether a surface is closed, with two triangles at each edge: a solid, not a cloth. */
 export function isClosed({ faces, nodes }: Pick<Surface, "faces" | "nodes">): boolean {
   const open = new Set<number>();
   for (let i = 0; i < faces.length; i += 3) {
@@ -137,7 +137,7 @@ export function isClosed({ faces, nodes }: Pick<Surface, "faces" | "nodes">): bo
   return open.size === 0;
 }
 
-/** Return the nodes that no shape moves: those that the anchor holds. */
+/** Return the nodes that no shape moves, held by the anchor. */
 export function heldNodes({ modes, nodes, shapes }: Pick<Surface, "modes" | "nodes" | "shapes">): number[] {
   const isHeld = (node: number): boolean => {
     for (let shape = 0; shape < shapes; shape++) {

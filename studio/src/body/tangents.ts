@@ -1,12 +1,12 @@
-// Normals of a surface by two tangents at each node. Tangents are sums over neighbours, so that they follow from
-// amplitudes as nodes do: a mean, and shapes. A normal is their cross product.
+// Normals of a surface from two tangents at each node. Tangents are sums over neighbours, so they are linear in the
+// amplitudes as nodes are: a mean, and shapes. A normal is their cross product.
 
 import type { Surface } from "./surface";
 
 /** Added to the squares of a node's neighbourhood, over their sum, so that neighbours on one line do no harm. */
 const DAMPING = 1e-6;
 
-/** What the tangents of a node are sums of: the neighbours, from the node, times weights [1/m]. */
+/** The terms of a node's tangents: its neighbours, relative to the node, times weights [1/m]. */
 export interface Neighbourhood {
   readonly neighbours: Uint32Array;
   /** Weights of the tangent across, and of that along: their cross product is the normal. */
@@ -15,8 +15,8 @@ export interface Neighbourhood {
 }
 
 /**
- * Return the neighbourhood of every node. The weights are those of the linear map, by least squares, from where the
- * neighbours are in the plane of the mean surface to where they are moved: exact if a neighbourhood is moved by one.
+ * Return the neighbourhood of every node. The weights are those of the least-squares linear map from the neighbours'
+ * positions in the plane of the mean surface to their moved positions: exact if a neighbourhood is moved by such a map.
  */
 export function neighbourhoods({ mean, faces, nodes }: Pick<Surface, "mean" | "faces" | "nodes">): Neighbourhood[] {
   const sets = Array.from({ length: nodes }, () => new Set<number>());
@@ -67,7 +67,7 @@ export function meanNormals({ mean, faces, nodes }: Pick<Surface, "mean" | "face
   return normals;
 }
 
-/** Return two unit vectors at right angles to a normal, of which the first times the second is the normal. */
+/** Return two unit vectors perpendicular to a normal, whose cross product is the normal. */
 function plane([x, y, z]: ArrayLike<number> & Iterable<number>): [number[], number[]] {
   const [nx, ny, nz] = [x as number, y as number, z as number];
   // Duff et al., Building an Orthonormal Basis, Revisited (2017).

@@ -1,6 +1,6 @@
-// Arrays as they stand in JSON: base64 of little-endian numbers.
+// Arrays in JSON: base64 of little-endian numbers.
 
-/** Return the bytes that base64 stands for. */
+/** Return the bytes of a base64 text. */
 export function bytesOf(text: string): Uint8Array<ArrayBuffer> {
   const characters = atob(text);
   const bytes = new Uint8Array(characters.length);

@@ -1,4 +1,4 @@
-// What a bundle says about one emulator: its facts, its skeleton and skin, where it lives and what it can show.
+// The contents of a bundle of one emulator: its facts, its skeleton and skin, its scenery and motions.
 
 import { sizeOf, type Layout } from "./layout";
 
@@ -37,16 +37,16 @@ export interface Bone {
   readonly joints: readonly Joint[];
   readonly shapes: readonly Shape[];
   readonly binding?: Binding | null;
-  /** How far what follows it of a model's skin reaches from its origin [m]. */
+  /** Reach of the part of a model's skin that follows it, from its origin [m]. */
   readonly reach?: number;
 }
 
 /** A skin of a MuJoCo model: triangles whose vertices follow up to four bones each (appearance/mesh_skin.py). */
 export interface MeshSkin {
   readonly kind: "mesh";
-  /** Bones that vertices follow, and where they are in the pose that the skin was made in. */
+  /** Bones that vertices follow, and their pose when the skin was made. */
   readonly bones: readonly { readonly number: number; readonly position: Vector3; readonly orientation: Quaternion }[];
-  /** Triangles of one colour (sRGB), those after the part before. */
+  /** Triangles of one colour (sRGB), after those of the part before. */
   readonly parts: readonly { readonly name: string; readonly colour: Vector3; readonly triangles: number }[];
   readonly lowest: Vector3;
   readonly step: number;
@@ -54,9 +54,9 @@ export interface MeshSkin {
   readonly vertices: string;
   /** Uint16 (M, 3). */
   readonly triangles: string;
-  /** Uint8 (V, 4): places in `bones`. */
+  /** Uint8 (V, 4): indices into `bones`. */
   readonly influences: string;
-  /** Uint8 (V, 4): weights, of 255 together. */
+  /** Uint8 (V, 4): weights, which add up to 255. */
   readonly weights: string;
 }
 
@@ -66,7 +66,7 @@ export interface SkinArrays {
   readonly positions: string;
   readonly normals: string;
   readonly uvs?: string;
-  /** Parts of the skin by what they are: body, fin, eye; indices are sorted by part. */
+  /** Parts of the skin by name: body, fin, eye; indices are sorted by part. */
   readonly parts?: readonly (readonly [name: string, firstIndex: number, indices: number])[];
   readonly colours: string;
   readonly indices: string;
@@ -74,19 +74,19 @@ export interface SkinArrays {
   readonly weights: string;
 }
 
-/** State entries that say where a frame is and how it is turned; -1 where they do not say (state/placement.py). */
+/** State entries of the position and rotation of a frame; -1 for those that do not exist (state/placement.py). */
 export interface Placement {
-  /** Where its origin begins [m]. */
+  /** First entry of its origin [m]. */
   readonly position: number;
-  /** How far it is turned about Z [rad]. */
+  /** Entry of its heading about Z [rad]. */
   readonly heading: number;
-  /** Where its quaternion begins. */
+  /** First entry of its quaternion. */
   readonly orientation: number;
 }
 
-/** The surface of a soft body: nodes, and shapes that are added to them by their amplitudes; each array in base64. */
+/** The surface of a soft body: nodes, and shapes added to them by amplitude; each array in base64. */
 export interface SurfaceArrays {
-  /** Float32 (N, 3): where the nodes are, in their own frame, if every amplitude is zero [m]. */
+  /** Float32 (N, 3): positions of the nodes in their own frame at zero amplitudes [m]. */
   readonly mean: string;
   /** Int16 (K, N, 3): displacement of the nodes by each amplitude, in units of its scale. */
   readonly modes: string;
@@ -101,18 +101,18 @@ export interface SurfaceArrays {
   readonly colour: Vector3;
 }
 
-/** What a user moves: `size` numbers from `entry` on are its position [m] and, if it turns, its heading [rad]; as many controls their rates. */
+/** A mover: `size` numbers from `entry` on are its position [m] and, if it turns, heading [rad]; its controls are their rates. */
 export type MoverFacts = readonly [name: string, entry: number, control: number, size: number];
 
-/** What varies over a family of bodies: one number of a state, which no motion changes. */
+/** A parameter of a family of bodies: one number of a state, which no motion changes. */
 export interface ParameterFacts {
   readonly name: string;
   readonly unit: string;
-  /** Ends of the range that was trained. */
+  /** Ends of the trained range. */
   readonly low: number;
   readonly high: number;
   readonly entry: number;
-  /** By how much mass points at rest lie elsewhere along the body's axes, per unit of it [m]; empty where there are none. */
+  /** Displacement of mass points at rest along the body's axes, per unit of it [m]; empty without mass points. */
   readonly growth: readonly Vector3[];
 }
 
@@ -136,7 +136,7 @@ export type CommandPart = readonly [name: string, unit: string, low: number, hig
 export interface PolicyFacts {
   readonly wasm: string;
   readonly command: readonly CommandPart[];
-  /** What its clock gains with a super step [rad]; null of a policy whose clock and commands are in the state. */
+  /** Phase by which its clock advances in a super step [rad]; null for a policy whose clock and commands are in the state. */
   readonly phase_per_step: number | null;
 }
 
@@ -146,17 +146,17 @@ export interface DefaultMotion {
   readonly pushes?: readonly Push[];
 }
 
-/** Somebody's hand: before super step `step`, `change` (S) is added to the state. */
+/** A push by a user: before super step `step`, `change` (S) is added to the state. */
 export type Push = readonly [step: number, change: readonly number[]];
 
-/** A place of a goal that may be moved: the first of three entries it stands in, if any, and where it is [m]. */
+/** A movable place of a goal: the first of its three entries, if any, and its position [m]. */
 export interface MovablePlace {
   readonly kind: "place";
   readonly entry: number | null;
   readonly at: Vector3;
 }
 
-/** A goal of control: a state to be in at the end, or a place to be at. */
+/** A goal of control: a final state, or a place to reach. */
 export interface Goal {
   readonly name: string;
   readonly kind: "state" | "place";
@@ -165,7 +165,7 @@ export interface Goal {
   readonly target: readonly number[] | null;
   readonly is_at_start?: boolean;
   readonly movable: MovablePlace | null;
-  /** Of a state: [entry, value, tolerance] of each number that counts; of a place: how near is near enough [m]. */
+  /** For a state: [entry, value, tolerance] of each number that counts; for a place: the tolerance [m]. */
   readonly within: readonly (readonly [number, number, number])[] | { readonly distance: number };
 }
 
@@ -184,9 +184,9 @@ export interface Bundle {
   readonly id: string;
   readonly system: string;
   readonly about: string;
-  /** How good the emulator is where it was trained; null where its file does not tell, undefined of physics. */
+  /** How good the emulator is where it was trained; null if its file does not say, undefined for physics. */
   readonly verdict?: { readonly word: string; readonly reasons: string } | null;
-  /** What makes its super steps: an emulator, or the physics itself where that costs less. */
+  /** What makes its super steps: an emulator, or the physics itself if that costs less. */
   readonly model?: "emulator" | "physics";
   readonly dt: number;
   readonly physics_dt: number;
@@ -202,11 +202,11 @@ export interface Bundle {
   readonly orientations: Pairs;
   readonly skeleton: readonly Bone[];
   readonly skin: SkinArrays | MeshSkin | null;
-  /** Of a soft body; null or undefined of anything else. */
+  /** Surface of a soft body; null or undefined for anything else. */
   readonly surface?: SurfaceArrays | null;
-  /** What moves a soft body, and strikes it. */
+  /** Movers of a soft body, which hold or strike it. */
   readonly movers?: readonly MoverFacts[];
-  /** Of a family of bodies. */
+  /** Parameters of a family of bodies. */
   readonly parameters?: readonly ParameterFacts[];
   readonly gait?: GaitFacts | null;
   readonly root: Root | null;
@@ -216,12 +216,12 @@ export interface Bundle {
   readonly goals: readonly Goal[];
   readonly emulator: string;
   readonly can_simulate?: boolean;
-  /** File of the true physics, beside `bundle.json`, where there is one: a page without a server runs it. */
+  /** File of the true physics, beside `bundle.json`, if there is one: a page without a server runs it. */
   readonly physics?: string | null;
   readonly descents: readonly unknown[];
 }
 
-/** Return whether the page runs the true physics of a bundle: there is nothing to doubt, and nothing to compare it with. */
+/** Return whether the page runs the true physics of a bundle, with nothing to doubt or to compare with. */
 export function isPhysics(facts: Bundle): boolean {
   return facts.model === "physics";
 }
@@ -231,17 +231,17 @@ export function isMeshSkin(skin: SkinArrays | MeshSkin | null): skin is MeshSkin
   return skin?.kind === "mesh";
 }
 
-/** Return whether a bundle is of mass points under a skin. */
+/** Return whether a bundle has mass points under a skin. */
 export function isSkinnedPoints(facts: Bundle): boolean {
   return facts.skin !== null && !isMeshSkin(facts.skin);
 }
 
-/** Return whether a bundle is of a soft body on solid ground, which may be thrown and tumble: no side of it is its front. */
+/** Return whether a bundle has a soft body on solid ground, which may be thrown and tumble, and has no front. */
 export function isTumbling(facts: Bundle): boolean {
   return isSkinnedPoints(facts) && facts.scene.kind === "plain";
 }
 
-/** Return whether a bundle is of a body that walks on command: its policy's commands are in its state. */
+/** Return whether a bundle has a body that walks on command: its policy's commands are in its state. */
 export function isWalking(facts: Bundle): boolean {
   return facts.policy?.phase_per_step === null;
 }
@@ -252,7 +252,7 @@ export interface LoadedBundle {
   readonly folder: URL;
 }
 
-/** Fetch `bundle.json` of a folder; the error says what is wrong with it. */
+/** Fetch `bundle.json` of a folder; the error names the fault. */
 export async function loadBundle(folder: URL): Promise<LoadedBundle> {
   const address = new URL("bundle.json", folder);
   const response = await fetch(address);
@@ -264,7 +264,7 @@ export async function loadBundle(folder: URL): Promise<LoadedBundle> {
   return { facts, folder };
 }
 
-/** Throw an Error that names what in a bundle does not fit together. */
+/** Throw an Error that names an inconsistency in a bundle. */
 export function checkBundle(facts: Bundle): void {
   const stateSize = sizeOf(facts.state);
   const controlSize = sizeOf(facts.control);

@@ -3,7 +3,7 @@
 export interface CatalogueEntry {
   readonly id: string;
   readonly system: string;
-  /** What to call it where several are of one system. */
+  /** Its title, if there are several of one system. */
   readonly title?: string;
   readonly about: string;
   /** The bundle's folder, relative to the page. */
@@ -13,7 +13,7 @@ export interface CatalogueEntry {
 export interface Catalogue {
   readonly version: string;
   readonly has_server: boolean;
-  /** Systems of the package, which are known without a model of one's own. */
+  /** Shipped systems, which need no model of the user's. */
   readonly systems: readonly string[];
   readonly entries: readonly CatalogueEntry[];
 }

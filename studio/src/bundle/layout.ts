@@ -1,14 +1,14 @@
-// Named parts of states and controls, and where they begin.
+// Named parts of states and controls, and their first entries.
 
-/** Parts in order: name, how many numbers, unit. */
+/** Parts in order: name, size, unit. */
 export type Layout = readonly (readonly [name: string, size: number, unit: string])[];
 
-/** Return how many numbers a layout has. */
+/** Return the size of a layout. */
 export function sizeOf(layout: Layout): number {
   return layout.reduce((sum, [, size]) => sum + size, 0);
 }
 
-/** Return where each part begins. */
+/** Return the first entry of each part. */
 export function entriesOf(layout: Layout): Map<string, number> {
   const entries = new Map<string, number>();
   let entry = 0;
@@ -19,7 +19,7 @@ export function entriesOf(layout: Layout): Map<string, number> {
   return entries;
 }
 
-/** Return a label for every number: the part's name, numbered or with an axis where it has several. */
+/** Return a label for every number: the part's name, numbered or with an axis if it has several. */
 export function labelsOf(layout: Layout): string[] {
   const labels: string[] = [];
   for (const [name, size, unit] of layout) {

@@ -2,22 +2,22 @@
 
 import { checkLength, exportedAddress, exportedFunction, Heap, startModule, type ModuleExports } from "./instance";
 
-/** The C names in every emulator's module begin with this. */
+/** Prefix of the C names in every emulator's module. */
 const PREFIX = "emulator";
 
-/** How many numbers a module takes and gives. */
+/** Sizes of a module's inputs and outputs. */
 export interface EmulatorSizes {
   readonly state: number;
   readonly control: number;
-  /** Numbers of a latent state, which goes from super step to super step. */
+  /** Size of a latent state, which super steps advance. */
   readonly latent: number;
 }
 
-/** A super step and how far to trust it. */
+/** A super step and its trust score. */
 export interface TrustedStep {
   /** The state (S) after it. */
   readonly next: Float32Array;
-  /** How far its start and its control lie from what training showed: 1 is the edge. */
+  /** Distance of its start and control from the training data: 1 is the edge. */
   readonly score: number;
 }
 
@@ -28,7 +28,7 @@ export interface Batch {
   readonly states: Float32Array;
   /** Controls (count, C) in the module's memory, to be written to. */
   readonly controls: Float32Array;
-  /** Go on from what was written to `states`. */
+  /** Go on from the `states` written. */
   encode(): void;
   /** Take every body one super step further. */
   advance(): void;
@@ -88,7 +88,7 @@ export class Emulator {
     return { next, score };
   }
 
-  /** Return `count` bodies at rest, which the module keeps for good. */
+  /** Return `count` bodies at rest, which the module never frees. */
   batch(count: number): Batch {
     if (!Number.isInteger(count) || count < 1) {
       throw new RangeError(`count: wanted a whole number of 1 or more, came ${count}`);

@@ -1,15 +1,15 @@
-// How a WebAssembly module of this project is started: it imports nothing and keeps its own memory.
+// Starting a WebAssembly module of this project, which imports nothing and has its own memory.
 
 const ALIGNMENT = 64;
 const PAGE = 65536;
 
-/** What every exported module has, beside functions that begin with its name. */
+/** Exports of every module, besides the functions that begin with its name. */
 export interface ModuleExports {
   readonly memory: WebAssembly.Memory;
   readonly [name: string]: WebAssembly.ExportValue;
 }
 
-/** Fetch a module; the error says which file did not come and why. */
+/** Fetch a module; the error names the missing file and the reason. */
 export async function fetchModule(address: string | URL): Promise<WebAssembly.Module> {
   const response = await fetch(address);
   if (!response.ok) {
@@ -48,7 +48,7 @@ export function exportedAddress(exports: ModuleExports, name: string): number {
   return Number(found.value);
 }
 
-/** Room for numbers behind what the module itself uses: taken in order, given back in reverse. */
+/** A stack of memory for numbers, above what the module itself uses. */
 export class Heap {
   #top: number;
 
@@ -56,7 +56,7 @@ export class Heap {
     this.#top = exportedAddress(exports, "__heap_base");
   }
 
-  /** Where room taken from now on begins; set it back to give room back. */
+  /** Top of the stack; set it back to free memory. */
   get top(): number {
     return this.#top;
   }
@@ -65,7 +65,7 @@ export class Heap {
     this.#top = address;
   }
 
-  /** Return the address of room for `size` floats. */
+  /** Return the address of new space for `size` floats. */
   room(size: number): number {
     const address = Math.ceil(this.#top / ALIGNMENT) * ALIGNMENT;
     this.#top = address + 4 * size;
@@ -89,7 +89,7 @@ export class Heap {
   }
 }
 
-/** Throw a RangeError unless there are as many numbers as wanted. */
+/** Throw a RangeError unless the number of numbers is as wanted. */
 export function checkLength(numbers: ArrayLike<number>, wanted: number, name: string): void {
   if (numbers.length !== wanted) {
     throw new RangeError(`${name}: wanted ${wanted} numbers, came ${numbers.length}`);

@@ -4,7 +4,7 @@ import { checkLength, exportedFunction, Heap, startModule, type ModuleExports } 
 
 const PREFIX = "policy";
 
-/** Numbers in a command: forward speed [m/s], and how far still to turn left, to pitch up and to roll [rad]. */
+/** Size of a command: forward speed [m/s], and the angles left to turn left, pitch up and roll [rad]. */
 export const COMMAND_SIZE = 4;
 
 export class Policy {
@@ -24,7 +24,7 @@ export class Policy {
     this.#control = this.#heap.room(controlSize);
   }
 
-  /** Start a compiled module that reads states of `stateSize` numbers and gives controls of `controlSize`. */
+  /** Start a compiled module from states of `stateSize` numbers to controls of `controlSize`. */
   static async start(module: WebAssembly.Module, stateSize: number, controlSize: number): Promise<Policy> {
     return new Policy(await startModule(module), stateSize, controlSize);
   }
@@ -50,7 +50,7 @@ export class Policy {
   }
 }
 
-/** What a body that is commanded does. */
+/** Result of a policy for a commanded body. */
 export interface Commanded {
   /** The control (C), to be held for one super step. */
   readonly control: Float32Array;
@@ -79,12 +79,12 @@ export class CommandedPolicy {
     this.#commanded = this.#heap.room(stateSize);
   }
 
-  /** Start a compiled module that reads states and commands and gives controls of so many numbers. */
+  /** Start a compiled module from states and commands to controls, of these sizes. */
   static async start(module: WebAssembly.Module, stateSize: number, controlSize: number, commandSize: number): Promise<CommandedPolicy> {
     return new CommandedPolicy(await startModule(module), stateSize, controlSize, commandSize);
   }
 
-  /** Return what a body in `state` (S) does under `command`, each number in the order of the bundle's. */
+  /** Return the policy's result for a body in `state` (S) under `command`, in the bundle's order of numbers. */
   control(state: ArrayLike<number>, command: ArrayLike<number>): Commanded {
     checkLength(state, this.stateSize, "state");
     checkLength(command, this.commandSize, "command");

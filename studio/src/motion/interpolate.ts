@@ -3,7 +3,7 @@
 import type { Pairs } from "../bundle/bundle";
 import { multiply } from "../body/quaternion";
 
-/** What a state's numbers have to do with each other. */
+/** Relations between a state's numbers. */
 export interface StateStructure {
   /** (i, j): entry j is the time derivative of entry i. */
   readonly rates: Pairs;
@@ -64,7 +64,7 @@ function withNearestSign(quaternion: number[], other: number[]): number[] {
   return dot < 0 ? quaternion.map((component) => -component) : quaternion;
 }
 
-/** How a quaternion changes over an interval: q̇ = ½ q ω. */
+/** Change of a quaternion over an interval: q̇ = ½ q ω. */
 function slopeOf(quaternion: number[], state: ArrayLike<number>, entry: number, dt: number): number[] {
   const rotation = [0, state[entry]!, state[entry + 1]!, state[entry + 2]!];
   return multiply(quaternion, rotation).map((component) => (component * dt) / 2);

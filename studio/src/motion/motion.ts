@@ -1,12 +1,12 @@
-// A motion: states a super step apart, the controls between them, and how far to trust each step.
+// A motion: states a super step apart, the controls between them, and the trust score of each step.
 
 import type { Push } from "../bundle/bundle";
 import { interpolateHermite, type StateStructure } from "./interpolate";
 
-/** Room for so many super steps is made at first, and doubled when it is full. */
+/** Initial capacity in super steps, doubled when it is full. */
 const FIRST_ROOM = 256;
 
-/** Scores up to this are those of training. */
+/** Score of the edge of training. */
 export const EDGE = 1;
 
 export class Motion {
@@ -22,7 +22,7 @@ export class Motion {
     readonly controlSize: number,
     private readonly structure: StateStructure,
     start: ArrayLike<number>,
-    /** What made it. */
+    /** Its source. */
     readonly source: "emulator" | "physics" = "emulator",
   ) {
     this.#states = new Float32Array((FIRST_ROOM + 1) * stateSize);
@@ -31,12 +31,12 @@ export class Motion {
     this.#states.set(start, 0);
   }
 
-  /** Super steps so far; there is one state more. */
+  /** Number of super steps so far; there is one state more. */
   get steps(): number {
     return this.#steps;
   }
 
-  /** When the last state is [s]. */
+  /** Time of the last state [s]. */
   get duration(): number {
     return this.#steps * this.dt;
   }
@@ -51,12 +51,12 @@ export class Motion {
     return this.#controls.subarray(step * this.controlSize, (step + 1) * this.controlSize);
   }
 
-  /** How far super step `step` lies from what training showed: 1 is the edge. */
+  /** Distance of super step `step` from the training data: 1 is the edge. */
   score(step: number): number {
     return this.#scores[step]!;
   }
 
-  /** Add `change` (S) to the last state, from which the motion goes on; at its start it is simply another start. */
+  /** Add `change` (S) to the last state, from which the motion goes on; before any step it changes the start. */
   pushLast(change: ArrayLike<number>): void {
     const state = this.state(this.#steps);
     for (let i = 0; i < state.length; i++) {
@@ -68,18 +68,18 @@ export class Motion {
     }
   }
 
-  /** Let the motion go on from `state` (S), to rounding, instead of its last one. */
+  /** Let the motion go on from `state` (S) instead of its last one, up to rounding. */
   setLast(state: ArrayLike<number>): void {
     this.pushLast(this.state(this.#steps).map((number, i) => state[i]! - number));
   }
 
-  /** What was added to states from super step `from` up to `to`, by how many super steps after `from`. */
+  /** Changes added to states from super step `from` up to `to`, with their steps counted from `from`. */
   pushes(from = 0, to = this.#steps): Push[] {
     const within = [...this.#pushes].filter(([step]) => step >= from && step < to);
     return within.map(([step, change]) => [step - from, Array.from(change)]);
   }
 
-  /** Append a super step: the control (C) that was held and the state (S) it led to, with its score. */
+  /** Append a super step: the control (C) held and the next state (S), with its score. */
   append(control: ArrayLike<number>, next: ArrayLike<number>, score: number): void {
     this.#makeRoom(this.#steps + 1);
     this.#controls.set(control, this.#steps * this.controlSize);
@@ -88,7 +88,7 @@ export class Motion {
     this.#states.set(next, this.#steps * this.stateSize);
   }
 
-  /** Return the same motion as far as `steps` super steps. */
+  /** Return the first `steps` super steps of the motion. */
   upTo(steps: number): Motion {
     const motion = new Motion(this.dt, this.stateSize, this.controlSize, this.structure, this.state(0));
     for (let step = 0; step < Math.min(steps, this.#steps); step++) {
@@ -112,7 +112,7 @@ export class Motion {
     return this.#controls.slice(from * this.controlSize, this.#steps * this.controlSize);
   }
 
-  /** Write the state (S) at `time` [s] to `out`; before the start and after the end it stays. */
+  /** Write the state (S) at `time` [s] to `out`; the first before the start, the last after the end. */
   sample(time: number, out: Float32Array): void {
     const position = Math.min(Math.max(time / this.dt, 0), this.#steps);
     const step = Math.min(Math.floor(position), this.#steps - 1);

@@ -1,24 +1,24 @@
-// Plays a motion and, where it ends, lets the emulator go on live: one clock for all that moves.
+// Plays a motion and, at its end, lets the emulator go on live: one clock for everything that moves.
 
 import type { Bundle, Push } from "../bundle/bundle";
 import type { Emulator } from "../emulator/emulator";
 import type { StateStructure } from "./interpolate";
 import { Motion } from "./motion";
 
-/** Super steps are made up for at most so much time after a pause [s]. */
+/** Maximum time that is caught up after a pause [s]. */
 const MAX_BACKLOG = 0.25;
 
-/** Motions that `undo` can bring back. */
+/** Number of motions that `undo` can bring back. */
 const MAX_UNDO = 20;
 
-/** A live motion is cut off in front beyond so much time [s]; ten minutes must not fill the memory. */
+/** Maximum length of a live motion, which is then cut at its start [s]: it must not fill the memory. */
 export const MAX_SECONDS = 600;
 
-/** What gives the control of the next super step while the emulator runs live. */
+/** Source of controls while the emulator runs live. */
 export interface Pilot {
   /** Return the control (C) to hold from super step `step` on, in which the body is in `state`. */
   control(state: Float32Array, step: number): ArrayLike<number>;
-  /** Return a state (S) with what it is told in it: only of a body whose commands are in its state. */
+  /** Return a state (S) with its commands in it: only for a body whose commands are in its state. */
   told?(state: Float32Array): Float32Array;
 }
 
@@ -26,24 +26,24 @@ export type PlayerEvent = "motion" | "lost";
 
 export class Player {
   motion: Motion;
-  /** Where the playhead stands [s]. */
+  /** Position of the playhead [s]. */
   time = 0;
-  /** Seconds of the motion a second: 1 is real time. */
+  /** Playback speed: 1 is real time. */
   speed = 1;
   isPlaying = false;
-  /** Whether the emulator goes on where the motion ends; else it stands there, and the default motion begins again. */
+  /** Whether the emulator goes on where the motion ends; else the motion stops there, and the default motion restarts. */
   isLive = false;
-  /** Whether the emulator goes on live where the default motion ends, rather than that it begins again. */
+  /** Whether the emulator goes on live where the default motion ends, instead of restarting it. */
   goesOn = false;
-  /** Whether more of the motion comes from elsewhere: at its end the playhead waits. */
+  /** Whether more of the motion will come from elsewhere, so that the playhead waits at its end. */
   isHeld = false;
-  /** What steers while the emulator runs live. */
+  /** Pilot while the emulator runs live. */
   pilot: Pilot | null = null;
-  /** Returns what is added to a state (S) before the emulator leaps on from it: a pull at the body. */
+  /** Returns the change of a state (S) before the emulator leaps from it: a pull at the body. */
   force: ((state: Float32Array) => Float32Array) | null = null;
-  /** The emulator's work, averaged over the last images [ms an image]. */
+  /** The emulator's work, averaged over the last images [ms per image]. */
   workPerImage = 0;
-  /** Called with what happened. */
+  /** Called with each event. */
   onEvent: (event: PlayerEvent) => void = () => undefined;
 
   readonly #structure: StateStructure;
@@ -62,7 +62,7 @@ export class Player {
     this.motion = this.#default;
   }
 
-  /** Return the motion from a state (S) under controls (T * C), by the emulator; pushed in between, if it was. */
+  /** Return the motion from a state (S) under controls (T * C), by the emulator, with `pushes` in between. */
   motionFrom(start: ArrayLike<number>, controls: ArrayLike<number>, pushes: readonly Push[] = []): Motion {
     const controlSize = this.emulator.sizes.control;
     const stateSize = this.emulator.sizes.state;
@@ -109,7 +109,7 @@ export class Player {
     return true;
   }
 
-  /** Go on live from where the playhead stands: what came after it is forgotten, though `undo` brings it back. */
+  /** Go on live from the playhead: the rest is dropped, but `undo` brings it back. */
   goLive(): void {
     const steps = Math.min(Math.ceil(this.time / this.motion.dt), this.motion.steps);
     if (this.isLive && steps === this.motion.steps) {
@@ -126,7 +126,7 @@ export class Player {
     this.show(this.motionFrom(state, []), true);
   }
 
-  /** Begin anew where the motion has come to, so that physics beside it begins there too; `undo` brings the past back. */
+  /** Restart from the end of the motion, so that physics beside it starts there, too; `undo` brings the past back. */
   rebase(): void {
     const { motion } = this;
     this.#remember();
@@ -150,7 +150,7 @@ export class Player {
     this.seek(position * this.motion.dt);
   }
 
-  /** Let `seconds` of real time go by. */
+  /** Advance by `seconds` of real time. */
   advance(seconds: number): void {
     let worked = 0;
     if (this.isPlaying) {

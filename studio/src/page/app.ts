@@ -1,4 +1,4 @@
-// The page: what is where, which system is on show, and the clock of the images.
+// The page: its layout, the system on show, and the clock of the images.
 
 import { loadCatalogue, type Catalogue, type CatalogueEntry } from "../bundle/catalogue";
 import { makeHelp } from "../panels/help";
@@ -19,10 +19,10 @@ import { shortcuts, type Workplace } from "./shortcuts";
 import { Showing } from "./showing";
 import { followTheme, isDark, toggleTheme } from "./theme";
 
-/** What is shown first if the address does not say. */
+/** System shown first if the address names none. */
 const FIRST_SYSTEM = "fish";
 
-/** However long an image took, no more time goes by in the next one [s]. */
+/** Maximum time between two images [s]. */
 const MAX_IMAGE = 1;
 
 export class App implements Workplace {
@@ -100,7 +100,7 @@ export class App implements Workplace {
     this.#stage.renderer.setAnimationLoop(() => this.#image());
   }
 
-  /** Put a system on the stage; the one before stays until it is there. */
+  /** Put a system on the stage; the previous one stays until it is ready. */
   async open(entry: CatalogueEntry): Promise<void> {
     const stage = this.#stage;
     if (!stage) {
@@ -169,7 +169,7 @@ export class App implements Workplace {
     this.#banners.say(topic, line, "error");
   }
 
-  // A reload, and whoever the address is given to, sees the same.
+  // A reload, or a shared address, shows the same.
   #remember(entry: CatalogueEntry): void {
     const address = new URL(location.href);
     address.searchParams.set("show", entry.id);
@@ -215,7 +215,7 @@ export class App implements Workplace {
     this.#redecorate();
   }
 
-  // Only the studio floor has other colours in the dark; the sea is the same at all times.
+  // Only the studio floor has other colours in the dark theme; the sea looks the same.
   #redecorate(): void {
     const session = this.showing?.session;
     if (session?.facts.scene.kind === "plain") {

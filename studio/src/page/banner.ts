@@ -1,10 +1,10 @@
-// Lines that say what happened and what to do: they stay until they are no longer true or are closed.
+// Lines that say what happened and what to do; they stay until they are no longer true or are closed.
 
 import { button, element } from "./dom";
 
 export type Severity = "info" | "warning" | "error";
 
-/** What can be done about it, by a button. */
+/** A remedy, on a button. */
 export interface Action {
   readonly label: string;
   act(): void;
@@ -17,7 +17,7 @@ export class Banners {
   constructor() {
   }
 
-  /** Say a line about `topic`; another one about it takes its place. */
+  /** Show a line about `topic`; another one about it replaces it. */
   say(topic: string, line: string, severity: Severity = "info", action?: Action): void {
     const present = this.#lines.get(topic);
     if (present) {
@@ -36,7 +36,7 @@ export class Banners {
     this.element.append(row);
   }
 
-  /** Say a line that goes away by itself. */
+  /** Show a line that disappears by itself. */
   tell(line: string, severity: Severity = "info"): void {
     this.say("passing", line, severity);
     setTimeout(() => {
@@ -52,7 +52,7 @@ export class Banners {
   }
 }
 
-/** Return what went wrong as one line. */
+/** Return an error as one line. */
 export function lineOf(error: unknown): string {
   return error instanceof Error ? error.message : String(error);
 }

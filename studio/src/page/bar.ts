@@ -23,7 +23,7 @@ export function makeBar(picker: HTMLElement, actions: BarActions): Bar {
   const theme = button({ label: "◐", title: "Light or dark", onClick: () => actions.toggleTheme() });
   const help = button({ label: "?", title: "Help (?)", onClick: () => actions.help() });
   const side = button({ label: "☰", title: "Panels", className: "side-toggle", onClick: () => document.body.classList.toggle("with-side") });
-  // An upright window has room for the panels below the stage.
+  // A portrait window has room for the panels below the stage.
   document.body.classList.toggle("with-side", matchMedia("(orientation: portrait)").matches);
   const tools = element("div", "tools", [camera, theme, help, side]);
   return {

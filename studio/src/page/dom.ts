@@ -20,7 +20,7 @@ export function element<K extends keyof HTMLElementTagNameMap>(
 
 export interface ButtonOptions {
   readonly label: string;
-  /** What it does, for those who point at it and for those who do not see it. */
+  /** What it does, as a tooltip and for screen readers. */
   readonly title?: string;
   readonly className?: string;
   onClick(): void;
@@ -38,14 +38,14 @@ export function button(options: ButtonOptions): HTMLButtonElement {
   return made;
 }
 
-/** Say whether a button that stays down is down. */
+/** Set whether a toggle button is pressed. */
 export function setPressed(made: HTMLButtonElement, isPressed: boolean): void {
   made.setAttribute("aria-pressed", String(isPressed));
 }
 
 export interface SliderOptions {
   readonly label: string;
-  /** Of its numbers; angles [rad] are shown in degrees. */
+  /** Unit of its numbers; angles [rad] are shown in degrees. */
   readonly unit: string;
   readonly low: number;
   readonly high: number;
@@ -95,7 +95,7 @@ export function slider(options: SliderOptions): Slider {
   };
 }
 
-/** Return a number as short as it is still useful. */
+/** Return a number with a useful number of digits. */
 export function shortNumber(value: number): string {
   const size = Math.abs(value);
   if (size >= 1000) {
@@ -121,7 +121,7 @@ export interface Fact {
   readonly value: HTMLElement;
 }
 
-/** Return a row of a name and what is said of it; set the text of `value` later. */
+/** Return a row of a name and a value; set the text of `value` later. */
 export function fact(name: string): Fact {
   const value = element("dd", "", ["–"]);
   return { row: element("div", "fact", [element("dt", "", [name]), value]), value };

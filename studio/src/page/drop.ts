@@ -1,6 +1,6 @@
 // Files dropped anywhere on the page.
 
-/** Call `onFile` with the first of the files that are dropped. */
+/** Call `onFile` with the first of the dropped files. */
 export function listenForFiles(onFile: (file: File) => void): void {
   const { classList } = document.body;
   document.addEventListener("dragover", (event) => {

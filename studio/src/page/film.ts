@@ -1,4 +1,4 @@
-// Films: pictures of a canvas at an even rate, however long each took to draw, encoded by the browser.
+// Films: pictures of a canvas at a constant rate, however long each took to draw, encoded by the browser.
 
 import {
   BufferTarget,
@@ -13,7 +13,7 @@ import {
 /** Width and height of a picture [pixels]. */
 export const FILM_SIZE = { width: 1280, height: 720 } as const;
 
-/** Pictures a second. */
+/** Frame rate [pictures per second]. */
 export const FILM_RATE = 30;
 
 /** Codecs by preference: H.264 plays everywhere, but not every browser may encode it. */
@@ -21,7 +21,7 @@ const CODECS = ["avc", "vp9", "av1", "vp8"] as const;
 
 export interface Film {
   readonly blob: Blob;
-  /** The ending of its file's name, with a dot. */
+  /** Suffix of its file, with a dot. */
   readonly ending: string;
 }
 
@@ -32,12 +32,12 @@ export interface FilmOptions {
   readonly pictures: number;
   /** Draws a picture on the canvas; the first is 0. */
   draw(picture: number): void;
-  /** Told the share of the pictures that are done, 0 to 1. */
+  /** Called with the share of pictures done, 0 to 1. */
   onProgress(share: number): void;
   readonly signal: AbortSignal;
 }
 
-/** Return the film: MP4 where the browser encodes H.264, else WebM. Throws an Error of one line, or the signal's reason. */
+/** Return the film: MP4 if the browser encodes H.264, else WebM. Throws an Error of one line, or the signal's reason. */
 export async function makeFilm({ canvas, pictures, draw, onProgress, signal }: FilmOptions): Promise<Film> {
   const codec = await getFirstEncodableVideoCodec([...CODECS], { ...FILM_SIZE, quality: QUALITY_HIGH });
   if (!codec) {
@@ -52,7 +52,7 @@ export async function makeFilm({ canvas, pictures, draw, onProgress, signal }: F
     await output.start();
     for (let picture = 0; picture < pictures; picture++) {
       draw(picture);
-      // Taken off the canvas before this returns: later the browser may have cleared it.
+      // The canvas is read before this returns: later the browser may have cleared it.
       await source.add(picture / FILM_RATE, 1 / FILM_RATE);
       onProgress((picture + 1) / pictures);
       await breathe();
@@ -66,7 +66,7 @@ export async function makeFilm({ canvas, pictures, draw, onProgress, signal }: F
   return { blob: new Blob([target.buffer!], { type: format.mimeType }), ending: format.fileExtension };
 }
 
-/** Let the browser draw the page and hear the user. Timers would take a second each in a window that is not in front. */
+/** Let the browser draw the page and handle events. Timers would take a second each in a background window. */
 function breathe(): Promise<void> {
   return new Promise((resume) => {
     const { port1, port2 } = new MessageChannel();

@@ -1,14 +1,14 @@
-// What stands on the picture: whether it is live or recorded, how far to believe it, how far from physics it is.
+// The labels on the picture: live or recorded, how far to trust it, and its distance from physics.
 
 import type { Bundle } from "../bundle/bundle";
 import { EDGE } from "../motion/motion";
 import type { Player } from "../motion/player";
 import { element, shortNumber } from "./dom";
 
-/** How good an emulator is where it was trained, if that is known. */
+/** The quality of an emulator where it was trained, if known. */
 type Verdict = Bundle["verdict"];
 
-/** Scores from here on are all alike: nothing is known there. */
+/** Score above which all count alike: nothing is known there. */
 const FAR = 10;
 
 export class Hud {
@@ -22,13 +22,13 @@ export class Hud {
     this.element = element("div", "hud", [this.#mode, this.#trust, this.#gap]);
   }
 
-  /** Say where the motion comes from. */
+  /** Show the source of the motion. */
   showMode(player: Player): void {
     setText(this.#mode, player.motion.source === "physics" ? "physics" : player.isLive ? "live" : "recorded");
   }
 
   /**
-   * Say how far the motion lies from what training showed, 1 is the edge, and how good the emulator is within;
+   * Show the distance of the motion from the training data, 1 is the edge, and the emulator's quality within;
    * a score of null is the true physics.
    */
   showTrust(score: number | null, verdict: Verdict): void {
@@ -45,7 +45,7 @@ export class Hud {
     }
   }
 
-  /** Say how far the physics beside it is [m]; null where there is none. */
+  /** Show the distance of the physics beside it [m]; null without physics. */
   showGap(gap: number | null): void {
     this.#gap.hidden = gap === null;
     if (gap !== null) {

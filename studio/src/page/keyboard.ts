@@ -1,6 +1,6 @@
-// Keys: one table from key to action, and those that are held down to steer.
+// Keys: one table from key to action, and the keys held down to steer.
 
-/** Return whether a key belongs to what has the focus, and not to the stage. */
+/** Return whether a key belongs to the focused element, not to the stage. */
 function isTaken(event: KeyboardEvent): boolean {
   const target = event.target as HTMLElement;
   if (target.closest("dialog[open]")) {
@@ -11,13 +11,13 @@ function isTaken(event: KeyboardEvent): boolean {
   return isField || isPressed;
 }
 
-/** Keys held down that steer. */
+/** Keys that steer while held down. */
 export const STEERING_KEYS = ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "PageUp", "PageDown"] as const;
 
 export class Keyboard {
   readonly held = new Set<string>();
 
-  /** `actions` go by key, with "Shift+" or "Ctrl+" in front where those are held. */
+  /** `actions` are by key, prefixed by "Shift+" or "Ctrl+". */
   constructor(private readonly actions: Readonly<Record<string, () => void>>) {
     addEventListener("keydown", (event) => this.#down(event));
     addEventListener("keyup", (event) => this.held.delete(event.key));

@@ -1,31 +1,31 @@
-// The pointer on the stage: what lies under it may take hold of its drag, before the camera does.
+// The pointer on the stage: things under it may take its drag before the camera does.
 
-/** Something that can be taken hold of. Places are -1 to 1 across the picture, and up. */
+/** Something that can be grabbed. Places are -1 to 1 across the picture, and up. */
 export interface Grabbable {
-  /** The pointer went down; return true to have its drag. */
+  /** The pointer went down; return true to take its drag. */
   grab(x: number, y: number): boolean;
-  /** The pointer that was grabbed moved; `isLevel` asks to stay at one height. */
+  /** The grabbed pointer moved; `isLevel` asks to stay at one height. */
   drag(x: number, y: number, isLevel: boolean): void;
-  /** The wheel was turned by so many pixels, toward the user, while it was held. */
+  /** The wheel was turned by `pixels`, toward the user, while it was held. */
   wheel?(pixels: number): void;
   release(): void;
 }
 
-/** A pointer that moves no further between press and release taps [pixels]. */
+/** Maximum motion of the pointer between press and release in a tap [pixels]. */
 const STILL = 5;
 
 export class Pointer {
   #held: Grabbable | null = null;
   #pressed: readonly [x: number, y: number] | null = null;
 
-  /** `candidates` are asked in order; `onHold` is told whether one of them has the pointer, `onTap` where it tapped and none had it. */
+  /** `candidates` are tried in order; `onHold` is called with whether one has the pointer, `onTap` with a tap that none took. */
   constructor(
     private readonly canvas: HTMLCanvasElement,
     private readonly candidates: () => readonly Grabbable[],
     private readonly onHold: (isHeld: boolean) => void,
     private readonly onTap: (x: number, y: number) => void,
   ) {
-    // Before the camera's own listeners: what takes hold of a body does not turn the camera.
+    // Before the camera's own listeners: grabbing a body does not turn the camera.
     canvas.addEventListener("pointerdown", (event) => this.#down(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this.#held?.drag(...this.#place(event), event.shiftKey));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { capture: true, passive: false });
@@ -33,7 +33,7 @@ export class Pointer {
     canvas.addEventListener("pointercancel", () => this.release());
   }
 
-  /** Let go of whatever is held. */
+  /** Release what is held. */
   release(): void {
     if (this.#held) {
       this.#held.release();

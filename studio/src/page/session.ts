@@ -1,4 +1,4 @@
-// One system on the stage: its emulator, its player, its world, and what steers it.
+// One system on the stage: its emulator, player, world and pilots.
 
 import { rootPose } from "../body/root";
 import { isWalking, loadBundle, type Bundle, type LoadedBundle } from "../bundle/bundle";
@@ -17,10 +17,10 @@ import { MoverPilot, WanderPath } from "../steering/movers";
 import { School } from "../steering/school";
 import { Walkers } from "../steering/walkers";
 
-/** Time in which a browser shows what a page says, before a new stage keeps it busy [ms]. */
+/** Time for the browser to show the page's text, before a new stage keeps it busy [ms]. */
 const PAINTING = 30;
 
-/** Super steps made to measure how quick the emulator is. */
+/** Number of super steps that measure the emulator's speed. */
 const TIMED_STEPS = 200;
 
 export class Session {
@@ -28,9 +28,9 @@ export class Session {
   readonly sliders: SliderPilot;
   readonly swimmer: PolicyPilot | null;
   readonly walker: WalkPilot | null;
-  /** What leads the movers of a soft body, and the paths they wander along. */
+  /** The pilot of a soft body's movers, and the paths they wander along. */
   readonly movers: { readonly pilot: MoverPilot; readonly path: WanderPath } | null;
-  /** What the emulator needs for a super step [s], measured when it was loaded. */
+  /** Time of a super step of the emulator [s], measured when it was loaded. */
   readonly secondsPerStep: number;
   readonly world: World;
   school: School | null = null;
@@ -61,7 +61,7 @@ export class Session {
       const path = new WanderPath(this.player.motion, facts);
       this.movers = { path, pilot: new MoverPilot(facts, path) };
     }
-    // A cloth would jump where its motion begins again; a walker has none but that which its policy makes.
+    // A cloth would jump where its motion restarts; a walker only has the motion of its policy.
     this.player.goesOn = this.movers !== null || this.walker !== null;
     const gait = facts.gait ? new GaitPilot(facts, facts.gait) : null;
     this.player.pilot = this.swimmer ?? this.walker ?? this.movers?.pilot ?? gait ?? this.sliders;
@@ -69,7 +69,7 @@ export class Session {
     this.world = new World(stage, facts, this.player.motion.state(0), isDark);
   }
 
-  /** Load an emulator; null if it is not wanted any more when it is there. The error is one clear line. */
+  /** Load an emulator; null if it is no longer wanted once loaded. The error is one clear line. */
   static async open(
     entry: CatalogueEntry,
     page: URL,
@@ -89,7 +89,7 @@ export class Session {
     ]);
     const emulator = await Emulator.start(emulatorModule, sizes);
     const policy = policyModule && (await startPolicy(policyModule, facts));
-    // The stage is set for the system that was asked for last, whichever comes last.
+    // The stage is for the system requested last, whichever arrives last.
     if (!isWanted()) {
       return null;
     }
@@ -100,7 +100,7 @@ export class Session {
     return this.bundle.facts;
   }
 
-  /** Let a school swim around the body: so many more of its kind; none takes it away. */
+  /** Show a school of `count` more of its kind around the body; 0 removes it. */
   async keepSchool(count: number): Promise<void> {
     this.world.showSchool(null);
     this.school = null;
@@ -108,14 +108,14 @@ export class Session {
     if (count === 0 || !(this.policy instanceof Policy) || !this.facts.root) {
       return;
     }
-    // A module of its own: its memory goes when the school goes.
+    // A separate module: its memory is freed with the school.
     const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
     const { world } = this;
     this.school = new School(emulator, this.policy, this.facts, world.size, world.room, world.middle, count);
     world.showSchool(this.school);
   }
 
-  /** Whether small fish can live around this body: it is a fish that a policy steers. */
+  /** Whether small fish can live around this body: it must be a fish that a policy steers. */
   get canLive(): boolean {
     return this.facts.system === "fish" && this.policy instanceof Policy && this.facts.root !== null;
   }
@@ -133,7 +133,7 @@ export class Session {
     world.showLife(this.life);
   }
 
-  /** Drop food where the pointer is, if small fish live here. */
+  /** Drop food at the pointer, if small fish live here. */
   feed(x: number, y: number): void {
     const { life, world } = this;
     const place = life && world.dragPoint(x, y, world.middle, false);
@@ -143,7 +143,7 @@ export class Session {
     }
   }
 
-  /** Show so many more soft bodies of its kind around the body; none takes them away. */
+  /** Show `count` more soft bodies of its kind around the body; 0 removes them. */
   async keepCrowd(count: number): Promise<void> {
     this.world.showCrowd(null);
     this.crowd = null;
@@ -151,9 +151,9 @@ export class Session {
     if (count === 0 || !this.movers) {
       return;
     }
-    // A module of its own: its memory goes when the crowd goes.
+    // A separate module: its memory is freed with the crowd.
     const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
-    // Another one may have been asked for since.
+    // Another one may have been requested since.
     if (count === this.#wantedCrowd) {
       this.crowd = new Crowd(emulator, this.facts, this.movers.path, count);
       const state = this.player.state();
@@ -162,7 +162,7 @@ export class Session {
     }
   }
 
-  /** Let so many others walk around the body, each on its way; none takes them away. */
+  /** Let `count` others walk around the body, each on its way; 0 removes them. */
   async keepWalkers(count: number): Promise<void> {
     this.world.showWalkers(null);
     this.walkers = null;
@@ -172,7 +172,7 @@ export class Session {
       return;
     }
     const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
-    // They may have been sent away since.
+    // They may have been removed since.
     if (count === this.#wantedWalkers) {
       this.walkers = new Walkers(emulator, policy, facts, count, () => rootPose(facts.root!, this.player.state()).position);
       this.world.showWalkers(this.walkers);

@@ -1,14 +1,14 @@
-// What each key does: one table, by the names that `Keyboard` gives them.
+// Actions of all keys: one table, by the names in `Keyboard`.
 
 import type { Player } from "../motion/player";
 import type { Timeline } from "../panels/timeline";
 import type { CameraRig } from "../scene/cameras";
 import type { Showing } from "./showing";
 
-/** Systems that have a number key. */
+/** Number of systems with a number key. */
 const NUMBER_KEYS = 9;
 
-/** What keys work on; null for as long as it is not there. */
+/** What keys act on; null until it exists. */
 export interface Workplace {
   readonly showing: Showing | null;
   readonly timeline: Timeline | null;

@@ -1,4 +1,4 @@
-// A system on show: its session, physics beside it, its panels, and what of it may be taken hold of.
+// A system on show: its session, physics beside it, its panels, and the parts that can be grabbed.
 
 import { isPhysics } from "../bundle/bundle";
 import { EDGE } from "../motion/motion";
@@ -25,20 +25,20 @@ import type { Grabbable } from "./pointer";
 import type { Session } from "./session";
 import { isMotionReduced } from "./theme";
 
-/** Mean score beyond which a banner says that the emulator is lost, and below which it goes. */
+/** Mean score above which a banner says that the emulator is lost. */
 const LOST = 3;
 const FOUND = 1.5;
 
-/** Share of a film's picture that a motion may be too short for its last one: products of numbers round. */
+/** Share of a film's picture by which a motion may be too short for its last one, for rounding. */
 const ROUNDING = 1e-6;
 
-/** The scenery moves at this speed while the motion stands still. */
+/** Speed of the scenery while the motion is paused. */
 const IDLE_SPEED = 0.4;
 
 export class Showing {
-  /** What stands beside the stage. */
+  /** Elements beside the stage. */
   readonly side: HTMLElement[];
-  /** What may be taken hold of, the foremost first. */
+  /** Things that can be grabbed, the foremost first. */
   readonly grabbables: readonly Grabbable[];
   readonly #physics: Physics | null;
   readonly #twin: Twin | null;
@@ -46,7 +46,7 @@ export class Showing {
   readonly #panels: Panel[];
   readonly #synthesis: Synthesis;
   readonly #target: SwimTarget;
-  /** A hand on the body: it pulls at it, or drags what moves it. */
+  /** The hand on the body: it pulls at it, or drags its movers. */
   readonly #hand: BodyPull | MoverDrag;
   readonly #ghostState: Float32Array;
   #handOver: HandOver | null = null;
@@ -54,7 +54,7 @@ export class Showing {
   #isFilming = false;
   readonly #end = new AbortController();
 
-  /** `live` is the line to the server, or null where there is none. */
+  /** `live` is the connection to the server, or null without one. */
   constructor(
     readonly session: Session,
     live: Live | null,
@@ -63,7 +63,7 @@ export class Showing {
   ) {
     const { facts, player } = session;
     this.#ghostState = new Float32Array(facts.rest.length);
-    // What is the true physics itself has nothing beside it.
+    // The true physics has nothing beside it.
     this.#physics = isPhysics(facts) ? null : physicsOf(session.bundle, live);
     this.#twin = this.#physics && new Twin(this.#physics, facts);
     if (this.#twin) {
@@ -97,7 +97,7 @@ export class Showing {
     this.side = elements.filter((one) => one !== undefined);
   }
 
-  /** Take down what hangs on the page: messages and physics that would go on. */
+  /** Remove its messages from the page, and stop its physics. */
   dispose(): void {
     this.#end.abort(new Error("another system is shown now."));
     for (const topic of ["load", "lost", "trust", "physics"]) {
@@ -110,7 +110,7 @@ export class Showing {
     this.session.dispose();
   }
 
-  /** Let `seconds` go by and draw an image. */
+  /** Advance by `seconds` and draw an image. */
   update(seconds: number, keys: KeySteering): void {
     if (this.#isFilming) {
       return;
@@ -161,7 +161,7 @@ export class Showing {
     this.#panels.forEach((one) => one.update());
   }
 
-  /** Begin the motion that is shown again, live. */
+  /** Restart the shown motion, live. */
   restart(): void {
     const { player } = this.session;
     player.restart(this.#handOver?.origin ?? player.motion.state(0));
@@ -194,7 +194,7 @@ export class Showing {
     }
   }
 
-  /** Show a target in front of the swimmer, and off again. */
+  /** Show or hide a target in front of the swimmer. */
   toggleTarget(): void {
     if (!this.session.swimmer) {
       this.banners.tell("This system has no policy that swims to a target; use 'Reach a goal'.");
@@ -206,7 +206,7 @@ export class Showing {
     }
   }
 
-  // Film the motion from its start to its end as it is shown: from where the camera is, at the speed it is played.
+  // Film the whole motion as it is shown: with the current camera, at the current speed.
   async #film(onProgress: (share: number) => void, signal: AbortSignal): Promise<Film> {
     const { player, world } = this.session;
     const { time, isPlaying, motion } = player;
@@ -269,7 +269,7 @@ export class Showing {
     world.doubt = Math.min(Math.max((score - EDGE) / (LOST - EDGE), 0), 1);
     this.hud.showMode(player);
     this.hud.showTrust(player.motion.source === "physics" || isPhysics(facts) ? null : score, facts.verdict);
-    // A recorded motion is looked at, not steered: there the glow and the lamp say enough.
+    // A recorded motion is watched, not steered: the glow and the label are enough.
     if (score > LOST && player.isLive && !isPhysics(facts)) {
       const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
       this.banners.say("trust", line, "warning", this.#handOverAction());
@@ -278,7 +278,7 @@ export class Showing {
     }
   }
 
-  // Where there is physics it can go on where the emulator is lost.
+  // Physics, if there is any, can go on where the emulator is lost.
   #handOverAction(): Action | undefined {
     const physics = this.#physics;
     return physics ? { label: "Let physics go on", act: () => this.#letPhysicsGoOn(physics) } : undefined;

@@ -1,4 +1,4 @@
-// Light or dark: as the machine says, unless somebody chose; and whether motion is to be reduced.
+// Light or dark: as the system prefers, unless the user has chosen; and whether to reduce motion.
 
 const KEY = "neuroanimator-theme";
 
@@ -14,7 +14,7 @@ export function isMotionReduced(): boolean {
   return prefersLessMotion.matches;
 }
 
-/** Put the theme on the page; call `onChange` when it changes. */
+/** Apply the theme to the page; call `onChange` when it changes. */
 export function followTheme(onChange: () => void): void {
   apply();
   prefersDark.addEventListener("change", () => {
@@ -28,7 +28,7 @@ export function toggleTheme(): void {
   try {
     localStorage.setItem(KEY, isDark() ? "light" : "dark");
   } catch {
-    // A page without storage forgets the choice, and still makes it.
+    // A page without storage forgets the choice, but still applies it.
   }
   apply(document.documentElement.dataset["theme"] === "dark" ? "light" : "dark");
 }

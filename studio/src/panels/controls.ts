@@ -1,4 +1,4 @@
-// Sliders: what the muscles, motors or jets do, number by number; or what a swimmer is told.
+// Sliders: the controls of muscles, motors or jets, number by number; or the commands of a swimmer.
 
 import { isPhysics } from "../bundle/bundle";
 import { labelsOf } from "../bundle/layout";
@@ -9,14 +9,14 @@ import type { Life } from "../steering/life";
 import type { Intention } from "../steering/mind";
 import { neutralControl } from "../steering/pilots";
 
-/** A swimmer is told to turn and climb at most so far at a time [rad]. */
+/** Maximum turn and climb in a command [rad]. */
 const MAX_TURN = 1;
 const MAX_CLIMB = 0.8;
 
 /** Sizes of schools to choose from. */
 const SCHOOLS = [0, 20, 200, 1000] as const;
 
-/** How many others walk around. */
+/** Number of others who walk around. */
 const WALKERS = 10;
 
 export interface Panel {
@@ -24,7 +24,7 @@ export interface Panel {
   update(): void;
 }
 
-/** Return what makes a slider of `set`: whoever moves it takes over as `pilot`. */
+/** Return a function that makes a slider of `set`; moving it makes `pilot` take over. */
 function taking(session: Session, pilot: Pilot, goLive: () => void) {
   return (set: (value: number) => void) => (value: number) => {
     session.player.pilot = pilot;
@@ -33,7 +33,7 @@ function taking(session: Session, pilot: Pilot, goLive: () => void) {
   };
 }
 
-/** Sliders of what a swimmer is told: speed, turn, climb. */
+/** Sliders of a swimmer's commands: speed, turn, climb. */
 export function steerPanel(session: Session, goLive: () => void, onTarget: () => void): Panel | null {
   const pilot = session.swimmer;
   if (!pilot) {
@@ -92,7 +92,7 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
   };
 }
 
-/** Sliders of what a walker is told: speed, and how fast to turn. */
+/** Sliders of a walker's commands: speed and turn rate. */
 export function walkPanel(session: Session, goLive: () => void): Panel | null {
   const pilot = session.walker;
   if (!pilot) {
@@ -136,7 +136,7 @@ export function walkPanel(session: Session, goLive: () => void): Panel | null {
   };
 }
 
-/** How many swim along. */
+/** Row for the size of the school. */
 function schoolRow(session: Session): HTMLElement {
   const select = element("select");
   select.setAttribute("aria-label", "How many swim along");
@@ -149,7 +149,7 @@ function schoolRow(session: Session): HTMLElement {
   return element("label", "row", [element("span", "", ["School"]), select]);
 }
 
-/** A switch for small fish that live around this one, which is their shark, and what has happened to them. */
+/** A switch for small fish that live around this one, their shark, and counts of what has happened to them. */
 function lifeRow(session: Session, goLive: () => void): Panel {
   const said = element("p", "", [""]);
   const onClick = (): void => {

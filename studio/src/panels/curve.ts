@@ -4,7 +4,7 @@ import { element } from "../page/dom";
 
 export interface Series {
   readonly values: ArrayLike<number>;
-  /** A custom property of the style sheet, such as --accent. */
+  /** Custom property of the style sheet, such as --accent. */
   readonly colour: string;
 }
 
@@ -20,7 +20,7 @@ export class Curve {
     this.element = element("div", "curve-box", [head, this.#canvas]);
   }
 
-  /** Say something beside the title. */
+  /** Text beside the title. */
   set note(text: string) {
     if (this.#note.textContent !== text) {
       this.#note.textContent = text;

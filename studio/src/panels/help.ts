@@ -1,4 +1,4 @@
-// Help on `?`: every key and what the mouse does.
+// Help on `?`: all keys and mouse actions.
 
 import { button, element } from "../page/dom";
 

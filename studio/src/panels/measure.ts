@@ -1,4 +1,4 @@
-// What the emulator costs, how far it is from physics, and how far to believe it.
+// The emulator's cost, its distance from physics, and how far to trust it.
 
 import { emptyPose, poseBones } from "../body/pose";
 import { surfaceGap, surfaceOf } from "../body/surface";
@@ -10,16 +10,16 @@ import type { Twin } from "../physics/twin";
 import type { Panel } from "./controls";
 import { Curve } from "./curve";
 
-/** Scores are averaged over so many super steps: a body that flickers is looked away from. */
+/** Number of super steps over which scores are averaged, against flicker. */
 const TRUST_WINDOW = 10;
 
-/** Scores beyond this are drawn at the top of their curve. */
+/** Score above which the curve is drawn at the top. */
 const TOP_SCORE = 3;
 
-/** Numbers and curves are written anew so often at most [ms]. */
+/** Minimum interval between updates of numbers and curves [ms]. */
 const INTERVAL = 250;
 
-/** Return how far apart two motions' bones are on average [m], of a surface its nodes at root mean square, super step by super step. */
+/** Return the mean distance of two motions' bones [m], or the rms distance of a surface's nodes, super step by super step. */
 export function gapsBetween(session: Session, one: Motion, other: Motion, from: number, to: number): number[] {
   if (session.facts.surface) {
     const surface = surfaceOf(session.facts.surface);
@@ -56,7 +56,7 @@ function scoreAt(motion: Motion, step: number): number {
 
 export class MeasurePanel implements Panel {
   readonly element: HTMLElement;
-  /** The gap at the playhead [m], or null where physics has not come yet. */
+  /** The gap at the playhead [m], or null before physics gets there. */
   gap: number | null = null;
   readonly #step: Fact;
   readonly #work: Fact;
@@ -97,7 +97,7 @@ export class MeasurePanel implements Panel {
     }
   }
 
-  /** How far the last super steps before the playhead lie from what training showed: 1 is the edge. */
+  /** Distance of the last super steps before the playhead from the training data: 1 is the edge. */
   get score(): number {
     const { player } = this.session;
     return scoreAt(player.motion, player.step);

@@ -1,4 +1,4 @@
-// What is done with the movers of a soft body: dragged, led by keys, or left to wander; and how many bodies there are.
+// The movers of a soft body: dragged, led by keys, or left to wander; and the number of bodies.
 
 import { button, element, panel } from "../page/dom";
 import type { Session } from "../page/session";
@@ -38,7 +38,7 @@ export function moverPanel(session: Session, goLive: () => void): Panel | null {
   };
 }
 
-/** How many move beside it. */
+/** Row for the number of bodies beside it. */
 function crowdRow(session: Session): HTMLElement {
   const select = element("select");
   select.setAttribute("aria-label", "How many more of them");

@@ -1,4 +1,4 @@
-// Sliders of what varies over a family of bodies: drag the length of a fish while it swims.
+// Sliders of the parameters of a family of bodies: drag the length of a fish while it swims.
 
 import { element, panel, slider } from "../page/dom";
 import type { Session } from "../page/session";
@@ -15,7 +15,7 @@ export function parameterPanel(session: Session, goLive: () => void): Panel | nu
   if (parameters.length === 0) {
     return null;
   }
-  // The one thing that varies of a soft body is the wind it is in.
+  // The only parameter of a soft body is the wind.
   const isWind = facts.surface !== null && facts.surface !== undefined;
   const { details, body } = panel(isWind ? "Wind" : "Body", true);
   const rows = parameters.map((parameter) =>

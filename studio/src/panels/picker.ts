@@ -3,7 +3,7 @@
 import type { CatalogueEntry } from "../bundle/catalogue";
 import { element } from "../page/dom";
 
-/** Physics steps in a super step of the emulators that ship. */
+/** Numbers of physics steps in a super step of the shipped emulators. */
 const USUAL = [50, 40];
 
 export class Picker {
@@ -28,7 +28,7 @@ export class Picker {
     this.element.append(made);
   }
 
-  /** Show which one is on the stage. */
+  /** Mark the one on the stage. */
   select(id: string): void {
     this.#buttons.forEach((made, key) => made.setAttribute("aria-current", String(key === id)));
     this.#buttons.get(id)?.scrollIntoView({ block: "nearest", inline: "nearest" });

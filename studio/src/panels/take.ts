@@ -1,4 +1,4 @@
-// Leave with something: files of the motion that is shown, and the lines that make the same elsewhere.
+// Export: files of the shown motion, and the lines that make the same elsewhere.
 
 import { base64Of } from "../bundle/base64";
 import { isPhysics } from "../bundle/bundle";
@@ -13,10 +13,10 @@ import type { Panel } from "./controls";
 
 const SERVER_FORMATS = ["glb", "usda", "html"] as const;
 
-/** Images a second of what the server writes. */
+/** Frame rate of the server's files [images per second]. */
 const RATE = 60;
 
-/** A start with more parts than this is no use on a command line. */
+/** Maximum number of parts of a start that fit on a command line. */
 const MAX_START_OPTIONS = 6;
 
 /** Return the states as CSV, one super step a line. */
@@ -99,13 +99,13 @@ function emulatorLines(id: string): string[] {
   ];
 }
 
-/** The line that walks as it is told now, by the file its bundle was made of. */
+/** The line that walks with the current commands, by the file of its bundle. */
 function walkerLines({ command }: WalkPilot): string[] {
   const told = `10,${command.speed.toFixed(2)},${command.turning.toFixed(2)}`;
   return ["# shell", `neuroanimator animate human.policy.safetensors --command ${told} \\`, "  --inside --out motion.glb"];
 }
 
-/** The same where the physics makes the motion. */
+/** The same for a motion of the physics. */
 function physicsLines(session: Session): string[] {
   const { system, dt } = session.facts;
   return [
@@ -122,7 +122,7 @@ function physicsLines(session: Session): string[] {
   ];
 }
 
-/** Parts of the start that are not as at rest, as `--start` takes them; of a body of many points nothing: Python has them all. */
+/** Parts of the start that differ from rest, for `--start`; none for a body of many points, which Python has in full. */
 function startOptions(session: Session): string[] {
   const { facts, player } = session;
   const start = player.motion.state(0);
@@ -139,7 +139,7 @@ function startOptions(session: Session): string[] {
   return options.length <= MAX_START_OPTIONS ? options : [];
 }
 
-/** Makes a film of the motion that is shown, and tells the share that is done. */
+/** Makes a film of the shown motion, and reports the share done. */
 export type Filming = (onProgress: (share: number) => void, signal: AbortSignal) => Promise<Film>;
 
 export function takePanel(session: Session, live: Live | null, banners: Banners, makeFilm: Filming): Panel {
@@ -199,7 +199,7 @@ export function takePanel(session: Session, live: Live | null, banners: Banners,
   };
 }
 
-/** Make a film while nothing else can be pressed, and save it; Escape and a button cancel it. */
+/** Make and save a film while nothing else can be pressed; Escape and a button cancel it. */
 async function saveFilm(name: string, makeFilm: Filming, banners: Banners): Promise<void> {
   const cancelled = new AbortController();
   const share = element("progress");
@@ -241,7 +241,7 @@ async function exportBy(
       controls,
       pushes: motion.pushes(),
       source: motion.source,
-      // In another program's rounding a walk would be another one, and soon a fall.
+      // With another program's rounding a walk would soon differ, and fall.
       ...(session.walker ? { states: base64Of(motion.states()) } : {}),
     };
     const answer = await live.post("api/exports", JSON.stringify(wanted), "application/json");

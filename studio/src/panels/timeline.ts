@@ -1,4 +1,4 @@
-// The timeline: play, scrub, slow motion, one super step at a time; where the emulator is not to be believed is marked.
+// The timeline: play, scrub, slow motion, one super step at a time; it marks where not to trust the emulator.
 
 import { button, element } from "../page/dom";
 import { EDGE } from "../motion/motion";
@@ -6,7 +6,7 @@ import type { Player } from "../motion/player";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2] as const;
 
-/** The bar is drawn anew so often at most [s]. */
+/** Minimum interval between redraws of the bar [s]. */
 const STRIP_INTERVAL = 0.25;
 
 export class Timeline {
@@ -71,7 +71,7 @@ export class Timeline {
     player.isPlaying = !player.isPlaying;
   }
 
-  /** Slower or faster by one of the steps. */
+  /** Change the speed by `steps` steps. */
   changeSpeed(steps: number): void {
     const present = SPEEDS.findIndex((speed) => speed === this.player.speed);
     const next = Math.min(Math.max((present < 0 ? 3 : present) + steps, 0), SPEEDS.length - 1);

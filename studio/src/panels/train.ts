@@ -1,4 +1,4 @@
-// Training from the page: choose a system or drop a model, watch data and loss, stop and go on. The server does the work.
+// Training from the page: choose a system or drop a model, watch data and loss, stop and resume. The server does the work.
 
 import { button, element, panel } from "../page/dom";
 import { lineOf, type Banners } from "../page/banner";
@@ -7,13 +7,13 @@ import { Curve } from "./curve";
 
 const SIZES = ["sketch", "usual", "large"] as const;
 
-/** Physics steps a leap is made of, to choose from. */
+/** Numbers of physics steps in a leap, to choose from. */
 const SUBSTEPS = [25, 50, 100] as const;
 
-/** A model is one of these files; anything else that is dropped is taken for an emulator. */
+/** Pattern of model files; any other dropped file is taken for an emulator. */
 const MODEL_FILES = /\.(xml|mjcf|urdf)$/i;
 
-/** A training as the server tells of it. */
+/** A training, as reported by the server. */
 interface Job {
   readonly id: string;
   readonly system: string;
@@ -73,12 +73,12 @@ export class TrainPanel {
     });
   }
 
-  /** Show what the server says of a training. */
+  /** Show the server's report of a training. */
   tell(event: Answer): void {
     this.#show(event as unknown as Job);
   }
 
-  /** Send a model that was dropped, and offer it for training. */
+  /** Send a dropped model, and offer it for training. */
   async addModel(file: File): Promise<void> {
     this.banners.say("upload", `Reading ${file.name} …`);
     try {

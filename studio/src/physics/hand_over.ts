@@ -6,10 +6,10 @@ import type { Player } from "../motion/player";
 import { lineOf } from "../page/banner";
 import type { Physics } from "./physics";
 
-/** Physics goes so far ahead of the playhead [s]. */
+/** Time by which physics is ahead of the playhead [s]. */
 const AHEAD = 0.4;
 
-/** How often is looked whether there is more to do [ms]. */
+/** Interval between checks for more work [ms]. */
 const PAUSE = 20;
 
 export class HandOver {
@@ -18,15 +18,15 @@ export class HandOver {
   private constructor(
     private readonly physics: Physics,
     private readonly player: Player,
-    /** What was shown before, and the super step at which physics took over. */
+    /** The motion shown before, and the super step at which physics took over. */
     private readonly before: Motion,
     private readonly step: number,
-    /** Whether that was recorded: then its controls are known beyond there. */
+    /** Whether that was recorded, so that its controls are known beyond that step. */
     private readonly wasRecorded: boolean,
     private readonly motion: Motion,
   ) {}
 
-  /** Let physics go on from where the playhead stands; `onError` is told one clear line if it cannot. */
+  /** Let physics go on from the playhead; `onError` is called with one clear line if it cannot. */
   static begin(physics: Physics, facts: Bundle, player: Player, onError: (line: string) => void): HandOver {
     const structure = { rates: facts.rates, orientations: facts.orientations };
     const before = player.motion;
@@ -44,7 +44,7 @@ export class HandOver {
     return handOver;
   }
 
-  /** The state (S) in which it all began, if physics is what is shown; else null. */
+  /** The initial state (S), if physics is shown; else null. */
   get origin(): Float32Array | null {
     return this.player.motion === this.motion ? this.before.state(0) : null;
   }
@@ -56,7 +56,7 @@ export class HandOver {
 
   async #run(): Promise<void> {
     const { motion, player } = this;
-    // Another motion on the stage means that nobody waits for this one.
+    // If another motion is on the stage, nobody waits for this one.
     while (this.#isOn && player.motion === motion) {
       if (motion.duration - player.time > AHEAD) {
         await new Promise((resolve) => setTimeout(resolve, PAUSE));
@@ -68,20 +68,20 @@ export class HandOver {
       const state = motion.state(motion.steps);
       const control = this.#control(state);
       const { states } = await this.physics.replay({ start: state, controls: Float32Array.from(control), pushes: [] });
-      // Physics is true everywhere: nothing to doubt.
+      // Physics is true everywhere: no doubt.
       motion.append(control, states.subarray(motion.stateSize, 2 * motion.stateSize), 0);
     }
     player.isHeld = false;
   }
 
-  // Recorded controls as far as they go, then whoever steers.
+  // Recorded controls as far as they go, then the pilot.
   #control(state: Float32Array): number[] {
     const step = this.step + this.motion.steps;
     const isRecorded = this.wasRecorded && step < this.before.steps;
     return Array.from(isRecorded ? this.before.control(step) : this.player.pilot!.control(state, this.motion.steps));
   }
 
-  // Without a single step of physics what was there before is better.
+  // Without a single step of physics, the motion before is better.
   #giveUp(): void {
     this.stop();
     if (this.motion.steps === 0 && this.player.motion === this.motion) {

@@ -2,10 +2,10 @@
 
 import { exportedFunction, Heap, startModule, type ModuleExports } from "../emulator/instance";
 
-/** The C names in every such module begin with this. */
+/** Prefix of the C names in every such module. */
 const PREFIX = "physics";
 
-/** By the scheme of the truth, or as a user would run it. */
+/** Scheme: that of the truth, or a user's. */
 export type Way = "rollout" | "rollout_usual";
 
 export class PhysicsModule {
@@ -19,7 +19,7 @@ export class PhysicsModule {
     this.#heap = new Heap(exports);
   }
 
-  /** Start a compiled module of a body with so many numbers in a state and in a control. */
+  /** Start a compiled module of a body with these sizes of a state and a control. */
   static async start(module: WebAssembly.Module, stateSize: number, controlSize: number): Promise<PhysicsModule> {
     return new PhysicsModule(await startModule(module), stateSize, controlSize);
   }

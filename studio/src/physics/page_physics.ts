@@ -1,17 +1,17 @@
-// The true physics in the page, where the module of a body's is at hand.
+// The true physics in the page, if there is a module of the body's physics.
 
 import type { Bundle, Push } from "../bundle/bundle";
 import { fetchModule } from "../emulator/instance";
 import { PhysicsModule, type Way } from "./module";
 import type { Drive, Physics, Replay } from "./physics";
 
-/** It works for so long at a time [ms]; then the page has its turn. */
+/** Time it works before the page has its turn [ms]. */
 const TURN = 8;
 
-/** So many super steps are made before the clock is looked at. */
+/** Number of super steps between looks at the clock. */
 const PIECE = 4;
 
-/** What was made (T + 1, S), the start included, and the time it took [s]. */
+/** The states (T + 1, S), the start included, and the time they took [s]. */
 interface Played {
   readonly states: Float32Array;
   readonly seconds: number;
@@ -21,7 +21,7 @@ export class PagePhysics implements Physics {
   readonly isReady = true;
   #module: Promise<PhysicsModule> | null = null;
 
-  /** `address` is that of the module of the bundle with `facts`; it is fetched when physics is first wanted. */
+  /** `address` is that of the module of the bundle with `facts`, fetched when physics is first used. */
   constructor(
     private readonly address: URL,
     private readonly facts: Bundle,
@@ -33,7 +33,7 @@ export class PagePhysics implements Physics {
     if (!states.every(Number.isFinite)) {
       throw new Error("the physics diverged under these controls; shorten the motion, or make it milder");
     }
-    // The physics as a user would run it is run for its time alone.
+    // The user's scheme is only run to measure its time.
     const usual = await playPushed(module, "rollout_usual", drive);
     return { states, seconds, usualSeconds: usual.seconds };
   }
@@ -49,7 +49,7 @@ export class PagePhysics implements Physics {
   }
 }
 
-/** Play a drive: what is pushed goes on from where it was pushed to. */
+/** Play a drive with its pushes. */
 export async function playPushed(module: PhysicsModule, way: Way, { start, controls, pushes }: Drive): Promise<Played> {
   const { stateSize, controlSize } = module;
   const steps = controls.length / controlSize;
@@ -78,7 +78,7 @@ export async function playPushed(module: PhysicsModule, way: Way, { start, contr
   return { states, seconds: milliseconds / 1000 };
 }
 
-/** Return the first super step after `done` before which something is pushed. */
+/** Return the first super step after `done` before which there is a push. */
 function nextPush(pushes: readonly Push[], done: number): number {
   return Math.min(...pushes.map(([step]) => step).filter((step) => step > done), Infinity);
 }

@@ -1,37 +1,37 @@
-// The true physics of the body on show: by the server, or in the page where its module is at hand.
+// The true physics of the body on show: by the server, or in the page if there is a module.
 
 import type { LoadedBundle, Push } from "../bundle/bundle";
 import type { Live } from "../server/live";
 import { PagePhysics } from "./page_physics";
 import { ServerPhysics } from "./server_physics";
 
-/** What physics is to do: as a Motion holds it. */
+/** Input of a replay, in the form of a Motion. */
 export interface Drive {
-  /** (S) */
+  /** Initial state (S). */
   readonly start: ArrayLike<number>;
-  /** (T, C), one row after the other. */
+  /** Controls (T, C), one row after the other. */
   readonly controls: Float32Array;
   readonly pushes: readonly Push[];
 }
 
-/** What physics did. */
+/** Result of a replay. */
 export interface Replay {
-  /** (T + 1, S), the start included. */
+  /** States (T + 1, S), the start included. */
   readonly states: Float32Array;
   /** Time it took [s]. */
   readonly seconds: number;
-  /** Time it takes as a user would run it [s]: what speed-ups are measured against. */
+  /** Time by a user's scheme [s], against which speed-ups are measured. */
   readonly usualSeconds: number;
 }
 
 export interface Physics {
-  /** Whether it can be asked now. */
+  /** Whether it is available now. */
   readonly isReady: boolean;
-  /** Return what physics does; the error is one clear line. */
+  /** Return the motion by physics; the error is one clear line. */
   replay(drive: Drive): Promise<Replay>;
 }
 
-/** Return what replays the motions of a bundle; null where nothing does. The server goes first: there, physics slows no page. */
+/** Return the physics of a bundle; null if there is none. The server is preferred: there, physics does not slow the page. */
 export function physicsOf(bundle: LoadedBundle, live: Live | null): Physics | null {
   const { facts, folder } = bundle;
   if (live) {

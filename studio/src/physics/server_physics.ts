@@ -1,4 +1,4 @@
-// The true physics, asked for from the server.
+// The true physics, computed by the server.
 
 import { floatsOf } from "../bundle/base64";
 import type { Bundle } from "../bundle/bundle";

@@ -1,17 +1,17 @@
-// Physics beside the emulator: the same controls on the true system, asked for piece by piece.
+// Physics beside the emulator: the same controls on the true system, requested piece by piece.
 
 import type { Bundle } from "../bundle/bundle";
 import { Motion } from "../motion/motion";
 import { lineOf } from "../page/banner";
 import type { Physics } from "./physics";
 
-/** At least so many new super steps are asked for at a time, unless the motion is finished. */
+/** Minimum number of new super steps in a request, unless the motion is finished. */
 const PIECE = 4;
 
 export class Twin {
-  /** What physics did, from the same start under the same controls; null before the first answer. */
+  /** The motion by physics from the same start under the same controls; null before the first answer. */
   motion: Motion | null = null;
-  /** Physics' own speed as a user would run it: seconds of its work a second of motion; null before the first answer. */
+  /** Cost of physics by a user's scheme: seconds of work per second of motion; null before the first answer. */
   cost: number | null = null;
   isOn = false;
   onError: (line: string) => void = () => undefined;
@@ -24,7 +24,7 @@ export class Twin {
     private readonly facts: Bundle,
   ) {}
 
-  /** Follow `motion` as far as it goes; call once an image. `isGrowing` says whether more of it will come. */
+  /** Follow `motion` as far as it goes; call once per image. `isGrowing` is whether more of it will come. */
   follow(motion: Motion, isGrowing: boolean): void {
     if (this.#of !== motion) {
       this.#of = motion;

@@ -2,7 +2,7 @@
 
 import { Object3D, Quaternion, Vector3 } from "three";
 
-/** Return an object whose children lie in physics' axes, Z up. */
+/** Return an object whose children are in physics' axes, Z up. */
 export function physicsRoot(): Object3D {
   const root = new Object3D();
   root.name = "physics";

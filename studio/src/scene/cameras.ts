@@ -1,4 +1,4 @@
-// The camera: it goes along with the body, or stays, and is turned by mouse, finger and keyboard.
+// The camera: it follows the body, or stays, and is turned by mouse, finger and keyboard.
 
 import { MathUtils, Vector3, type PerspectiveCamera } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -6,36 +6,36 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 export const CAMERA_MODES = ["follow", "chase", "orbit"] as const;
 export type CameraMode = (typeof CAMERA_MODES)[number];
 
-/** Time in which the camera comes after the body [s]. */
+/** Time constant with which the camera follows the body [s]. */
 const LAG = 0.35;
 
-/** Time in which a camera that turns with the body comes after it [s]: not with every stroke and every stride. */
+/** Time constant with which the camera turns with the body [s], slow enough to ignore single strokes and strides. */
 const TURN_LAG = 0.5;
 
-/** A picture narrower than this over its height shows the body from further away. */
+/** Ratio of width to height below which the body is shown from further away. */
 const NARROW = 1.2;
 
-/** However fast the body is, the camera looks no further beside it than this, over its size. */
+/** Maximum distance of the look-at point from the body, over its size. */
 const MAX_LAG = 0.4;
 
-/** Time in which the camera rises out of the water, and goes back [s]. */
+/** Time constant with which the camera rises out of the water, and goes back [s]. */
 const RISE = 0.16;
 
-/** A turn by a key [rad], and a step nearer or further. */
+/** Turn per key press [rad], and zoom factor. */
 const KEY_TURN = 0.12;
 const KEY_ZOOM = 1.12;
 
 export class CameraRig {
   readonly controls: OrbitControls;
   mode: CameraMode = "follow";
-  /** Below this height the camera does not go [m]. */
+  /** Minimum height of the camera [m]. */
   ground = -Infinity;
-  /** The camera rises to this height [m] for as long as it is not null. */
+  /** Height to which the camera rises [m], unless null. */
   lookFrom: number | null = null;
   #lift = 0;
   #clearance = 0;
   #maxLag = Infinity;
-  /** By how much the body has turned left and the camera has not [rad]. */
+  /** Left turn of the body that the camera has not followed yet [rad]. */
   #owedTurn = 0;
 
   constructor(
@@ -48,7 +48,7 @@ export class CameraRig {
     this.controls.maxPolarAngle = Math.PI * 0.96;
   }
 
-  /** Look at `focus` from so many [rad] to its side and above, a body of `size` [m] filling a good share of the picture. */
+  /** Look at `focus` from `azimuth` and `elevation` [rad], with a body of `size` [m] filling a good share of the picture. */
   frame(focus: Vector3, size: number, heading: number, azimuth: number, elevation: number, distance: number): void {
     const far = distance * size * Math.max(1, NARROW / this.camera.aspect);
     const angle = heading + azimuth;
@@ -69,7 +69,7 @@ export class CameraRig {
     this.controls.update();
   }
 
-  /** Go along with `focus`; at once where motion is to be reduced. `turned` is by how much the body turned left [rad]. */
+  /** Follow `focus`, at once with reduced motion. `turned` is the body's left turn [rad]. */
   update(focus: Vector3, turned: number, seconds: number): void {
     this.camera.position.y -= this.#lift;
     if (this.mode !== "orbit") {
@@ -102,7 +102,7 @@ export class CameraRig {
     this.turn(turn, 0);
   }
 
-  // A leap is seen from above the water, whether the camera was under it or not.
+  // A leap is always seen from above the water.
   #rise(seconds: number): void {
     const missing = this.lookFrom === null ? 0 : Math.max(this.lookFrom - this.camera.position.y, 0);
     const wanted = this.mode === "orbit" ? 0 : missing;
@@ -113,7 +113,7 @@ export class CameraRig {
     }
   }
 
-  /** Go around what is looked at by angles [rad]. */
+  /** Orbit the look-at point by angles [rad]. */
   turn(left: number, up: number): void {
     const offset = this.camera.position.clone().sub(this.controls.target);
     offset.applyAxisAngle(new Vector3(0, 1, 0), left);
@@ -129,7 +129,7 @@ export class CameraRig {
     this.turn(KEY_TURN * left, KEY_TURN * up);
   }
 
-  /** Come nearer by a key, or go further away. */
+  /** Zoom in or out by a key. */
   keyZoom(isNearer: boolean): void {
     const offset = this.camera.position.clone().sub(this.controls.target);
     offset.multiplyScalar(isNearer ? 1 / KEY_ZOOM : KEY_ZOOM);

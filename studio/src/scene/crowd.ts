@@ -1,4 +1,4 @@
-// A crowd of soft bodies as it is drawn: all cloths in one draw call, and one for each thing that strikes them.
+// The drawn crowd of soft bodies: all cloths in one draw call, and one for each collider.
 
 import { Color, Group, type Object3D } from "three";
 import { emptyPose, poseBones } from "../body/pose";
@@ -13,20 +13,20 @@ import type { Patch } from "./glsl";
 /** Distance of neighbours in a crowd, over the body's size. */
 const SPACING = 2.1;
 
-/** How far the colours of cloths are apart: in hue, of a whole circle, and in lightness. */
+/** Spread of the colours of cloths: in hue, as a share of the circle, and in lightness. */
 const HUES = 0.09;
 const LIGHTNESS = 0.12;
 
 export interface CrowdView {
   readonly object: Object3D;
-  /** How far from the middle the outermost stand [m]. */
+  /** Distance of the outermost bodies from the middle [m]. */
   readonly radius: number;
   /** Show body `number` in `state` (S). */
   show(number: number, state: Float32Array): void;
   dispose(): void;
 }
 
-/** Return the bodies of a crowd, in rows around a place that is left free for the one on show. */
+/** Return the bodies of a crowd, in rows around a place left free for the one on show. */
 export function makeCrowdView(facts: Bundle, crowd: Crowd, size: number, patches: readonly Patch[]): CrowdView {
   const base = surfaceColour(facts.surface!);
   // The colour of each is that of its instance.
@@ -35,7 +35,7 @@ export function makeCrowdView(facts: Bundle, crowd: Crowd, size: number, patches
     surface: (nodes) => surfaceMaterial(kind.surface, new Color(1, 1, 1), size, [nodes, ...patches]),
     fittings: fittingsMaterial(patches),
   });
-  // Over so wide a place shadows are coarse: on the ground they will do.
+  // Over so wide an area shadows are coarse, and only good enough on the ground.
   cloth.surfaces.receiveShadow = false;
   const strikers = new ShapeInstances(facts.skeleton, [...facts.skeleton.keys()], crowd.count, patches);
   const object = new Group();
@@ -60,7 +60,7 @@ export function makeCrowdView(facts: Bundle, crowd: Crowd, size: number, patches
   };
 }
 
-/** Return the `count` places of a grid that are nearest to its middle, the middle left out. */
+/** Return the `count` places of a grid nearest to its middle, without the middle. */
 function placesAround(count: number): [number, number][] {
   const reach = Math.ceil(Math.sqrt(count + 1) / 2);
   const places: [number, number][] = [];
@@ -75,7 +75,7 @@ function placesAround(count: number): [number, number][] {
   return places.slice(0, count);
 }
 
-/** Return a colour like `base`, another for every number. */
+/** Return a colour like `base`, different for every number. */
 function shade(base: Color, number: number): Color {
   const hue = ((number * 0.618034) % 1) - 0.5;
   const lightness = ((number * 0.754878) % 1) - 0.5;

@@ -1,4 +1,4 @@
-// What three.js keeps on the graphics card until it is told that nobody needs it any more.
+// Freeing what three.js keeps on the graphics card.
 
 import { Mesh, type BufferGeometry, type Object3D } from "three";
 

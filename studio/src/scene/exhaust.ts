@@ -1,10 +1,10 @@
-// The engine's flame, and dust that it blows away over the ground.
+// The engine's flame, and the dust that it blows over the ground.
 
 import { AdditiveBlending, BufferAttribute, BufferGeometry, ConeGeometry, Group, Mesh, NormalBlending, Points, ShaderMaterial, Vector3, type Object3D } from "three";
 import { randomSource } from "./random";
 import type { Moment } from "./scenery";
 
-/** The nozzle lies so far under the body's middle, over its size. */
+/** Depth of the nozzle under the body's middle, over its size. */
 const NOZZLE = 0.19;
 
 /** Width and length of the flame at full thrust, over the body's size. */
@@ -13,13 +13,13 @@ const FLAME_LENGTH = 0.62;
 
 const GRAINS = 900;
 
-/** Gravity of the moon [m/s²]: dust falls slowly, and there is no air to keep it. */
+/** Gravity of the moon [m/s²]: dust falls slowly, without air. */
 const GRAVITY = 1.62;
 
-/** The engine raises dust up to this height of the body, over its size. */
+/** Height of the body up to which the engine raises dust, over its size. */
 const REACH = 1.3;
 
-/** Grains raised in a second at full thrust on the ground. */
+/** Number of grains raised per second at full thrust on the ground. */
 const RATE = 520;
 
 export interface Exhaust {

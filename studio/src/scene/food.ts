@@ -1,4 +1,4 @@
-// Food that small fish look for: morsels that sink.
+// Food for small fish: morsels that sink.
 
 import { Color, InstancedMesh, Matrix4, MeshStandardMaterial, SphereGeometry, type Object3D } from "three";
 import { SMALL, type Life } from "../steering/life";
@@ -13,12 +13,12 @@ const COLOUR = new Color(0.95, 0.55, 0.16);
 
 export interface FoodView {
   readonly object: Object3D;
-  /** Draw the morsels where they are. */
+  /** Draw the morsels. */
   update(): void;
   dispose(): void;
 }
 
-/** Return the food of fish that live around a body of `size` [m]. */
+/** Return the food of fish around a body of `size` [m]. */
 export function makeFoodView(life: Life, size: number): FoodView {
   const geometry = new SphereGeometry(RADIUS * SMALL * size, 10, 8);
   const material = new MeshStandardMaterial({ color: COLOUR, emissive: COLOUR, emissiveIntensity: 0.25, roughness: 0.6 });

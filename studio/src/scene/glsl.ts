@@ -1,4 +1,4 @@
-// Shader pieces that several scenes share, and how they get into three.js' own materials.
+// Shader pieces that several scenes share, and their insertion into three.js' own materials.
 
 import { ShaderChunk, type IUniform, type Material, type WebGLProgramParametersWithUniforms } from "three";
 
@@ -36,16 +36,16 @@ float fbm2(vec2 p) {
 }
 `;
 
-/** How much of the fine grain of things is drawn: less where the processor draws. Set before a scene is made. */
+/** Level of fine detail: lower if the processor draws. Set before a scene is made. */
 export const detail = { isCoarse: false };
 
-/** What is put where into the shader of a material of three.js. */
+/** Code inserted into the shaders of a three.js material. */
 export interface Patch {
   readonly key: string;
   readonly uniforms: Uniforms;
   /** Declarations for both shaders. */
   readonly shared?: string;
-  /** Declarations for the vertex shader alone, attributes among them. */
+  /** Declarations for the vertex shader alone, including attributes. */
   readonly attributes?: string;
   /** After `objectNormal` is known. */
   readonly normal?: string;
@@ -65,7 +65,7 @@ export interface Patch {
 
 const DIRECTIONAL_LIGHT = "getDirectionalLightInfo( directionalLight, directLight );";
 
-/** Put patches into a material. In every piece `vPlace` is the point in three.js' world. */
+/** Insert patches into a material. In every piece `vPlace` is the point in three.js' world. */
 export function patchMaterial<M extends Material>(material: M, patches: readonly Patch[]): M {
   material.onBeforeCompile = (shader) => {
     for (const patch of patches) {

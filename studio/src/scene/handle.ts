@@ -1,4 +1,4 @@
-// A target in the scene, to be dragged; and the line by which a body is pulled.
+// A draggable target in the scene, and the line by which a body is pulled.
 
 import {
   BufferAttribute,
@@ -19,13 +19,13 @@ export const TARGET_COLOUR = new Color(0.17, 0.85, 0.8);
 
 export interface TargetHandle {
   readonly object: Object3D;
-  /** Where it is [m], in physics' axes. */
+  /** Its position [m], in physics' axes. */
   readonly place: [number, number, number];
   moveTo(place: ArrayLike<number>): void;
   dispose(): void;
 }
 
-/** Return a target for a body of `size` [m]; `reach` is how near is near enough [m], if that is known. */
+/** Return a target for a body of `size` [m]; `reach` is its tolerance [m], if known. */
 export function makeTarget(size: number, reach = 0.12 * size): TargetHandle {
   const object = new Group();
   object.name = "target";
@@ -75,7 +75,7 @@ export interface Knob {
   dispose(): void;
 }
 
-/** Return a knob for what may be dragged and is not to be seen itself, of a body of `size` [m]. */
+/** Return a knob for a draggable but invisible thing, for a body of `size` [m]. */
 export function makeKnob(size: number): Knob {
   const geometry = new SphereGeometry(0.022 * size, 20, 14);
   const material = new MeshBasicMaterial({ color: TARGET_COLOUR, transparent: true, opacity: 0.85, toneMapped: false });

@@ -1,4 +1,4 @@
-// A parking lot on a clear day: asphalt, a kerb, grass and trees around, hills far away.
+// A parking lot on a clear day: asphalt, a kerb, grass and trees around it, and distant hills.
 
 import {
   BoxGeometry,
@@ -43,7 +43,7 @@ const HILLS = /* glsl */ `
   sky = mix(sky, mix(skyLow, vec3(0.14, 0.27, 0.17), 0.62), smoothstep(0.002, -0.002, dir.y - near));
 `;
 
-/** The haze of a clear day, which everything far away takes on. */
+/** The haze of a clear day on distant things. */
 function hazePatch(): Patch {
   const uniforms = dayUniforms(SUN);
   return {

@@ -1,4 +1,4 @@
-// The moon: grey dust, craters and hills under a black sky, the earth above; and what the engine does to the dust.
+// The moon: grey dust, craters and hills under a black sky with the earth; and the engine's effect on the dust.
 
 import {
   BufferAttribute,
@@ -21,16 +21,16 @@ import { makeDome, skyAlone } from "./sky";
 import { stoneGeometry } from "./stones";
 import type { Stage } from "./stage";
 
-/** Half the side of the flat ground that physics knows [m]; hills begin beyond. */
+/** Half the side of the flat ground of the physics [m]; hills begin beyond. */
 const FLAT = 22;
 
-/** Half the side of the land [m], and cells along each side. */
+/** Half the side of the land [m], and number of cells along each side. */
 const LAND = 420;
 const CELLS = 220;
 
 const SUN = new Vector3(0.2, 0.52, -0.95);
 
-/** Craters: x, z, radius [m]. The small ones within the flat ground are painted, not dug. */
+/** Craters: x, z, radius [m]. The small ones on the flat ground are only painted. */
 const CRATERS: readonly (readonly [number, number, number])[] = [
   [44, -38, 17], [-52, 30, 22], [20, 62, 14], [-36, -54, 13], [82, 24, 26], [-96, -34, 34],
   [10, -96, 28], [66, 88, 20], [-70, 92, 30], [130, -60, 44], [-150, 40, 48], [40, 150, 40], [-24, 34, 6],
@@ -155,13 +155,13 @@ function makeLand(): Mesh {
   return land;
 }
 
-/** Dust: fine grain near by, pits of all sizes, no two places alike. */
+/** Dust: fine grain up close, and pits of all sizes. */
 function dustPatch(): Patch {
   return {
     key: "moondust",
     uniforms: {},
     fragment: `
-      // Height of small pits: one in most cells, each with a rim.
+      // Height of small pits, one in most cells, each with a rim.
       float pits(vec2 p) {
         vec2 cell = floor(p);
         float height = 0.0;

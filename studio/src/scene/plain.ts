@@ -1,4 +1,4 @@
-// A studio floor without an end: for bodies that come from nowhere in particular.
+// An endless studio floor, for bodies without surroundings of their own.
 
 import { BufferGeometry, Color, Mesh, MeshStandardMaterial, Vector3, type Object3D } from "three";
 import { patchMaterial, type Patch } from "./glsl";
@@ -8,7 +8,7 @@ import { makeDome, skyAlone } from "./sky";
 import type { Stage } from "./stage";
 import { horizonGeometry } from "./water/surface";
 
-/** The floor lies so far under a body that hangs, over its size. */
+/** Depth of the floor under a hanging body, over its size. */
 const FLOOR_DEPTH = 0.08;
 
 const WALL = "uniform vec3 wall; uniform vec3 floorColour;";
@@ -85,7 +85,7 @@ function makeFloor(colours: PlainColours, size: number): Mesh<BufferGeometry, Me
   return floor;
 }
 
-/** The lines of the floor lie a round number of metres apart. */
+/** Distance of the floor's lines: a round number of metres. */
 function gridStep(size: number): number {
   return 10 ** Math.round(Math.log10(size));
 }

@@ -1,4 +1,4 @@
-// Numbers that look random and are the same in every page: a scene looks as it did yesterday.
+// Pseudo-random numbers that are the same in every page, so that scenes always look the same.
 
 export type Random = () => number;
 

@@ -1,9 +1,9 @@
-// Many copies of a few things on endless ground: those left behind come up again in front.
+// Many copies of a few things on endless ground: those left behind reappear in front.
 
 import { InstancedMesh, Matrix4, Quaternion, Vector3, type BufferGeometry, type Material } from "three";
 import type { Random } from "./random";
 
-/** One copy: where it lies in the tile that repeats (x and z, 0 to 1), and how it stands there. */
+/** One copy: its position in the repeating tile (x and z, 0 to 1), and its pose. */
 export interface Copy {
   readonly x: number;
   readonly z: number;
@@ -14,12 +14,12 @@ export interface Copy {
 
 export interface Scatter {
   readonly mesh: InstancedMesh;
-  /** Put every copy where it is nearest to `focus`, on ground of this height. */
+  /** Put every copy at its position nearest to `focus`, on ground of this height. */
   update(focus: Vector3, ground: (x: number, z: number) => number): void;
   dispose(): void;
 }
 
-/** Scatter `copies` of a thing over a tile of side `tile` [m]. */
+/** Scatter `copies` of an object over a tile of side `tile` [m]. */
 export function makeScatter(
   geometry: BufferGeometry,
   material: Material,
@@ -63,7 +63,7 @@ function nearest(base: number, focus: number, tile: number): number {
   return base + tile * Math.round((focus - base) / tile);
 }
 
-/** Return places for copies, in clumps: everything alone looks sown by a machine. */
+/** Return places for copies, in clumps, which look more natural. */
 export function clumpedPlaces(random: Random, count: number, clumps: number, spread: number): [number, number][] {
   const centres = Array.from({ length: clumps }, () => [random(), random()] as const);
   return Array.from({ length: count }, (_, i) => {

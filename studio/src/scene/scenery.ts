@@ -1,44 +1,44 @@
-// What every scene can do: light, ground and air around a body.
+// The interface of scenes: light, ground and air around a body.
 
 import type { Quaternion, Vector3 } from "three";
 import type { Patch } from "./glsl";
 import type { Atmosphere } from "./stage";
 
-/** What the scenery may know of an image. */
+/** The facts of an image for the scenery. */
 export interface Moment {
-  /** Time that goes on even if the motion stands still [s]; it stands still where motion is to be reduced. */
+  /** Time that goes on while the motion is paused [s], but not with reduced motion. */
   readonly time: number;
   readonly seconds: number;
-  /** What is looked at, in three.js' axes. */
+  /** The look-at point, in three.js' axes. */
   readonly focus: Vector3;
-  /** How the body is turned, in three.js' axes. */
+  /** Rotation of the body, in three.js' axes. */
   readonly turn: Quaternion;
   /** Lowest and highest point of the body [m]. */
   readonly low: number;
   readonly high: number;
-  /** The control (C) held at present, each number as a share of its bounds, 0 to 1. */
+  /** The current control (C), each number as a share of its bounds, 0 to 1. */
   readonly controls: readonly number[];
 }
 
 export interface Scenery {
   readonly atmosphere: Atmosphere;
-  /** What the materials of bodies need so that they belong here. */
+  /** Patches for the materials of bodies in this scenery. */
   readonly bodyPatches: readonly Patch[];
   /** Height of the water's surface [m], if there is one. */
   readonly surface?: number;
-  /** Height of the surface that physics knows [m]: a body may leap out of it. */
+  /** Height of the surface in the physics [m], out of which a body may leap. */
   readonly waterline?: number;
-  /** The ground's height below which the camera does not go [m]. */
+  /** Height of the ground, the minimum for the camera [m]. */
   readonly ground: number;
   update(moment: Moment): void;
   dispose(): void;
 }
 
-/** How large the body is and where it begins: scenery is made to its measure. */
+/** Size and initial position of the body, to which scenery is fitted. */
 export interface Measure {
   /** Its longest side [m]. */
   readonly size: number;
-  /** Its middle at first, in three.js' axes. */
+  /** Its initial middle, in three.js' axes. */
   readonly middle: Vector3;
   readonly low: number;
   readonly high: number;

@@ -1,4 +1,4 @@
-// A school as it is drawn: one mesh a group, every swimmer bent by matrices from a texture.
+// The drawn school: one mesh per group, every swimmer bent by matrices from a texture.
 
 import {
   DataTexture,
@@ -23,7 +23,7 @@ import { makeSchoolShadows, type ShadowGround } from "./school_shadows";
 
 export interface SchoolView {
   readonly object: Object3D;
-  /** Draw every swimmer where it is between its super steps. */
+  /** Draw every swimmer, interpolated between its super steps. */
   update(): void;
   dispose(): void;
 }
@@ -34,13 +34,13 @@ interface GroupView {
   dispose(): void;
 }
 
-/** What all groups of a school share. */
+/** The shared parts of all groups of a school. */
 interface Kind {
   readonly facts: Bundle;
   readonly skin: BufferGeometry;
   readonly bones: SwimmerBones;
   readonly ground: ShadowGround;
-  /** What belongs to every material of the scene. */
+  /** Patches of every material of the scene. */
   readonly patches: readonly Patch[];
 }
 
@@ -71,7 +71,7 @@ export function makeSchoolView(
   };
 }
 
-/** The ground as a school that is drawn at `scale` sees it. */
+/** The ground in the coordinates of a school drawn at `scale`. */
 function scaledGround({ height, sun, size }: ShadowGround, scale: number): ShadowGround {
   const scaled = {
     get value() {
@@ -122,7 +122,7 @@ function makeGroupView({ facts, skin, bones, ground, patches }: Kind, group: Gro
   };
 }
 
-/** The skin so many times over, each of its own number and shade. */
+/** `count` instances of the skin, each with its own number and shade. */
 function instancesOf(skin: BufferGeometry, count: number): InstancedBufferGeometry {
   const geometry = new InstancedBufferGeometry();
   geometry.index = skin.index;
@@ -135,7 +135,7 @@ function instancesOf(skin: BufferGeometry, count: number): InstancedBufferGeomet
   return geometry;
 }
 
-/** Three points of a texture a bone: the rows of its matrix. */
+/** Three texels per bone: the rows of its matrix. */
 function matrixTexture(bones: number, count: number): DataTexture {
   const numbers = new Float32Array(count * bones * MATRIX_SIZE);
   const texture = new DataTexture(numbers, 3 * bones, count, RGBAFormat, FloatType);
@@ -144,7 +144,7 @@ function matrixTexture(bones: number, count: number): DataTexture {
   return texture;
 }
 
-/** A row of a bone's matrix, of the body that is drawn, between two super steps. */
+/** A row of a bone's matrix of the drawn body, between two super steps. */
 const BONE_ROWS = `
   attribute float body;
   uniform highp sampler2D bonesBefore;
@@ -155,7 +155,7 @@ const BONE_ROWS = `
     return mix(texelFetch(bonesBefore, at, 0), texelFetch(bonesAfter, at, 0), stepShare);
   }`;
 
-/** What a shader knows of the bones of the body that is drawn. */
+/** The bones of the drawn body, for a shader. */
 function bonesPatch(before: DataTexture, after: DataTexture, share: IUniform<number>): Patch {
   return {
     key: "schoolBones",

@@ -1,5 +1,5 @@
-// Shadows of a school on the bed: a soft strip under every swimmer, bent as it is. One draw a group, no work for the processor:
-// a shadow map that reached all of a school would be either coarse or slow.
+// Shadows of a school on the bed: a soft strip under every swimmer, bent with it. One draw call per group, without work for the
+// processor: a shadow map for a whole school would be either coarse or slow.
 
 import {
   BufferAttribute,
@@ -19,24 +19,24 @@ import { toPhysics } from "./axes";
 import { patchMaterial, type Patch } from "./glsl";
 import { DUNES } from "./water/bed";
 
-/** A strip has so many sections from nose to tail. */
+/** Number of sections of a strip from nose to tail. */
 const SECTIONS = 7;
 
-/** How dark a shadow is right under a body, and over what height it fades, over the body's size. */
+/** Darkness of a shadow right under a body, and height over which it fades, over the body's size. */
 const DARKNESS = 0.5;
 const FADE = 5;
 
-/** A shadow's edge grows by so much of the height of what casts it. */
+/** Width of a shadow's soft edge, over the height of its caster. */
 const PENUMBRA = 0.05;
 
-/** Shadows lie so far over the sand, over the body's size. */
+/** Height of shadows over the sand, over the body's size. */
 const LIFT = 0.012;
 
-/** The ground that shadows fall on, and the light they are in. */
+/** The ground on which shadows fall, and the light. */
 export interface ShadowGround {
   /** Height of the bed [m], kept up to date by its owner. */
   readonly height: IUniform<number>;
-  /** Where the sun stands, in three.js' axes. */
+  /** Direction of the sun, in three.js' axes. */
   readonly sun: Vector3;
   readonly size: number;
 }
@@ -59,7 +59,7 @@ export function makeSchoolShadows(
   return mesh;
 }
 
-/** A strip along the body at rest: the middle of each section, how broad its shadow is, and the bone it goes with. */
+/** A strip along the body at rest: the middle of each section, the width of its shadow, and its bone. */
 function stripGeometry(facts: Bundle, skin: BufferGeometry, sun: Vector3): InstancedBufferGeometry {
   const points = skin.getAttribute("position");
   const xs = Array.from({ length: points.count }, (_, i) => points.getX(i));
@@ -103,7 +103,7 @@ function nearestBone(facts: Bundle, x: number): number {
   return distances.indexOf(Math.min(...distances));
 }
 
-/** Throws a section along the light onto the sand. */
+/** Projects a section along the light onto the sand. */
 function castPatch(ground: ShadowGround): Patch {
   return {
     key: "schoolShadow",

@@ -1,4 +1,4 @@
-// A dome of sky around everything, and the light it gives.
+// A dome of sky around everything, and its light.
 
 import { BackSide, Color, Mesh, Scene, ShaderMaterial, SphereGeometry, Vector3 } from "three";
 import { NOISE, type Uniforms } from "./glsl";
@@ -34,7 +34,7 @@ export function makeDome(radius: number, uniforms: Uniforms, declarations: strin
   return dome;
 }
 
-/** Return a scene of a dome alone, to be mirrored by what shines. */
+/** Return a scene of a dome alone, for reflections. */
 export function skyAlone(uniforms: Uniforms, declarations: string, colour: string): Scene {
   const scene = new Scene();
   scene.add(makeDome(10, uniforms, declarations, colour));

@@ -1,4 +1,4 @@
-// The renderer, the sun and its shadow, tone mapping, and how finely is drawn on a slow machine.
+// The renderer, the sun and its shadow, tone mapping, and the resolution on a slow machine.
 
 import {
   Color,
@@ -17,40 +17,40 @@ import { physicsRoot } from "./axes";
 import { disposeOf } from "./dispose";
 import { detail } from "./glsl";
 
-/** Angle of view from top to bottom [deg]: that of a 50 mm lens. */
+/** Vertical angle of view [deg]: that of a 50 mm lens. */
 const FIELD_OF_VIEW = 40;
 
-/** Points of the shadow map along each side. */
+/** Side of the shadow map [texels]. */
 const SHADOW_SIZE = 2048;
 const SMALL_SHADOW_SIZE = 1024;
 
-/** Light from above and below in place of a mirrored sky, over its intensity. */
+/** Light from above and below instead of a mirrored sky, over its intensity. */
 const FILL = 2;
 
-/** Shares of the screen's own points that are drawn, the finest first. */
+/** Resolutions over that of the screen, the finest first. */
 const FINENESS = [1, 0.8, 0.65, 0.5, 0.35];
 
-/** An image that takes longer on average makes the picture coarser, one that is shorter finer [s]. */
+/** Mean time of an image above which the picture becomes coarser, and below which it becomes finer [s]. */
 const SLOW_IMAGE = 1 / 28;
 const QUICK_IMAGE = 1 / 55;
 
-/** Images looked at before the fineness changes. */
+/** Number of images measured before the resolution changes. */
 const IMAGES_BETWEEN_CHANGES = 40;
 
-/** After so few already, if an image takes this long [s]: a picture that stutters is worse than a coarse one. */
+/** The same for images of at least this time [s]: a stuttering picture is worse than a coarse one. */
 const FEW_IMAGES = 6;
 const VERY_SLOW_IMAGE = 0.12;
 
-/** From so coarse a picture on, shadows and nets of light are drawn anew only now and then. */
+/** Index of the resolution from which on shadows and caustics are redrawn only now and then. */
 const COARSE = 3;
 
-/** How light, air and shadows of a scene are. */
+/** Light, air and shadows of a scene. */
 export interface Atmosphere {
   /** Where the sun stands, in three.js' axes. */
   readonly sunDirection: Vector3;
   readonly sunColour: Color;
   readonly sunIntensity: number;
-  /** How soft shadows are. */
+  /** Softness of shadows. */
   readonly shadowRadius: number;
   readonly environmentIntensity: number;
   readonly exposure: number;
@@ -69,7 +69,7 @@ export class Stage {
   readonly sun = new DirectionalLight();
   readonly renderer: WebGLRenderer;
 
-  /** Half the width of where shadows fall [m]. */
+  /** Half the width of the shadowed area [m]. */
   #shadowReach = 1;
   #sunDirection = new Vector3(0, 1, 0);
   readonly #isSoftware: boolean;
@@ -81,7 +81,7 @@ export class Stage {
   #imageTime = 1 / 60;
   #images = 0;
 
-  /** Throws an Error where WebGL is missing. `isFine` draws everything, however slowly: for pictures to keep. */
+  /** Throws an Error without WebGL. `isFine` draws everything, however slowly, for pictures to keep. */
   constructor(
     readonly canvas: HTMLCanvasElement,
     isFine = false,
@@ -105,7 +105,7 @@ export class Stage {
     this.resize();
   }
 
-  /** Light the scene. `reach` is half the width of where shadows fall [m]. */
+  /** Light the scene. `reach` is half the width of the shadowed area [m]. */
   light(atmosphere: Atmosphere, reach: number): void {
     this.#sunDirection.copy(atmosphere.sunDirection).normalize();
     this.#shadowReach = reach;
@@ -125,7 +125,7 @@ export class Stage {
     this.renderer.toneMappingExposure = atmosphere.exposure;
   }
 
-  /** Let what shines be reflected: `sky` is drawn once, all around, and then done with. */
+  /** Set the reflections: `sky` is drawn once, all around, and then discarded. */
   reflect(sky: Scene): void {
     this.#mirror(sky);
     sky.traverse(disposeOf);
@@ -133,7 +133,7 @@ export class Stage {
 
   #mirror(sky: Scene): void {
     if (this.#isSoftware) {
-      // Without a graphics card a mirrored sky takes seconds; light from above and below has to do.
+      // Without a graphics card a mirrored sky takes seconds; light from above and below must do.
       this.scene.add(this.#fill);
       return;
     }
@@ -144,7 +144,7 @@ export class Stage {
     this.scene.environment = target.texture;
   }
 
-  /** Let the sun go along with what is looked at, in steps of the shadow map's points, so that edges do not swim. */
+  /** Let the sun follow the look-at point, in steps of the shadow map's texels, so that edges do not swim. */
   follow(focus: Vector3): void {
     const grain = (2 * this.#shadowReach) / this.#shadowSize;
     const snapped = focus.clone().divideScalar(grain * 8).round().multiplyScalar(grain * 8);
@@ -152,7 +152,7 @@ export class Stage {
     this.sun.position.copy(snapped).addScaledVector(this.#sunDirection, 4 * this.#shadowReach);
   }
 
-  /** Draw an image; `seconds` have gone by since the one before. */
+  /** Draw an image, `seconds` after the one before. */
   draw(seconds: number): void {
     this.renderer.shadowMap.autoUpdate = !this.isSlow || this.#images % 2 === 0;
     this.renderer.render(this.scene, this.camera);
@@ -161,18 +161,18 @@ export class Stage {
     }
   }
 
-  /** Whether the machine is so slow that what need not be drawn anew in every image should not be. */
+  /** Whether the machine is too slow to redraw everything in every image. */
   get isSlow(): boolean {
     return !this.#filmSize && this.#fineness >= COARSE;
   }
 
-  /** The size of a film's pictures while one is made: then each is drawn finely, however long that takes; else null. */
+  /** Size of a film's pictures while one is made, drawn at full detail however long it takes; else null. */
   set filmSize(size: PictureSize | null) {
     this.#filmSize = size;
     this.resize();
   }
 
-  /** Fit the picture to the room the page gives it, or to the film. */
+  /** Fit the picture to its space on the page, or to the film. */
   resize(): void {
     const width = this.#filmSize?.width ?? Math.max(this.canvas.clientWidth, 1);
     const height = this.#filmSize?.height ?? Math.max(this.canvas.clientHeight, 1);
@@ -187,7 +187,7 @@ export class Stage {
     this.renderer.dispose();
   }
 
-  // On a machine that cannot keep up the picture becomes coarser, and finer again where there is time.
+  // The picture becomes coarser on a machine that cannot keep up, and finer again when there is time.
   #adapt(seconds: number): void {
     this.#imageTime += 0.1 * (Math.min(seconds, 0.5) - this.#imageTime);
     this.#images += 1;
@@ -207,7 +207,7 @@ export class Stage {
   }
 }
 
-/** Whether the processor draws, for want of a graphics card. */
+/** Whether the processor draws, without a graphics card. */
 function isSoftware(): boolean {
   const context = document.createElement("canvas").getContext("webgl2");
   const extension = context?.getExtension("WEBGL_debug_renderer_info");

@@ -1,9 +1,9 @@
-// Stones: balls worn unevenly, smooth.
+// Stones: smooth, unevenly worn balls.
 
 import { IcosahedronGeometry, Vector3, type BufferGeometry } from "three";
 import { mergeVertices } from "three/addons/utils/BufferGeometryUtils.js";
 
-/** Return a stone of about radius 1, flattened; another `seed` is another stone. */
+/** Return a flattened stone of about radius 1, which depends on `seed`. */
 export function stoneGeometry(seed: number): BufferGeometry {
   const ball = new IcosahedronGeometry(1, 3).deleteAttribute("uv").deleteAttribute("normal");
   const geometry = mergeVertices(ball);

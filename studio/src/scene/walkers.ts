@@ -1,4 +1,4 @@
-// Walkers as they are drawn: the same shapes or skin as the body on show, each body dressed in colours of its own.
+// The drawn walkers: the same shapes or skin as the body on show, each with colours of its own.
 
 import { BufferAttribute, BufferGeometry, Group, type Object3D } from "three";
 import { movingBones } from "../body/extent";
@@ -22,12 +22,12 @@ export function makeWalkersView(facts: Bundle, count: number, patches: readonly 
   return isMeshSkin(facts.skin) ? skinnedWalkers(facts, facts.skin, count, patches) : shapedWalkers(facts, count, patches);
 }
 
-/** Return how far the hues of walker `number` are from those of the body on show. */
+/** Return the difference of hue of walker `number` from the body on show. */
 function hueOf(number: number, count: number): number {
   return (number + 1) / (count + 1);
 }
 
-/** Share of all triangles from which on a part of a skin is a garment, and no detail. */
+/** Share of all triangles above which a part of a skin is a garment, not a detail. */
 const GARMENT = 0.15;
 
 function skinnedWalkers(facts: Bundle, skin: MeshSkin, count: number, patches: readonly Patch[]): WalkersView {
@@ -56,7 +56,7 @@ function skinnedWalkers(facts: Bundle, skin: MeshSkin, count: number, patches: r
   };
 }
 
-/** Return a skin whose garments are of other hues: its largest part is the body itself. */
+/** Return a skin whose garments have other hues; its largest part is the body itself. */
 function dressed(geometry: BufferGeometry, skin: MeshSkin, hue: number): BufferGeometry {
   const sizes = skin.parts.map((part) => part.triangles);
   const largest = sizes.indexOf(Math.max(...sizes));
@@ -96,7 +96,7 @@ function shapedWalkers(facts: Bundle, count: number, patches: readonly Patch[]):
   };
 }
 
-/** Return the colour that most shapes have: all bodies have it. */
+/** Return the colour of most shapes, which all bodies keep. */
 function commonestColour(shapes: readonly Shape[]): number | undefined {
   const counts = new Map<number, number>();
   for (const shape of shapes) {

@@ -1,4 +1,4 @@
-// All that is seen of one system: scenery, the body, its ghost, and the camera in front of them.
+// Everything visible of one system: scenery, the body, its ghost, and the camera.
 
 import { Plane, Quaternion, Raycaster, Vector2, Vector3, type Object3D } from "three";
 import { collidersOf, endsOf, type Collider } from "../body/colliders";
@@ -26,14 +26,14 @@ import type { Measure, Scenery } from "./scenery";
 import type { Atmosphere, PictureSize, Stage } from "./stage";
 import { makeWater } from "./water/water";
 
-/** Half the width of where shadows fall, over the body's size. */
+/** Half the width of the shadowed area, over the body's size. */
 const SHADOW_REACH = 2.6;
 
-/** Where the camera begins: to the side of the body, from a little above or, under water, below [rad]. */
+/** Initial view: to the side of the body, from slightly above or, under water, below [rad]. */
 interface View {
   readonly azimuth: number;
   readonly elevation: number;
-  /** Over the body's size. */
+  /** Distance, over the body's size. */
   readonly distance: number;
 }
 
@@ -44,47 +44,47 @@ const VIEWS: Record<Bundle["scene"]["kind"], View> = {
   plain: { azimuth: -1.35, elevation: 0.1, distance: 2.2 },
 };
 
-/** What hangs is seen all around where it hangs: it may swing up. */
+/** View of a hanging body, with room all around: it may swing up. */
 const HUNG_VIEW: View = { ...VIEWS.plain, distance: 3 };
 
-/** A thrown body is seen from further away, and the camera stays at this height over the ground while it bounces; over its size. */
+/** View of a thrown body, from further away, and height of the camera over the ground while it bounces; over its size. */
 const THROWN_VIEW: View = { azimuth: -1.1, elevation: 0.2, distance: 5.2 };
 const THROWN_HEIGHT = 1.1;
 
-/** A cloth is seen from the side of its face [rad], and from a little above. */
+/** View of a cloth, relative to its face [rad], and from slightly above. */
 const CLOTH_VIEW: View = { azimuth: -0.7, elevation: 0.18, distance: 2.4 };
 
-/** The sun stands to the other side of a cloth's face, so that folds are seen: where [rad]. */
+/** Direction of the sun for a cloth, on the other side of its face, so that folds are visible [rad]. */
 const CLOTH_SUN = { azimuth: 0.75, elevation: 0.75 };
 
-/** Where nothing is said of a ground, it lies so far under a cloth, over its size: what strikes it may come lower. */
+/** Depth of the ground under a cloth without one, over its size: colliders may come lower. */
 const UNDER_CLOTH = 0.25;
 
-/** A shark among small fish is seen from this far, over its size. */
+/** Viewing distance of a shark among small fish, over its size. */
 const LIFE_DISTANCE = 4.5;
 
-/** A walker is seen from behind and a little aside; with others around it from further away, and from higher up. */
+/** View of a walker, from behind and slightly aside; with others around it from further away and higher up. */
 const WALKER_VIEW: View = { azimuth: 2.7, elevation: 0.16, distance: 2.3 };
 const AMONG_WALKERS: View = { azimuth: 2.7, elevation: 0.42, distance: 6 };
 
-/** A crowd is seen from this far, over how far its outermost stand, and from higher up [rad]. */
+/** Viewing distance of a crowd, over the distance of its outermost bodies, and elevation [rad]. */
 const CROWD_DISTANCE = 1.8;
 const CROWD_ELEVATION = 0.42;
 
-/** A state is never drawn if one of its numbers is larger [m, rad, …]: it is lost. */
+/** Largest number of a state that is drawn [m, rad, …]: beyond it, it is lost. */
 const MAX_NUMBER = 1e5;
 
-/** A body that reaches so far out of the water leaps, and is then looked at from so high over it; over its size. */
+/** Height out of the water at which a body leaps, and height from which it is then seen; over its size. */
 const EMERGED = 0.1;
 const OVER_WATER = 0.3;
 
-/** How near to a bone a swimmer is taken hold of, over its size. */
+/** Maximum distance from a bone at which a swimmer is grabbed, over its size. */
 const GRIP = 0.12;
 
-/** However small a mover is, it is taken hold of so near to it, over the body's size: a finger is no needle. */
+/** Minimum distance at which a mover is grabbed, over the body's size, however small it is: fingers are not precise. */
 const MOVER_GRIP = 0.06;
 
-/** A point of a body that is held: [m], in the world. */
+/** A grabbed point of a body, in the world [m]. */
 export interface Grip {
   readonly bone: number;
   readonly point: [number, number, number];
@@ -94,7 +94,7 @@ export class World {
   readonly size: number;
   readonly camera: CameraRig;
   readonly pose: Pose;
-  /** Whether the camera stays where it is: who drags what it goes after would otherwise never catch up. */
+  /** Whether the camera stays fixed: otherwise users would never catch up with what they drag. */
   isCameraHeld = false;
   /** The bones that move. */
   readonly bones: number[];
@@ -103,15 +103,15 @@ export class World {
   readonly ghostPose: Pose;
   readonly #scenery: Scenery;
   readonly #atmosphere: Atmosphere;
-  /** Where a surface shows its face [rad]. */
+  /** Heading from which a surface shows its face [rad]. */
   readonly #face: number;
   readonly #focus = new Vector3();
-  /** What the camera looks at: the body, or for one that bounces where it is along the ground. */
+  /** The look-at point of the camera: the body, or for a bouncing one its position along the ground. */
   readonly #lookAt = new Vector3();
   readonly #isTumbling: boolean;
   readonly #surface: Surface | null;
   readonly #colliders: readonly Collider[];
-  /** Where the surface's own frame is. */
+  /** Pose of the surface's own frame. */
   #frame: Frame = { origin: [0, 0, 0], turn: [1, 0, 0, 0] };
   readonly #objects: Object3D[];
   #fixedFocus: Vector3 | null = null;
@@ -146,7 +146,7 @@ export class World {
     const measure: Measure = {
       size: this.size,
       middle: this.#focus.clone(),
-      // What hangs may begin higher than it will ever be again.
+      // A hanging body may start higher than it will ever be again.
       low: facts.scene.kind === "plain" ? Math.min(this.#low, lowAtRest) - this.#depthBelow : this.#low,
       high: this.#high,
     };
@@ -158,7 +158,7 @@ export class World {
     this.#objects = [this.#body.object, this.#ghost.object];
     if (mount) {
       this.#objects.push(mount.object);
-      // What hangs in one place is looked at there: a camera that went along would swing.
+      // The camera looks at the hinge of a hanging body: following it, the camera would swing.
       this.#fixedFocus = toThree(mount.pivot);
       this.#locate();
     }
@@ -178,14 +178,14 @@ export class World {
     this.home();
   }
 
-  /** Bring the camera back to where it began. */
+  /** Bring the camera back to its initial view. */
   home(): void {
     const view = this.#view();
     this.#aim();
     this.camera.frame(this.#lookAt, this.size, this.#heading, view.azimuth, view.elevation, view.distance);
   }
 
-  /** How far under the body at rest a ground lies that nothing says where it is [m], beside what it keeps of any body. */
+  /** Additional depth under the body at rest of a ground of unknown height [m]. */
   get #depthBelow(): number {
     return this.#surface ? UNDER_CLOTH * this.size : 0;
   }
@@ -208,7 +208,7 @@ export class World {
     return this.#food ? { ...view, distance: LIFE_DISTANCE } : view;
   }
 
-  /** Show the body in `state` (S); a state that is lost is not shown, and false is returned: the last good pose stays. */
+  /** Show the body in `state` (S); for a lost state the last good pose stays, and false is returned. */
   show(state: ArrayLike<number>): boolean {
     if (!isDrawable(state)) {
       return false;
@@ -228,7 +228,7 @@ export class World {
     }
   }
 
-  /** How much the body is in doubt, 0 to 1. */
+  /** Doubt of the body, 0 to 1. */
   set doubt(share: number) {
     this.#body.doubt.value = share;
   }
@@ -238,7 +238,7 @@ export class World {
     return toPhysics(this.#focus);
   }
 
-  /** Heights between which there is room to swim [m]. */
+  /** Range of heights to swim in [m]. */
   get room(): Room {
     return { low: this.#scenery.ground, high: this.#scenery.surface ?? Infinity };
   }
@@ -259,7 +259,7 @@ export class World {
     }
   }
 
-  /** Draw small fish and their food around the body, and look at them from further away. */
+  /** Draw small fish and their food around the body, seen from further away. */
   showLife(life: Life): void {
     this.showSchool(life.school, SMALL);
     this.#paintAsShark(1);
@@ -274,7 +274,7 @@ export class World {
     }
   }
 
-  /** Draw a crowd around the body, or none, and look at all of it. */
+  /** Draw a crowd around the body, or none, with all of it in view. */
   showCrowd(crowd: Crowd | null): void {
     if (this.#crowd) {
       this.stage.root.remove(this.#crowd.object);
@@ -289,7 +289,7 @@ export class World {
     this.home();
   }
 
-  /** Draw others who walk around the body, or none, and look at all of them. */
+  /** Draw others who walk around the body, or none, with all of them in view. */
   showWalkers(walkers: Walkers | null): void {
     if (this.#walkers) {
       this.stage.root.remove(this.#walkers.object);
@@ -304,17 +304,17 @@ export class World {
     this.home();
   }
 
-  /** Show one of those who walk around in `state` (S). */
+  /** Show walker `number` in `state` (S). */
   showWalker(number: number, state: Float32Array): void {
     this.#walkers?.show(number, state);
   }
 
-  /** Show one of the crowd in `state` (S). */
+  /** Show body `number` of the crowd in `state` (S). */
   showInCrowd(number: number, state: Float32Array): void {
     this.#crowd?.show(number, state);
   }
 
-  /** Draw an image. `controls` are shares of their bounds, 0 to 1; scenery stands still where motion is to be reduced. */
+  /** Draw an image. `controls` are shares of their bounds, 0 to 1; scenery stands still with reduced motion. */
   draw(seconds: number, time: number, controls: readonly number[]): void {
     this.moveCamera(seconds);
     this.#groundHeight.value = this.#scenery.ground;
@@ -333,7 +333,7 @@ export class World {
     this.stage.draw(seconds);
   }
 
-  /** Let the camera go after the body for `seconds`; after infinitely many it has caught up. */
+  /** Let the camera follow the body for `seconds`; with infinity it catches up. */
   moveCamera(seconds: number): void {
     const heading = this.#heading;
     this.#locate();
@@ -377,7 +377,7 @@ export class World {
     return nearest;
   }
 
-  /** The mover under the pointer, by the number of its bone among `bones`; null if there is none. The foremost is taken. */
+  /** The foremost mover under the pointer, by the number of its bone among `bones`; null if there is none. */
   pickMover(x: number, y: number, bones: readonly number[]): Grip | null {
     const ray = new Raycaster();
     ray.setFromCamera(new Vector2(x, y), this.stage.camera);
@@ -394,8 +394,8 @@ export class World {
     return nearest;
   }
 
-  // Where a ray hits what is drawn of a bone, or else comes nearest to its spheres and capsules, or to the bone if it has none;
-  // null if that is beside them.
+  // The point where a ray hits the shapes of a bone, or else comes nearest to its spheres and capsules, or to the bone if it has
+  // none; null if it misses them.
   #pointOfMover(ray: Raycaster, bone: number): Vector3 | null {
     const drawn = this.#body.object.getObjectByName(this.facts.skeleton[bone]!.name);
     const [hit] = drawn ? ray.intersectObject(drawn) : [];
@@ -427,7 +427,7 @@ export class World {
     return toPhysics(this.stage.camera.getWorldDirection(new Vector3()));
   }
 
-  /** Where the pointer is on the plane through `point` [m] that faces the camera, or lies level. */
+  /** The pointer's position on the plane through `point` [m] that faces the camera, or is level. */
   dragPoint(x: number, y: number, point: ArrayLike<number>, isLevel: boolean): [number, number, number] | null {
     const ray = new Raycaster();
     ray.setFromCamera(new Vector2(x, y), this.stage.camera);
@@ -437,7 +437,7 @@ export class World {
     return hit && toPhysics(hit);
   }
 
-  /** Where bone `number` is at present [m]. */
+  /** Current position of bone `number` [m]. */
   bonePoint(number: number): [number, number, number] {
     const [x, y, z] = this.pose.positions.subarray(3 * number, 3 * number + 3);
     return [x!, y!, z!];
@@ -458,12 +458,12 @@ export class World {
     return [x + size * (forward * cosine - left * sine), y + size * (forward * sine + left * cosine), z];
   }
 
-  /** Move what is painted where the goal is by so much from where it was at first [m]. */
+  /** Displace the goal's paint from its initial position [m]. */
   moveGoalPaint(by: ArrayLike<number>): void {
     this.#body.goalPaint?.position.set(by[0]!, by[1]!, 0);
   }
 
-  /** Show something of its own, in physics' axes, until it is removed. */
+  /** Show another object, in physics' axes, until it is removed. */
   add(object: Object3D): void {
     this.stage.root.add(object);
     this.#objects.push(object);
@@ -498,7 +498,7 @@ export class World {
     return { height: this.#groundHeight, sun: this.#scenery.atmosphere.sunDirection, size: this.size };
   }
 
-  // From where a leap is seen [m]; null while there is none.
+  // Height from which a leap is seen [m]; null without a leap.
   #heightForLeap(): number | null {
     const { waterline } = this.#scenery;
     if (waterline === undefined || this.#high < waterline + EMERGED * this.size) {
@@ -507,14 +507,14 @@ export class World {
     return waterline + OVER_WATER * this.size;
   }
 
-  // How the body is turned, in three.js' axes: Y is up where physics' Z is.
+  // Rotation of the body, in three.js' axes: Y is up instead of physics' Z.
   #turn(): Quaternion {
     const bone = this.bones[0] ?? 0;
     const turn = toQuaternion(this.pose.orientations.subarray(4 * bone, 4 * bone + 4));
     return new Quaternion(turn.x, turn.z, -turn.y, turn.w);
   }
 
-  // The side of a cloth that is struck [rad]: what strikes it should be seen. What holds it is behind it instead.
+  // The side of a cloth that is struck [rad], so that colliders are visible; movers that hold it are behind it.
   #faceOf(surface: Surface): number {
     const face = facing(surface);
     const striking = this.bones.find((bone) => this.facts.skeleton[bone]!.shapes.length > 0);
@@ -547,7 +547,7 @@ export class World {
     this.#heading = this.#headingOf();
   }
 
-  // What strikes a cloth comes and goes; the cloth is looked at where it hangs.
+  // Colliders of a cloth come and go; the camera looks at the cloth where it hangs.
   #locateSurface(box: Box): void {
     const corners = cornersOf(box).map((corner) => inWorld(this.#frame, corner));
     const heights = corners.map((corner) => corner[2]);
@@ -557,7 +557,7 @@ export class World {
     this.#high = Math.max(...heights);
   }
 
-  // A camera that went up and down with what bounces would show it standing still.
+  // A camera that followed a bouncing body up and down would show it at rest.
   #aim(): void {
     this.#lookAt.copy(this.#focus);
     if (this.#isTumbling) {
@@ -566,7 +566,7 @@ export class World {
     }
   }
 
-  // Where the body points [rad]: by the bone in the middle of a skin, else by the first that moves freely.
+  // Heading of the body [rad]: that of the bone in the middle of a skin, else of the first that moves freely.
   #headingOf(): number {
     const bones = this.facts.skeleton;
     const isFree = bones[this.bones[0]!]?.joints[0]?.kind === "free";
@@ -593,7 +593,7 @@ function makeScenery(stage: Stage, facts: Bundle, measure: Measure, isDark: bool
   }
 }
 
-/** Return where the sun stands for a cloth that shows its face to an azimuth [rad], in three.js' axes. */
+/** Return the direction of the sun for a cloth that faces an azimuth [rad], in three.js' axes. */
 function sunFor(face: number): Vector3 {
   const { azimuth, elevation } = CLOTH_SUN;
   const level = Math.cos(elevation);
@@ -604,7 +604,7 @@ function longestSide({ low, high }: Box): number {
   return Math.max(...low.map((value, axis) => high[axis]! - value));
 }
 
-/** Return whether a state is one to be drawn: all numbers finite, and none beyond reason. */
+/** Return whether a state can be drawn: all numbers are finite and reasonable. */
 export function isDrawable(state: ArrayLike<number>): boolean {
   for (let i = 0; i < state.length; i++) {
     if (!(Math.abs(state[i]!) < MAX_NUMBER)) {

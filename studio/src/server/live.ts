@@ -1,9 +1,9 @@
-// The line to the server, where there is one: requests and answers, events, and coming back after it was cut.
+// The connection to the server, if there is one: requests and answers, events, and reconnection.
 
-/** Waits before coming back, one after the other; the last is repeated [s]. */
+/** Delays before reconnecting, one after the other; the last is repeated [s]. */
 const WAITS = [0.5, 1, 2, 4, 8];
 
-/** An answer is waited for so long [s]: physics may be slow. */
+/** Maximum time to wait for an answer [s]: physics may be slow. */
 const PATIENCE = 60;
 
 export type Answer = Record<string, unknown>;
@@ -14,9 +14,9 @@ interface Waiting {
 }
 
 export class Live {
-  /** Called when the line opens or is cut. */
+  /** Called when the connection opens or is lost. */
   onState: (isOpen: boolean) => void = () => undefined;
-  /** Called with what the server says unasked. */
+  /** Called with the server's events. */
   onEvent: (event: Answer) => void = () => undefined;
 
   #socket: WebSocket | null = null;
@@ -31,7 +31,7 @@ export class Live {
     return this.#socket?.readyState === WebSocket.OPEN;
   }
 
-  /** Open the line, and again whenever it is cut. */
+  /** Open the connection, again whenever it is lost. */
   connect(): void {
     const address = new URL("live", this.page);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";

@@ -1,12 +1,12 @@
-// What the server does for the page as a whole: it tells of trainings and new emulators, and takes files.
+// The server's services for the whole page: it reports trainings and new emulators, and takes files.
 
 import { lineOf, type Banners } from "../page/banner";
 import { isModelFile, TrainPanel } from "../panels/train";
 import { Live, type Answer } from "./live";
 
-/** What the page does when the server has something new. */
+/** The page's actions on news from the server. */
 export interface ServerUses {
-  /** Systems of the package. */
+  /** Shipped systems. */
   readonly systems: readonly string[];
   /** The catalogue has changed. */
   reloadCatalogue(): Promise<void>;
@@ -18,7 +18,7 @@ export class Server {
   readonly live: Live;
   readonly train: TrainPanel;
 
-  /** Open the line to the server the page came from. */
+  /** Open the connection to the page's server. */
   constructor(
     page: URL,
     private readonly banners: Banners,
@@ -55,7 +55,7 @@ export class Server {
     }
   }
 
-  // What the server says unasked.
+  // Handles the server's events.
   #told(event: Answer): void {
     if (event["event"] === "job") {
       this.train.tell(event);

@@ -1,17 +1,17 @@
-// A crowd: many soft bodies of a kind in rows around the one on show, whose movers wander each at another place of the path.
+// A crowd: many soft bodies of a kind in rows around the one on show, whose movers wander at various phases of the path.
 
 import type { Bundle } from "../bundle/bundle";
 import type { Batch, Emulator } from "../emulator/emulator";
 import { interpolateHermite, type StateStructure } from "../motion/interpolate";
 import type { WanderPath } from "./movers";
 
-/** Bodies in a group: the emulator computes so many side by side. Groups take turns, so that every image has the same work. */
+/** Number of bodies in a group, computed side by side. Groups take turns, so that every image has the same work. */
 const GROUP = 16;
 
-/** Super steps are made up for at most so much time after a pause [s]. */
+/** Maximum time that is caught up after a pause [s]. */
 const MAX_BACKLOG = 0.2;
 
-/** What one part of the golden ratio leaves: numbers of it spread evenly, however many there are. */
+/** Fraction of the golden ratio, whose multiples spread evenly. */
 const SPREAD = 0.618034;
 
 interface Group {
@@ -24,7 +24,7 @@ interface Group {
 }
 
 export class Crowd {
-  /** Work of the emulator and of handing over what is drawn, averaged over the last images [ms an image]. */
+  /** Work of the emulator and of passing on states, averaged over the last images [ms per image]. */
   workPerImage = 0;
   readonly #groups: Group[] = [];
   readonly #state: Float32Array;
@@ -45,7 +45,7 @@ export class Crowd {
     }
   }
 
-  /** Let `seconds` go by, and hand each body's state (S) to `show`. */
+  /** Advance by `seconds`, and pass each body's state (S) to `show`. */
   advance(seconds: number, show: (number: number, state: Float32Array) => void): void {
     const began = performance.now();
     for (const group of this.#groups) {
@@ -59,7 +59,7 @@ export class Crowd {
     this.workPerImage += 0.05 * (performance.now() - began - this.workPerImage);
   }
 
-  /** Hand each body's state (S), between its super steps, to `show`. */
+  /** Pass each body's state (S), between its super steps, to `show`. */
   show(show: (number: number, state: Float32Array) => void): void {
     const { dt } = this.facts;
     const size = this.#state.length;
@@ -105,7 +105,7 @@ export class Crowd {
     group.step += 1;
   }
 
-  /** The super step of the path at which a body begins. */
+  /** Super step of the path at which a body begins. */
   #phase(body: number): number {
     return Math.floor(((SPREAD * (body + 1)) % 1) * this.path.steps);
   }

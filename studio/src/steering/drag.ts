@@ -1,4 +1,4 @@
-// A mover of a soft body, dragged by mouse or finger: it goes after the pointer as fast as it may.
+// A mover of a soft body, dragged by mouse or finger: it follows the pointer as fast as it may.
 
 import type { MoverFacts } from "../bundle/bundle";
 import type { Grabbable } from "../page/pointer";
@@ -6,19 +6,19 @@ import type { Session } from "../page/session";
 import { makeKnob, makePathLine, TARGET_COLOUR, type Knob, type PathLine } from "../scene/handle";
 import type { MoverPilot } from "./movers";
 
-/** A notch of the wheel moves what is held away from the eye, over the body's size. */
+/** Displacement away from the eye per notch of the wheel, over the body's size. */
 const NOTCH = 0.05;
 
-/** What a browser says of a notch [pixels]. */
+/** Size of a notch in browsers [pixels]. */
 const NOTCH_PIXELS = 100;
 
 export class MoverDrag implements Grabbable {
   readonly #bones: number[];
-  /** What stands for movers that are not to be seen, by their bones. */
+  /** Knobs of invisible movers, by their bones. */
   readonly #knobs: { readonly bone: number; readonly knob: Knob }[] = [];
   readonly #line: PathLine;
   #held: number | null = null;
-  /** Where the mover is led to, and where the pointer is from there [m]. */
+  /** Target of the mover, and the pointer's offset from it [m]. */
   #target: [number, number, number] = [0, 0, 0];
   #grip: number[] = [0, 0, 0];
 
@@ -76,7 +76,7 @@ export class MoverDrag implements Grabbable {
     this.pilot.release();
   }
 
-  /** Draw what stands for movers, and how far the one that is held is behind the pointer. */
+  /** Draw the knobs, and the line from the held mover to the pointer. */
   update(): void {
     const { world } = this.session;
     this.#knobs.forEach(({ bone, knob }) => knob.moveTo(world.bonePoint(bone)));
@@ -101,7 +101,7 @@ export class MoverDrag implements Grabbable {
     this.pilot.lead(this.#held!, this.#target);
     this.#line.object.visible = true;
     player.pilot = this.pilot;
-    // Physics that goes on by itself is led, too.
+    // Physics that has taken over is led, too.
     if (!player.isLive && !player.isHeld) {
       this.goLive();
     }
@@ -109,7 +109,7 @@ export class MoverDrag implements Grabbable {
   }
 }
 
-/** Return the number of the bone that goes with a mover. */
+/** Return the number of a mover's bone. */
 function boneOf({ facts }: Session, [name, entry]: MoverFacts): number {
   const bone = facts.skeleton.findIndex((one) => one.joints[0]?.entry === entry);
   if (bone < 0) {

@@ -1,13 +1,13 @@
-// Steering by keys that are held: what a swimmer or a walker is told, or the first controls of anything else.
+// Steering by held keys: the commands of a swimmer or a walker, or the first controls of anything else.
 
 import type { Session } from "../page/session";
 import type { MoverPilot } from "./movers";
 import { clamp, type WalkPilot } from "./pilots";
 
-/** Keys change the speed of a swimmer or a walker by so much of its fastest in a second. */
+/** Change of a swimmer's or walker's speed by keys, as a share of its fastest per second. */
 const SPEED_CHANGE = 0.7;
 
-/** A key held turns and climbs so far at a time [rad]. */
+/** Turn and climb by a held key [rad]. */
 const TURN = 0.8;
 const CLIMB = 0.5;
 
@@ -64,7 +64,7 @@ function steerWalker(session: Session, pilot: WalkPilot, [forward, left]: Shares
   pilot.command.turning = left * (left > 0 ? pilot.turnings.high : -pilot.turnings.low);
 }
 
-// As the camera sees it: away from it, to its left, and up.
+// Relative to the camera: away from it, to its left, and up.
 function steerMover(session: Session, pilot: MoverPilot, shares: Shares | null): void {
   session.player.pilot = pilot;
   if (!shares) {
@@ -75,7 +75,7 @@ function steerMover(session: Session, pilot: MoverPilot, shares: Shares | null):
   pilot.push([0, 1, 2].map((axis) => shares[0] * ahead[axis]! + shares[1] * left[axis]! + (axis === 2 ? shares[2] : 0)));
 }
 
-// All of a control or none of it: keys know no more.
+// Keys give all of a control or none of it.
 function steerControls(session: Session, shares: Shares): void {
   const { sliders, facts } = session;
   session.player.pilot = sliders;

@@ -1,9 +1,8 @@
-// A life of their own: small fish with minds around one that is steered, the shark. They swim together, look for food, flee
-// and are caught.
+// Small fish with minds around a steered one, the shark. They swim together, look for food, flee and are caught.
 //
-// Small fish are the same fish at another scale: a body s times as large, of springs s times as stiff, moves at the same speeds
-// in times s times as long, for water resists by the square of speed. So one emulator and one policy move both, and what is
-// here is in the small fish's own lengths and times.
+// Small fish are the same fish at another scale: a body s times as large, with springs s times as stiff, moves at the same
+// speeds in times s times as long, as water resists with the square of speed. So one emulator and one policy move both, and
+// this file is in the small fish's own lengths and times.
 
 import { unit, type RootPose, type Vector } from "../body/root";
 import { distance, Mind, offset, type Surroundings } from "./mind";
@@ -12,28 +11,28 @@ import type { Guide, School, Wish } from "./school";
 /** Size of the small fish, over the shark's. */
 export const SMALL = 0.4;
 
-/** How many there are. */
+/** Number of small fish. */
 export const POPULATION = 50;
 
-/** Food sinks at this speed [m/s], and is gone after so long [s]. */
+/** Speed at which food sinks [m/s], and time after which it is gone [s]. */
 const SINKING = 0.02;
 const SPOILED = 60;
 
-/** A handful of food, and how far it scatters, in lengths. */
+/** Number of morsels in a handful of food, and distance over which it scatters, in lengths. */
 const HANDFUL = 8;
 const SCATTER = 1.2;
 
-/** A mouth is this far before a body's middle, and takes what is so near to it; in lengths. */
+/** Distance of the mouth in front of a body's middle, and its reach; in lengths. */
 const MOUTH = 0.4;
 const BITE = 0.6;
 
-/** A shark catches a fish that is so near to its mouth, in lengths of the fish. */
+/** Distance from its mouth within which a shark catches a fish, in lengths of the fish. */
 const CATCH = 0.6;
 
-/** Small fish keep to a place so far across, in their lengths; it goes along with a shark that leaves it. */
+/** Radius of the small fish's home, in their lengths; it follows a shark that leaves it. */
 const HOME = 7;
 
-/** How long the shark is left to the one who steers it [s], before it hunts by itself again. */
+/** Time without steering after which the shark hunts by itself again [s]. */
 const PATIENCE = 4;
 
 export interface Morsel {
@@ -44,7 +43,7 @@ export interface Morsel {
 export class Life implements Guide {
   readonly minds: readonly Mind[];
   readonly food: Morsel[] = [];
-  /** Number of morsels that were eaten, and of fish that were caught. */
+  /** Numbers of morsels eaten, and of fish caught. */
   eaten = 0;
   caught = 0;
   readonly #home: Vector;
@@ -52,7 +51,7 @@ export class Life implements Guide {
   #idle = PATIENCE;
   #surroundings: Surroundings = { sharks: [], food: [], others: [] };
 
-  /** They begin at `home`, in their own lengths; `length` is a body's; `shark` says where the shark is, and `low` the bed [m], in the world. */
+  /** They begin at `home`, in their lengths; `length` is a body's; `shark` and `low` return the shark's place and the bed [m]. */
   constructor(
     readonly school: School,
     home: Vector,
@@ -66,7 +65,7 @@ export class Life implements Guide {
     school.guide = this;
   }
 
-  /** Let `seconds` go by in the world. */
+  /** Advance by `seconds` of the world. */
   advance(seconds: number): void {
     const mouth = small(mouthOf(this.shark(), this.length));
     this.#surroundings = {
@@ -104,12 +103,12 @@ export class Life implements Guide {
     }
   }
 
-  /** The shark is steered: it hunts by itself only when it is left alone for some seconds. */
+  /** Note that the shark is steered: it hunts by itself only after some seconds alone. */
   hold(): void {
     this.#idle = 0;
   }
 
-  /** Where the shark swims to by itself, in the world [m]: to the nearest of the small fish; null while it is steered. */
+  /** Target of the hunting shark in the world [m], the nearest small fish; null while it is steered. */
   get prey(): Vector | null {
     if (this.#idle < PATIENCE) {
       return null;
@@ -129,7 +128,7 @@ export class Life implements Guide {
     }
   }
 
-  // A fish that was caught begins anew where the shark is not.
+  // A caught fish restarts away from the shark.
   #replace(number: number, shark: Vector): void {
     const away = unit(offset(this.#home, shark));
     const angle = Math.atan2(away[1], away[0]) + Math.random() - 0.5;
@@ -159,7 +158,7 @@ export class Life implements Guide {
     }
   }
 
-  // Whatever a fish wants, it comes back to where all are.
+  // A fish always returns to the others' home.
   #keptHome(force: Vector, position: Vector): Vector {
     const inward = offset(this.#home, position);
     const beyond = Math.hypot(...inward) / (HOME * this.length) - 1;
@@ -172,7 +171,7 @@ export class Life implements Guide {
   }
 }
 
-/** Return where the mouth of a body of that pose and `length` [m] is. */
+/** Return the position of the mouth of a body of that pose and `length` [m]. */
 function mouthOf({ position, forward }: RootPose, length: number): Vector {
   return [0, 1, 2].map((axis) => position[axis]! + MOUTH * length * forward[axis]!) as Vector;
 }

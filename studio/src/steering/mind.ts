@@ -1,5 +1,5 @@
-// What a fish sees, feels and means to do, after Tu and Terzopoulos, Artificial fishes (SIGGRAPH 94): perception within a cone,
-// hunger and fear that come and go, and one intention at a time, which says where to swim and how fast.
+// Perception, mental state and intentions of a fish, after Tu and Terzopoulos, Artificial fishes (SIGGRAPH 94): it sees within
+// a cone, hunger and fear come and go, and one intention at a time gives its direction and speed.
 
 import { dot, unit, type RootPose, type Vector } from "../body/root";
 import { clamp } from "./pilots";
@@ -7,11 +7,11 @@ import type { Wish } from "./school";
 
 export type Intention = "escape" | "school" | "eat" | "wander";
 
-/** What there is around a fish [m]. */
+/** Surroundings of a fish [m]. */
 export interface Surroundings {
   readonly sharks: readonly Vector[];
   readonly food: readonly Vector[];
-  /** Places and headings of the others. */
+  /** Positions and directions of the others. */
   readonly others: readonly { readonly position: Vector; readonly forward: Vector }[];
 }
 
@@ -19,37 +19,37 @@ export interface Surroundings {
 const SIGHT = 9;
 const HALF_CONE = (150 / 180) * Math.PI;
 
-/** Distance in body lengths at which a shark is feared fully; fear falls as one over distance. */
+/** Distance of full fear of a shark, in body lengths; fear falls as one over distance. */
 const FEARED = 2.5;
 
-/** Fear from which on a fish flees, and from which on it seeks company. */
+/** Fear above which a fish flees, and above which it seeks company. */
 const FLIGHT = 0.6;
 const UNEASE = 0.32;
 
-/** Time constant by which fear fades once nothing is seen to be feared [s]. */
+/** Time constant with which fear fades once no danger is seen [s]. */
 const CALMING = 2.5;
 
-/** Time in which a fish that has eaten its fill becomes as hungry as can be [s], and how much less so a morsel makes it. */
+/** Time in which a full fish becomes fully hungry [s], and decrease of hunger per morsel. */
 const DIGESTION = 40;
 const MORSEL = 0.4;
 
-/** Hunger from which on a fish leaves the school for food it sees. */
+/** Hunger above which a fish leaves the school for food it sees. */
 const APPETITE = 0.25;
 
 /** Shares of the fastest speed at which fish stroll, swim with others, feed and flee. */
 const PACES: Record<Intention, number> = { wander: 0.5, school: 0.65, eat: 0.85, escape: 1 };
 
-/** From so near to food on, in lengths, a fish slows down, to this share of its pace at least: fast, it would circle around it. */
+/** Distance from food at which a fish slows down, in lengths, and its minimum share of its pace: fast, it would circle it. */
 const SLOWING = 3;
 const SLOWEST = 0.4;
 
-/** How much more food matters than keeping apart does. */
+/** Weight of food over that of keeping apart. */
 const GREED = 3;
 
-/** Least time an intention is kept [s]: a fish that changed its mind at every stroke would get nowhere. Fear needs none. */
+/** Minimum time for which an intention is kept [s], as constant changes would lead nowhere; not in fear. */
 const PERSISTENCE = 1.2;
 
-/** Room that a fish of a school leaves to its neighbours, in lengths. */
+/** Distance that a fish of a school keeps from its neighbours, in lengths. */
 const COMPANY = 2;
 
 /** Rates [rad/s] and widths [rad] of the two slow waves of a stroll. */
@@ -59,16 +59,16 @@ const STROLL = [
 ] as const;
 
 export class Mind {
-  /** How hungry it is, 0 to 1. */
+  /** Hunger, 0 to 1. */
   hunger: number;
-  /** How afraid it is, 0 to 1. */
+  /** Fear, 0 to 1. */
   fear = 0;
   intention: Intention = "wander";
   #kept = 0;
   #time = 0;
   readonly #phases: readonly number[];
 
-  /** `random` gives numbers from 0 to 1: what makes one fish differ from another. */
+  /** `random` gives numbers from 0 to 1, which make fish differ. */
   constructor(
     private readonly length: number,
     random: () => number = Math.random,
@@ -77,7 +77,7 @@ export class Mind {
     this.#phases = [0, 0, 0, 0].map(() => 2 * Math.PI * random());
   }
 
-  /** Let `seconds` go by in `surroundings`, and return what it wants now. */
+  /** Advance by `seconds` in `surroundings`, and return its current wish. */
   think(pose: RootPose, surroundings: Surroundings, seconds: number): Wish {
     this.#time += seconds;
     this.#kept += seconds;
@@ -114,7 +114,7 @@ export class Mind {
     return nearest;
   }
 
-  // Danger comes first, then hunger, then company: the order of the paper's intention generator.
+  // Danger before hunger before company: the order of the paper's intention generator.
   #decide(seesShark: boolean, seesFood: boolean): void {
     const wanted = this.#wanted(seesShark, seesFood);
     const isUrgent = wanted === "escape" || (this.intention === "eat" && !seesFood);
@@ -159,14 +159,14 @@ export class Mind {
     }
   }
 
-  // Away from it and aside: who fled straight ahead of what is faster would be caught.
+  // Away from it and aside: fleeing straight from a faster shark would fail.
   #flight(pose: RootPose, shark: Vector): Vector {
     const away = unit(offset(pose.position, shark));
     const side = dot(away, pose.left) < 0 ? -1 : 1;
     return unit([away[0] + 0.5 * side * pose.left[0], away[1] + 0.5 * side * pose.left[1], away[2]]);
   }
 
-  // Reynolds' three: with the others' heading, toward them, and off the nearest.
+  // Reynolds' three rules: alignment, cohesion, and separation from the nearest.
   #company(pose: RootPose, others: Surroundings["others"]): Vector {
     const sum = this.#stroll(pose).map((value) => 0.4 * value) as Vector;
     for (const { position, forward } of others) {

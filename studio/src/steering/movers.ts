@@ -1,25 +1,25 @@
-// What moves a soft body: movers led by a hand or by keys, and left alone wandering along the paths they are first shown on.
+// Movers of a soft body: led by a hand or by keys, or wandering along their initial paths when left alone.
 
 import type { Bundle, MoverFacts } from "../bundle/bundle";
 import type { Motion } from "../motion/motion";
 import type { Pilot } from "../motion/player";
 import { clamp } from "./pilots";
 
-/** A mover goes to where it is led in about this time, if it is quick enough [s]. */
+/** Approximate time in which a mover reaches its target, if it is fast enough [s]. */
 const RESPONSE = 0.2;
 
-/** Time constant at which a mover takes up a velocity [s]: that of the paths emulators are trained on (systems/soft/movers.py). */
+/** Time constant with which a mover reaches a velocity [s], as in training paths (systems/soft/movers.py). */
 const INERTIA = 0.1;
 
-/** Left alone for so long, movers wander again [s]. */
+/** Time alone after which movers wander again [s]. */
 const REST = 4;
 
-/** Share of its bounds with which a mover goes back to its path: nobody should be startled. */
+/** Share of its bounds with which a mover gently returns to its path. */
 const RETURN = 0.4;
 
 type Place = [number, number, number];
 
-/** The paths that movers wander along, over and over: those of a motion that ends where it began. */
+/** The closed paths of wandering movers: those of a motion that ends where it began. */
 export class WanderPath {
   readonly steps: number;
   readonly #controls: Float32Array;
@@ -49,7 +49,7 @@ export class WanderPath {
     return this.#states.subarray(within * size, (within + 1) * size);
   }
 
-  /** Return the super step at which movers are nearest to where they are in `state` (S). */
+  /** Return the super step at which movers are nearest to those in `state` (S). */
   nearest(state: ArrayLike<number>): number {
     let nearest = 0;
     let least = Infinity;
@@ -71,18 +71,18 @@ export class WanderPath {
 }
 
 export class MoverPilot implements Pilot {
-  /** The mover that keys move, by its number: the last one taken hold of. */
+  /** Number of the mover that keys move: the last one grabbed. */
   chosen = 0;
   readonly #movers: readonly MoverFacts[];
   readonly #control: Float32Array;
   /** The control of the super step before. */
   readonly #before: Float32Array;
-  /** Where a mover is led to [m]. */
+  /** Target of the led mover [m]. */
   #target: Place | null = null;
   #velocity: Place | null = null;
-  /** Time since somebody last led a mover [s]. */
+  /** Time since a mover was last led [s]. */
   #alone = Infinity;
-  /** The super step of the path that is followed; null while it is not reached. */
+  /** Current super step of the path; null until it is reached. */
   #step: number | null = null;
 
   constructor(
@@ -139,7 +139,7 @@ export class MoverPilot implements Pilot {
     return this.#control;
   }
 
-  // A jolt is nothing that training has shown.
+  // Training has not shown jolts.
   #ease(): void {
     const share = 1 - Math.exp(-this.facts.dt / INERTIA);
     this.#before.forEach((before, i) => (this.#control[i] = before + share * (this.#control[i]! - before)));
@@ -154,7 +154,7 @@ export class MoverPilot implements Pilot {
     }
   }
 
-  // Along the path, once it is reached; and wherever it is nearest until then.
+  // Along the path once it is reached, and to its nearest point until then.
   #follow(state: Float32Array): void {
     const step = (this.#step ??= this.path.nearest(state));
     const there = this.path.state(step);
@@ -174,7 +174,7 @@ export class MoverPilot implements Pilot {
     }
   }
 
-  /** Set a number of the control, within so much of its bounds. */
+  /** Set a number of the control, within a `share` of its bounds. */
   #set(entry: number, value: number, share: number): void {
     this.#control[entry] = clamp(value, share * this.facts.control_low[entry]!, share * this.facts.control_high[entry]!);
   }

@@ -1,18 +1,18 @@
-// What gives the controls while the emulator runs live: sliders, commands to a policy, a target to swim to.
+// Sources of controls while the emulator runs live: sliders, commands to a policy, a target to swim to.
 
 import { commandToward, rootPose, unit, type Vector } from "../body/root";
 import type { Bundle, GaitFacts } from "../bundle/bundle";
 import type { CommandedPolicy, Policy } from "../emulator/policy";
 import type { Pilot } from "../motion/player";
 
-/** A swimmer sent to a target turns and climbs at most so far at a time [rad], as behaviours do. */
+/** Maximum turn and climb in a command to a swimmer sent to a target [rad], as in behaviours. */
 const MAX_TURN = 0.8;
 const MAX_CLIMB = 0.5;
 
-/** Speed of a body sent to a target, as a share of the fastest its policy knows. */
+/** Speed of a body sent to a target, over the fastest of its policy. */
 const CRUISE = 0.6;
 
-/** Holds whatever the sliders say. */
+/** Holds the controls of the sliders. */
 export class SliderPilot implements Pilot {
   readonly values: number[];
 
@@ -25,7 +25,7 @@ export class SliderPilot implements Pilot {
   }
 }
 
-/** Return the control nearest to none at all within its bounds. */
+/** Return the control nearest to zero within its bounds. */
 export function neutralControl(facts: Bundle): number[] {
   return facts.control_low.map((low, i) => Math.min(Math.max(0, low), facts.control_high[i]!));
 }
@@ -48,11 +48,11 @@ export class GaitPilot implements Pilot {
   }
 }
 
-/** Swims by commands through a policy; without any it keeps its heading and level. */
+/** Swims by commands to a policy; without any, straight ahead and level. */
 export class PolicyPilot implements Pilot {
-  /** Speed [m/s], and how far to turn left and to climb [rad]; the roll is kept at none. */
+  /** Speed [m/s], and angles to turn left and to climb [rad]; the roll is kept at zero. */
   readonly command = { speed: 0, turn: 0, climb: 0 };
-  /** Where to swim instead, if anywhere [m]. */
+  /** Target to swim to instead [m], if any. */
   target: Vector | null = null;
 
   constructor(
@@ -62,7 +62,7 @@ export class PolicyPilot implements Pilot {
     this.command.speed = CRUISE * this.maxSpeed;
   }
 
-  /** The fastest the policy knows [m/s]. */
+  /** Fastest speed of the policy [m/s]. */
   get maxSpeed(): number {
     return this.facts.policy!.command[0]![3];
   }
@@ -91,7 +91,7 @@ export class PolicyPilot implements Pilot {
 
 /** Walks by commands that are in its state. */
 export class WalkPilot implements Pilot {
-  /** Speed [m/s], and rate of turning to the left [rad/s]. */
+  /** Speed [m/s], and turn rate to the left [rad/s]. */
   readonly command = { speed: 0, turning: 0 };
 
   constructor(
@@ -102,12 +102,12 @@ export class WalkPilot implements Pilot {
     this.command.speed = (low + high) / 2;
   }
 
-  /** The slowest and the fastest that the policy knows [m/s]. */
+  /** Slowest and fastest speed of the policy [m/s]. */
   get speeds(): { readonly low: number; readonly high: number } {
     return this.#range(0);
   }
 
-  /** How fast it turns to the right and to the left at most [rad/s]. */
+  /** Fastest turn rates to the right and to the left [rad/s]. */
   get turnings(): { readonly low: number; readonly high: number } {
     return this.#range(1);
   }

@@ -1,4 +1,4 @@
-// A body pulled by the mouse: a spring from the point that is held to the pointer.
+// A body pulled by the mouse: a spring from the held point to the pointer.
 
 import type { Grabbable } from "../page/pointer";
 import type { Session } from "../page/session";
@@ -6,12 +6,12 @@ import { makePathLine, TARGET_COLOUR, type PathLine } from "../scene/handle";
 import type { Grip } from "../scene/world";
 import { push } from "./push";
 
-/** Acceleration of the point that is held toward the pointer, over their distance [1/s²]. */
+/** Acceleration of the held point toward the pointer, over their distance [1/s²]. */
 const STIFFNESS = 14;
 
 export class BodyPull implements Grabbable {
   #grip: Grip | null = null;
-  /** Where the pointer is [m], once it has moved. */
+  /** Position of the pointer [m], once it has moved. */
   #goal: [number, number, number] | null = null;
   #line: PathLine | null = null;
 
@@ -37,14 +37,14 @@ export class BodyPull implements Grabbable {
       player.force = (state) => this.#pull(state);
     }
     this.#goal = place;
-    // Physics that goes on by itself is pulled, too.
+    // Physics that has taken over is pulled, too.
     if (!player.isLive && !player.isHeld) {
       this.goLive();
     }
     player.isPlaying = true;
   }
 
-  /** Draw the spring where it is now. */
+  /** Draw the spring. */
   update(): void {
     if (this.#line && this.#grip && this.#goal) {
       this.#line.show([...this.session.world.bonePoint(this.#grip.bone), ...this.#goal]);

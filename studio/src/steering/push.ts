@@ -1,13 +1,13 @@
-// A push: the smallest change of a body's velocities that gives a point of it a wanted velocity more.
+// A push: the smallest change of a body's velocities that adds a wanted velocity to one of its points.
 
 import { emptyPose, poseBones } from "../body/pose";
 import { multiply, rotate } from "../body/quaternion";
 import type { Bundle } from "../bundle/bundle";
 
-/** How far positions are moved to see how a point moves with them [m or rad]. */
+/** Finite difference of positions in derivatives of a point [m or rad]. */
 const PROBE = 1e-4;
 
-/** Singular directions are damped by so much of the largest. */
+/** Damping of singular directions, over the largest. */
 const DAMPING = 1e-3;
 
 /** Return the change of `state` (S), of its velocities alone, by which the point `offset` [m] of bone `bone` gains `change` [m/s]. */
@@ -20,7 +20,7 @@ export function push(
 ): Float32Array {
   const gained = new Float32Array(state.length);
   const { velocities, columns } = jacobian(facts, state, bone, offset);
-  // Least squares of the least size: dv = Jᵀ (J Jᵀ)⁻¹ change.
+  // Minimum-norm least squares: dv = Jᵀ (J Jᵀ)⁻¹ change.
   const gram = [0, 1, 2].map((row) => [0, 1, 2].map((column) => columns.reduce((sum, j) => sum + j[row]! * j[column]!, 0)));
   const largest = Math.max(gram[0]![0]!, gram[1]![1]!, gram[2]![2]!, 1e-12);
   for (let axis = 0; axis < 3; axis++) {
@@ -37,7 +37,7 @@ export function push(
 interface Jacobian {
   /** State entries that are velocities. */
   readonly velocities: number[];
-  /** How the point moves with each of them. */
+  /** Derivatives of the point by each of them. */
   readonly columns: number[][];
 }
 

@@ -1,4 +1,4 @@
-// Another body of a family: what is added to a state so that it is of the body with another value of a parameter.
+// Another body of a family: the change of a state for another value of a parameter.
 
 import { rootPose } from "../body/root";
 import type { Bundle, ParameterFacts } from "../bundle/bundle";

@@ -1,4 +1,4 @@
-// A school: many swimmers, each with a policy of its own kind's, that keep apart, keep level and swim together.
+// A school: many swimmers, each moved by the policy of its kind, that keep apart, keep level and swim together.
 
 import { commandToward, rootPose, unit, type RootPose, type Vector } from "../body/root";
 import { multiply, rotate } from "../body/quaternion";
@@ -7,29 +7,29 @@ import type { Batch, Emulator } from "../emulator/emulator";
 import type { Policy } from "../emulator/policy";
 import { clamp } from "./pilots";
 
-/** Groups take turns, so that every image has the same work. */
+/** Number of groups, which take turns, so that every image has the same work. */
 const GROUPS = 6;
 
-/** Room of a swimmer in the school, in its own lengths. */
+/** Distance between swimmers in the school, in lengths. */
 const SPACING = 1.6;
 
-/** From so near on two swimmers give way to each other, in lengths. */
+/** Distance at which two swimmers give way to each other, in lengths. */
 const CLEARANCE = 1.3;
 
-/** How much keeping apart matters beside swimming along. */
+/** Weight of keeping apart, over that of swimming along. */
 const SEPARATION = 2.5;
 
-/** A swimmer turns and climbs at most so far at a time [rad]. */
+/** Maximum turn and climb in a command [rad]. */
 const MAX_TURN = 0.8;
 const MAX_CLIMB = 0.3;
 
-/** Paces of swimmers over the fastest that their policy knows: the slowest and the quickest. */
+/** Slowest and fastest pace of swimmers, over the fastest of their policy. */
 const PACES = [0.55, 0.85] as const;
 
-/** Super steps are made up for at most so much time after a pause [s]. */
+/** Maximum time that is caught up after a pause [s]. */
 const MAX_BACKLOG = 0.2;
 
-/** The water that a school stays in [m]. */
+/** The water in which a school stays [m]. */
 export interface Room {
   readonly low: number;
   readonly high: number;
@@ -39,31 +39,31 @@ export interface Group {
   readonly batch: Batch;
   /** States (count, S) one super step before those of the batch. */
   before: Float32Array;
-  /** Called when a super step was made. */
+  /** Called after each super step. */
   onStep: () => void;
   readonly first: number;
   step: number;
   waited: number;
 }
 
-/** Where a swimmer would go, and how fast, as a share of the fastest its policy knows. */
+/** Wanted direction of a swimmer, and its speed over the fastest of its policy. */
 export interface Wish {
   readonly force: Vector;
   readonly pace: number;
 }
 
-/** What tells the swimmers of a school where to go, instead of the school's own way around its centre. */
+/** Gives the swimmers of a school their directions, instead of circling around its centre. */
 export interface Guide {
-  /** What swimmer `number` wants at `pose`; asked once a super step. */
+  /** The wish of swimmer `number` at `pose`; called once per super step. */
   wish(number: number, pose: RootPose): Wish;
 }
 
 export class School {
   readonly groups: Group[] = [];
   readonly count: number;
-  /** Work of emulator and policy, averaged over the last images [ms an image]. */
+  /** Work of emulator and policy, averaged over the last images [ms per image]. */
   workPerImage = 0;
-  /** Where the school swims to [m], or null: then it circles. */
+  /** Target of the school [m]; it circles if null. */
   target: Vector | null = null;
   guide: Guide | null = null;
 
@@ -106,7 +106,7 @@ export class School {
     }
   }
 
-  /** Let `seconds` go by. */
+  /** Advance by `seconds`. */
   advance(seconds: number): void {
     const before = performance.now();
     for (const group of this.groups) {
@@ -119,17 +119,17 @@ export class School {
     this.workPerImage += 0.05 * (performance.now() - before - this.workPerImage);
   }
 
-  /** Where swimmer `number` is [m]. */
+  /** Position of swimmer `number` [m]. */
   place(number: number): Vector {
     return triple(this.#places, number);
   }
 
-  /** Where swimmer `number` points. */
+  /** Direction of swimmer `number`. */
   forward(number: number): Vector {
     return triple(this.#forwards, number);
   }
 
-  /** Put swimmer `number` at `place` [m], at rest, pointing `heading` [rad] about the vertical. */
+  /** Put swimmer `number` at `place` [m], at rest, at `heading` [rad] about the vertical. */
   put(number: number, place: Vector, heading: number): void {
     const group = this.groups.findLast((one) => one.first <= number)!;
     const state = moved(this.facts, heading, place);
@@ -182,7 +182,7 @@ export class School {
       const speed = pace * limits[0]![3];
       const command = commandToward(pose, direction, speed);
       const bounded = command.map((value, i) => clamp(value, limits[i]![2], limits[i]![3]));
-      // Tails that beat in step look drilled.
+      // Tails should not beat in step.
       this.policy.controlInto(state, phase + 6 * this.#offsets[3 * number]!, bounded, this.#control);
       batch.controls.set(this.#control, body * controlSize);
     }
@@ -196,7 +196,7 @@ export class School {
     return { force, pace: this.#paces[number]! };
   }
 
-  // Where a swimmer should point: where it would go, away from those too near, off bed and surface.
+  // Wanted direction of a swimmer: along its wish, away from close neighbours, bed and surface.
   #directionOf(number: number, { position, forward }: RootPose, along: Vector): Vector {
     const away = this.#awayFromNeighbours(number, position);
     const force: Vector = [

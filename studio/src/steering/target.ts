@@ -1,10 +1,10 @@
-// A target that a swimmer swims to, and that the mouse moves.
+// A target for a swimmer, moved by the mouse.
 
 import type { Grabbable } from "../page/pointer";
 import type { Session } from "../page/session";
 import { makeTarget, type TargetHandle } from "../scene/handle";
 
-/** Where a target appears: ahead of the body and to its left, in its lengths. */
+/** Initial place of a target: ahead of the body and to its left, in its lengths. */
 const AHEAD = 2.2;
 const LEFT = 0.9;
 
@@ -17,7 +17,7 @@ export class SwimTarget implements Grabbable {
     return this.#handle !== null;
   }
 
-  /** Show a target in front of the swimmer, which swims to it. */
+  /** Show a target in front of the swimmer and swim to it. */
   show(): void {
     const { world, swimmer, player } = this.session;
     const handle = makeTarget(world.size);
@@ -49,6 +49,6 @@ export class SwimTarget implements Grabbable {
   }
 
   release(): void {
-    // The target stays where it was let go of.
+    // The target stays where it was released.
   }
 }

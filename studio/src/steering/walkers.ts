@@ -1,4 +1,4 @@
-// Walkers: bodies of a kind with the one on show, each on its way from place to place around it, and out of the others' way.
+// Walkers: bodies of the same kind as the one on show, walking from place to place around it and avoiding each other.
 
 import { multiply, rotate } from "../body/quaternion";
 import { rootPose, type RootPose, type Vector } from "../body/root";
@@ -8,46 +8,46 @@ import type { CommandedPolicy } from "../emulator/policy";
 import { interpolateHermite, type StateStructure } from "../motion/interpolate";
 import { clamp } from "./pilots";
 
-/** Walkers stay within this distance of the body on show [m]. */
+/** Maximum distance of walkers from the body on show [m]. */
 export const RADIUS = 6;
 
-/** Each begins at least so far from it [m]. */
+/** Minimum initial distance from it [m]. */
 const INNER_RADIUS = 2;
 
-/** A walker is where it wanted to go when it is so near [m]; then it goes elsewhere. */
+/** Distance at which a walker has reached its target, and chooses another [m]. */
 const ARRIVED = 1;
 
-/** From so near on two give way to each other [m], and how much that matters beside getting there. */
+/** Distance at which two walkers give way to each other [m], and weight of that over reaching the target. */
 const CLEARANCE = 1.8;
 const SEPARATION = 2;
 
-/** How fast to turn, over the angle to where it wants to go [1/s]; over the fastest that the policy knows; and how fast that changes [rad/s²]. */
+/** Turn rate over the angle to the target [1/s]; its maximum over the fastest of the policy; and its rate of change [rad/s²]. */
 const EAGERNESS = 1.5;
 const MAX_TURNING = 0.75;
 const TURNING_CHANGE = 1;
 
 /**
- * The slowest and the fastest, as shares of what the policy knows: who turns while walking slowly falls most, and who runs fast turns
- * too wide for so small a place.
+ * Slowest and fastest speed, over those of the policy: slow walkers fall most often in turns, and fast runners turn too wide for
+ * so small a place.
  */
 const SLOWEST = 0.3;
 const FASTEST = 0.4;
 
-/** Whoever is lower than this share of the height it began at has fallen, and begins anew where it is. */
+/** Share of its initial height below which a walker has fallen, and restarts in place. */
 const FALLEN = 0.6;
 
-/** Super steps each has walked when it is first seen, at most: they are not to walk in step. */
+/** Maximum number of super steps each has walked when it appears, so that they do not walk in step. */
 const MAX_HEAD_START = 80;
 
-/** Super steps are made up for at most so much time after a pause [s]. */
+/** Maximum time that is caught up after a pause [s]. */
 const MAX_BACKLOG = 0.2;
 
 type FreeRoot = Extract<Root, { kind: "free" }>;
 
 export class Walkers {
-  /** Work of emulator and policy, averaged over the last images [ms an image]. */
+  /** Work of emulator and policy, averaged over the last images [ms per image]. */
   workPerImage = 0;
-  /** Falls so far. */
+  /** Number of falls so far. */
   falls = 0;
   readonly #batch: Batch;
   readonly #root: FreeRoot;
@@ -61,7 +61,7 @@ export class Walkers {
   readonly #places: Vector[] = [];
   #waited = 0;
 
-  /** `leader` says where the body on show is [m]. */
+  /** `leader` returns the position of the body on show [m]. */
   constructor(
     emulator: Emulator,
     private readonly policy: CommandedPolicy,
@@ -89,7 +89,7 @@ export class Walkers {
     this.#before = this.#batch.states.slice();
   }
 
-  /** Let `seconds` go by, and hand each body's state (S) to `show`. */
+  /** Advance by `seconds`, and pass each body's state (S) to `show`. */
   advance(seconds: number, show: (number: number, state: Float32Array) => void): void {
     const began = performance.now();
     this.#waited += Math.min(seconds, MAX_BACKLOG);
@@ -101,7 +101,7 @@ export class Walkers {
     this.workPerImage += 0.05 * (performance.now() - began - this.workPerImage);
   }
 
-  /** Hand each body's state (S), between its super steps, to `show`. */
+  /** Pass each body's state (S), between its super steps, to `show`. */
   show(show: (number: number, state: Float32Array) => void): void {
     const { dt } = this.facts;
     const size = this.#state.length;
@@ -113,7 +113,7 @@ export class Walkers {
     }
   }
 
-  /** Where walker `number` is [m]. */
+  /** Position of walker `number` [m]. */
   place(number: number): Vector {
     return this.#places[number]!;
   }
@@ -173,7 +173,7 @@ export class Walkers {
     return [x + far * Math.cos(angle), y + far * Math.sin(angle), 0];
   }
 
-  // Whoever has fallen begins anew where it is.
+  // A fallen walker restarts in place.
   #raise(number: number): void {
     const size = this.#state.length;
     const height = this.#batch.states[number * size + this.#root.position + 2]!;
@@ -184,7 +184,7 @@ export class Walkers {
     }
   }
 
-  // Put walker `number` where it is, in `state` (S), facing where it wants to go.
+  // Restart walker `number` in place, in `state` (S), facing its target.
   #begin(number: number, state: ArrayLike<number>): void {
     const goal = this.#goals[number]!;
     const [x, y] = this.#places[number]!;

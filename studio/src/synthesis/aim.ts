@@ -1,4 +1,4 @@
-// What is to be reached: the values of what may be moved, a handle in the scene for a place, and sliders for the rest.
+// The goal: the values that can be moved, a handle in the scene for a place, and sliders for the rest.
 
 import { quaternionHeading } from "../body/heading";
 import type { Goal, LoadedBundle } from "../bundle/bundle";
@@ -9,7 +9,7 @@ import type { DescentFacts, Movable } from "./facts";
 
 export class Aim {
   readonly element = element("div", "aim");
-  /** Called when something was moved and let go. */
+  /** Called when something has been moved and released. */
   onChange: () => void = () => undefined;
 
   readonly #values: Record<string, number[]> = {};
@@ -36,19 +36,19 @@ export class Aim {
     facts.movable.forEach((movable) => this.#addSlider(movable));
   }
 
-  /** A copy of all values by their names. */
+  /** A copy of all values by name. */
   get values(): Record<string, number[]> {
     return structuredClone(this.#values);
   }
 
-  /** Move everything to `values`, without telling anybody. */
+  /** Move everything to `values`, without calling `onChange`. */
   restore(values: Readonly<Record<string, readonly number[]>>): void {
     for (const [name, value] of Object.entries(values)) {
       this.#set(name, value);
     }
   }
 
-  /** Move the place so far from where it was at first [m]: with a body that begins elsewhere. */
+  /** Displace the place from its initial position [m], with a body that starts elsewhere. */
   shift(by: readonly number[]): void {
     const place = this.#place;
     if (place) {
@@ -56,7 +56,7 @@ export class Aim {
     }
   }
 
-  /** Return whether the pointer took hold of the handle. */
+  /** Return whether the pointer grabbed the handle. */
   grab(x: number, y: number): boolean {
     this.#isHeld = this.#handle !== null && this.world.isNear(x, y, this.#handle.place);
     return this.#isHeld;
@@ -70,7 +70,7 @@ export class Aim {
     const isLevel = place.low[2] === place.high[2];
     const to = this.world.dragPoint(x, y, this.#handle.place, isLevel);
     if (to) {
-      // On the ground it stays there.
+      // A place on the ground stays there.
       const height = isLevel ? place.low[2]! : to[2];
       this.#set(place.name, [to[0], to[1], height]);
     }
@@ -90,7 +90,7 @@ export class Aim {
     }
   }
 
-  /** How near is near enough [m], if the goal says so. */
+  /** Tolerance [m], if the goal has one. */
   #within(): number | undefined {
     for (const goal of this.bundle.facts.goals) {
       if ("distance" in goal.within) {
@@ -135,7 +135,7 @@ export class Aim {
     this.element.append(made.row);
   }
 
-  // The places that the system itself names, to choose from where there are several.
+  // The system's own named places, to choose from if there are several.
   #addGoals(): void {
     const place = this.#place;
     const named = this.bundle.facts.goals.filter((goal) => goal.target !== null && goal.movable?.entry !== null && goal.movable);
@@ -165,7 +165,7 @@ export class Aim {
   }
 }
 
-/** Return by what a value is multiplied for its slider: weights are shares of what they are at first. */
+/** Return the factor of a value on its slider: weights are relative to their initial values. */
 function scaleOf(movable: Movable): number {
   return movable.kind === "heading" ? 1 : 1 / movable.value[0]!;
 }

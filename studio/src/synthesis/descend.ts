@@ -1,29 +1,29 @@
-// Levenberg and Marquardt's method, as `control/descent/methods.py` has it: several dampings are tried side by side.
+// Levenberg and Marquardt's method, as in `control/descent/methods.py`: several dampings are tried side by side.
 
 import type { Settings } from "./facts";
 import type { DescentModule, EmulatedMotion, QuadraticModel } from "./module";
 import { solveDamped } from "./solve";
 
-/** After so many iterations the worse half of all starts ends, and again after as many more (successive halving). */
+/** Number of iterations after each of which the worse half of all starts ends (successive halving). */
 const ROUND = 4;
 
-/** So many starts are never ended by it: which of few ends best is not known early. */
+/** Number of starts that are never ended by it: the best of few is not known early. */
 const FEW_STARTS = 4;
 
-/** How far a descent has come. */
+/** Progress of a descent. */
 export interface Iteration extends EmulatedMotion {
   /** 0 is the first guess. */
   readonly iteration: number;
-  /** The least J so far. */
+  /** Smallest J so far. */
   readonly cost: number;
-  /** (Z) What was varied; a later descent may begin with it. */
+  /** Variables (Z); a later descent may begin with them. */
   readonly z: Float64Array;
   readonly isDone: boolean;
-  /** Work so far [ms]. */
+  /** Time so far [ms]. */
   readonly milliseconds: number;
 }
 
-/** How far one first guess has come. */
+/** Progress from one initial guess. */
 interface Start {
   z: Float64Array;
   least: number;
@@ -32,7 +32,7 @@ interface Start {
   isDone: boolean;
 }
 
-/** Yield every iteration of a descent from `guesses` (Z) each, the first guess included; the best of them is shown. */
+/** Yield every iteration of a descent from `guesses`, each (Z), the initial one included; the best of them is shown. */
 export function* descend(
   module: DescentModule,
   guesses: readonly ArrayLike<number>[] = module.facts.guesses,
@@ -59,7 +59,7 @@ export function* descend(
   );
   yield shown(0);
   for (let iteration = 1; starts.some((start) => !start.isDone); iteration++) {
-    // What whoever asked does meanwhile is no work of the descent.
+    // The caller's work in between does not count.
     since = performance.now();
     for (const start of starts) {
       if (!start.isDone) {
@@ -74,7 +74,7 @@ export function* descend(
   }
 }
 
-/** End the worse half of the starts that go on. */
+/** End the worse half of the remaining starts. */
 function halve(starts: readonly Start[]): void {
   const going = starts.filter((start) => !start.isDone).sort((one, other) => one.least - other.least);
   going.slice(Math.max(FEW_STARTS, Math.ceil(going.length / 2))).forEach((start) => (start.isDone = true));
@@ -105,14 +105,14 @@ function iterate(module: DescentModule, start: Start, settings: Settings): void 
     start.damping = largest * settings.dampings.at(-1)!;
     return;
   }
-  // The first step finds the damping's scale; small falls after it are the end.
+  // The first step finds the damping's scale; after it, small decreases end the descent.
   start.isDone = !isFirst && start.least - cost < settings.converged * start.least;
   start.z = trials[best]!;
   start.least = cost;
   start.damping = dampings[best]!;
 }
 
-/** Return z - (curvature + damping · its mean diagonal)⁻¹ slope; numbers that are none where there is no inverse. */
+/** Return z - (curvature + damping · its mean diagonal)⁻¹ slope; NaN if there is no inverse. */
 function stepped(z: Float64Array, model: QuadraticModel, damping: number): Float64Array {
   let trace = 0;
   for (let i = 0; i < z.length; i++) {

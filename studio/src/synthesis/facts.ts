@@ -1,12 +1,12 @@
-// What a bundle says of a descent: its sizes, what may be moved, where to begin, how to go on.
+// The facts of a descent in a bundle: sizes, movable values, initial guesses and settings.
 
-/** Something that may be dragged, turned or weighed before a descent. */
+/** A value that can be dragged, turned or weighed before a descent. */
 export interface Movable {
   readonly name: string;
   /** `place`: (x, y, z) [m] in the world. `heading`: an angle about Z [rad]. `number`: one number, such as a weight. */
   readonly kind: "place" | "heading" | "number";
   readonly unit: string;
-  /** What it is at first. */
+  /** Initial value. */
   readonly value: readonly number[];
   readonly low: readonly number[];
   readonly high: readonly number[];
@@ -14,14 +14,14 @@ export interface Movable {
   readonly at: readonly (readonly [entry: number, component: number, offset: number])[];
 }
 
-/** How Levenberg and Marquardt's method goes on: what the descent in Python does, too. */
+/** Settings of Levenberg and Marquardt's method, the same as in Python. */
 export interface Settings {
   readonly iterations: number;
-  /** Relative fall of J below which a descent ends. */
+  /** Relative decrease of J below which a descent ends. */
   readonly converged: number;
-  /** The damping to begin with, a share of the mean curvature. */
+  /** Initial damping, over the mean curvature. */
   readonly first_damping: number;
-  /** So many times the last good damping are tried side by side. */
+  /** Factors on the last good damping that are tried side by side. */
   readonly dampings: readonly number[];
   readonly min_damping: number;
   readonly max_damping: number;
@@ -29,11 +29,11 @@ export interface Settings {
 
 /** When a swimmer's motion is a success (studio/descents.py): near the target, and back up over the last period. */
 export interface Judged {
-  /** Of the body [m]. */
+  /** Length of the body [m]. */
   readonly length: number;
-  /** How near counts as there [m]. */
+  /** Tolerance of the distance [m]. */
   readonly within: number;
-  /** How far it may be rolled [rad], over so many super steps before the end. */
+  /** Maximum roll [rad], over the `last` super steps. */
   readonly roll: number;
   readonly last: number;
 }
@@ -44,11 +44,11 @@ export interface DescentFacts {
   readonly system: string;
   /** File of the module, beside `bundle.json`. */
   readonly wasm: string;
-  /** Of a super step [s]. */
+  /** Super step [s]. */
   readonly dt: number;
-  /** Super steps of a motion. */
+  /** Number of super steps of a motion. */
   readonly steps: number;
-  /** Numbers of a state, a latent state, a control, of what is varied, of a defect, and of the objective. */
+  /** Sizes of a state, a latent state, a control, the variables, a defect, and the objective's numbers. */
   readonly state: number;
   readonly latent: number;
   readonly control: number;
@@ -59,9 +59,9 @@ export interface DescentFacts {
   readonly guesses: readonly (readonly number[])[];
   readonly movable: readonly Movable[];
   readonly settings: Settings;
-  /** What a page without a server judges by; null where only the server can. */
+  /** Criteria for a page without a server; null if only the server can judge. */
   readonly judged: Judged | null;
 }
 
-/** Where what may be moved was moved to, by name; what is not named is where it was at first. */
+/** Moved values by name; others keep their initial values. */
 export type Values = Readonly<Record<string, readonly number[]>>;

@@ -1,20 +1,20 @@
-// Whether a swimmer has got to its target, back up: what studio/descents.py says of it, for pages without a server.
+// Whether a swimmer has reached its target, back up: as in studio/descents.py, for pages without a server.
 
 import { DEGREES } from "../body/heading";
 import { rootPose } from "../body/root";
 import type { Root } from "../bundle/bundle";
 import type { Judged } from "./facts";
 
-/** Whether a motion of the physics has done what was asked. */
+/** Whether a motion of the physics has reached the goal. */
 export interface Verdict {
   readonly isSuccess: boolean;
-  /** How far off it ends. */
+  /** Final distance. */
   readonly gap: number;
-  /** One line for people. */
+  /** The verdict in one line. */
   readonly words: string;
 }
 
-/** Judge `states` (rows * S) of the physics: whether they end at `place` (x, y, z) [m]. */
+/** Return whether `states` (rows * S) of the physics end at `place` (x, y, z) [m]. */
 export function judgeSwimming(root: Root, judged: Judged, place: readonly number[], states: Float32Array, size: number): Verdict {
   const poses = Array.from({ length: states.length / size }, (_, row) => rootPose(root, states.subarray(row * size, (row + 1) * size)));
   const rolls = poses.map((pose) => Math.abs(pose.roll));

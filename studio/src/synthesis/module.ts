@@ -1,32 +1,32 @@
-// A descent in WebAssembly: J of a motion, how it changes with what is varied, and the motion itself.
+// A descent in WebAssembly: J of a motion, its derivatives by the variables, and the motion itself.
 
 import { checkLength, exportedAddress, exportedFunction, Heap, startModule, type ModuleExports } from "../emulator/instance";
 import type { DescentFacts, Movable, Values } from "./facts";
 
-/** The C names in every descent's module begin with this. */
+/** Prefix of the C names in every descent's module. */
 const PREFIX = "descent";
 
 /** J near some z: cost + slope · dz + dz · curvature · dz / 2. */
 export interface QuadraticModel {
   readonly cost: number;
-  /** (Z, Z) row by row. */
+  /** Curvature (Z, Z), row by row. */
   readonly curvature: Float32Array;
-  /** (Z) */
+  /** Slope (Z). */
   readonly slope: Float32Array;
 }
 
-/** What the controls of one z do on the emulator. */
+/** The emulator's motion under the controls of one z. */
 export interface EmulatedMotion {
-  /** (T, C) */
+  /** Controls (T, C). */
   readonly controls: Float32Array;
-  /** (T + 1, S) */
+  /** States (T + 1, S). */
   readonly states: Float32Array;
 }
 
 export class DescentModule {
   readonly #heap: Heap;
   readonly #memory: number;
-  /** The numbers of the objective as they are at first. */
+  /** Initial numbers of the objective. */
   readonly #numbers: Float32Array;
 
   private constructor(
@@ -38,12 +38,12 @@ export class DescentModule {
     this.#numbers = this.#own("numbers", facts.numbers).slice();
   }
 
-  /** Start a compiled module of which the bundle says `facts`. */
+  /** Start a compiled module with the bundle's `facts`. */
   static async start(module: WebAssembly.Module, facts: DescentFacts): Promise<DescentModule> {
     return new DescentModule(await startModule(module), facts);
   }
 
-  /** Say where motions begin (S), what was moved, and what to add to every super step (T, V), if anything. */
+  /** Set the start of motions (S), the moved values, and the defects to add to super steps (T, V), if any. */
   pose(start: ArrayLike<number>, values: Values = {}, defects?: ArrayLike<number>): void {
     const { facts } = this;
     checkLength(start, facts.state, "start");
@@ -67,7 +67,7 @@ export class DescentModule {
     this.#within((heap) => this.#call("begin_at", heap.placed(start), this.#memory));
   }
 
-  /** Return J of each of `zs`, each (Z); not finite where the emulator diverges. */
+  /** Return J of each of `zs`, each (Z); not finite if the emulator diverges. */
   costs(zs: readonly ArrayLike<number>[]): number[] {
     const { z } = this.facts;
     return this.#within((heap) => {
@@ -110,7 +110,7 @@ export class DescentModule {
     });
   }
 
-  /** Return (T, V) what makes the emulator go through `states` (T + 1, S) of the physics under `controls` (T, C). */
+  /** Return the defects (T, V) that make the emulator follow `states` (T + 1, S) of the physics under `controls` (T, C). */
   defectsOf(states: ArrayLike<number>, controls: ArrayLike<number>): Float32Array {
     const { facts } = this;
     checkLength(states, (facts.steps + 1) * facts.state, "states");
@@ -128,12 +128,12 @@ export class DescentModule {
     return exportedFunction(this.exports, `${PREFIX}_${name}`)(...numbers);
   }
 
-  /** Return an array of the module's own, to be got anew after memory grew. */
+  /** Return one of the module's arrays; get it again after memory has grown. */
   #own(name: string, size: number): Float32Array {
     return this.#heap.view(exportedAddress(this.exports, `${PREFIX}_${name}`), size);
   }
 
-  /** Do something with room that is given back afterwards. */
+  /** Run `work` with memory that is freed afterwards. */
   #within<T>(work: (heap: Heap) => T): T {
     const before = this.#heap.top;
     try {

@@ -9,25 +9,25 @@ import { judgeSwimming, type Verdict } from "./judge";
 import type { EmulatedMotion } from "./module";
 
 export interface Proof extends Verdict {
-  /** (T + 1, S) what physics did. */
+  /** States by physics (T + 1, S). */
   readonly states: Float32Array;
 }
 
-/** What a proof is made of. */
+/** The parts needed for a proof. */
 export interface Court {
   readonly bundle: Bundle;
   readonly descent: DescentFacts;
   readonly physics: Physics;
-  /** Who judges, where there is a server. */
+  /** Connection to the server, if there is one, which judges. */
   readonly live: Live | null;
 }
 
-/** Return whether there is somebody to judge a descent's motions. */
+/** Return whether a descent's motions can be judged. */
 export function canJudge({ bundle, descent, live }: Omit<Court, "physics">): boolean {
   return live !== null || (descent.judged !== null && bundle.root !== null);
 }
 
-/** Replay the controls of an emulated motion and judge what the physics makes of them; the error is one clear line. */
+/** Replay the controls of an emulated motion on the physics and judge the result; the error is one clear line. */
 export async function prove(court: Court, { states, controls }: EmulatedMotion, values: Values): Promise<Proof> {
   const start = states.subarray(0, court.descent.state);
   const replay = await court.physics.replay({ start, controls, pushes: [] });

@@ -1,4 +1,4 @@
-// What a descent came to.
+// The result of a descent.
 
 import type { Bundle } from "../bundle/bundle";
 import { rootPose } from "../body/root";
@@ -12,24 +12,24 @@ export interface Result {
   readonly start: readonly number[];
   readonly values: Values;
   readonly cost: number;
-  /** What the physics does, or the emulator where nothing is proved. */
+  /** The motion by physics, or by the emulator if nothing is proved. */
   readonly motion: Motion;
-  /** Where the body is along it [m] ((T + 1) * 3); empty where nothing moves freely. */
+  /** Positions of the body along it [m] ((T + 1) * 3); empty if nothing moves freely. */
   readonly path: readonly number[];
-  /** Whether the physics has done what was asked; null where nothing is proved. */
+  /** Whether the physics has reached the goal; null if nothing is proved. */
   readonly isSuccess: boolean | null;
-  /** One line for people. */
+  /** The verdict in one line. */
   readonly verdict: string;
 }
 
-/** Return the motion of an iteration, as the player shows it. */
+/** Return the motion of an iteration, for the player. */
 export function motionOf(facts: Bundle, emulator: Emulator, { states, controls }: EmulatedMotion): Motion {
   return filled(facts, states, controls, "emulator", (state, control) => emulator.stepTrusted(state, control).score);
 }
 
-/** Return what the physics did: `states` (T + 1, S) under `controls` (T, C). */
+/** Return the motion by physics: `states` (T + 1, S) under `controls` (T, C). */
 export function physicsMotion(facts: Bundle, states: Float32Array, controls: Float32Array): Motion {
-  return filled(facts, states, controls, "physics", () => 0); // physics is true everywhere: nothing to doubt
+  return filled(facts, states, controls, "physics", () => 0); // physics is true everywhere: no doubt
 }
 
 function filled(
@@ -50,7 +50,7 @@ function filled(
   return motion;
 }
 
-/** Return where the whole body is [m] (rows * 3) along `states` (rows * S); nothing where nothing moves freely. */
+/** Return the positions of the whole body [m] (rows * 3) along `states` (rows * S); empty if nothing moves freely. */
 export function pathOf(facts: Bundle, states: Float32Array): number[] {
   if (!facts.root) {
     return [];

@@ -1,23 +1,23 @@
-// From what is asked for to controls proved on the physics, as `control/synthesis` does: descend, replay, correct, descend again.
+// From a goal to controls proved on the physics, as in `control/synthesis`: descend, replay, correct, descend again.
 
 import type { Iteration } from "./descend";
 import { prove, type Court, type Proof } from "./proof";
 import type { Wanted } from "./serve";
 import type { Synthesiser } from "./synthesiser";
 
-/** Number of replays, at most, whose defects are added to the emulator. */
+/** Maximum number of replays whose defects are added to the emulator. */
 export const MAX_CORRECTIONS = 5;
 
-/** How far a search has come. */
+/** Progress of a search. */
 export interface Progress {
   /** Number of corrections before this descent. */
   readonly corrections: number;
   readonly iteration: Iteration;
-  /** What the physics makes of it; null before the descent is done, and where nothing is proved. */
+  /** Its proof on the physics; null before the descent is done, and if nothing is proved. */
   readonly proof: Proof | null;
 }
 
-/** Yield every iteration of every descent, and each descent's last one again with its proof; without a `court` one descent is all. */
+/** Yield every iteration of every descent, and each last one again with its proof; without a `court` there is one descent. */
 export async function* search(
   synthesiser: Synthesiser,
   court: Court | null,

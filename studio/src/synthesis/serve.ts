@@ -1,17 +1,17 @@
-// Descents as a service of messages, so that a page may have them done by a worker.
+// Descents as a message service, so that a worker can do them for a page.
 
 import { descend, type Iteration } from "./descend";
 import type { DescentFacts, Values } from "./facts";
 import { DescentModule } from "./module";
 
-/** What is to be looked for. */
+/** A request for a descent. */
 export interface Wanted {
-  /** (S) */
+  /** Initial state (S). */
   readonly start: ArrayLike<number>;
   readonly values?: Values;
-  /** (Z) of an earlier descent to begin with, instead of the first guesses. */
+  /** Variables (Z) of an earlier descent to begin with, instead of the initial guesses. */
   readonly guess?: ArrayLike<number>;
-  /** (T, V) as `correct` gives them. */
+  /** Defects (T, V) from `correct`. */
   readonly defects?: ArrayLike<number>;
 }
 
@@ -33,7 +33,7 @@ export interface Port {
   onmessage: ((event: MessageEvent) => void) | null;
 }
 
-/** Answer the requests that come through `port`, one after the other; a descent may be stopped meanwhile. */
+/** Answer the requests from `port`, one after the other; a descent may be stopped meanwhile. */
 export function serve(port: Port): void {
   const stopped = new Set<number>();
   let opened: DescentModule | undefined;

@@ -1,4 +1,4 @@
-// Other results beside the one that is shown: their bodies, as shadows of one colour, at the same time.
+// Other results beside the shown one: their bodies at the same time, as shadows of one colour.
 
 import { emptyPose, poseBones, type Pose } from "../body/pose";
 import type { Bundle } from "../bundle/bundle";
@@ -32,7 +32,7 @@ export class Siblings {
     this.#bodies.forEach((body, i) => (body.object.visible = i < results.length));
   }
 
-  /** Pose them as they are at `time` [s]. */
+  /** Pose them at `time` [s]. */
   update(time: number): void {
     this.#results.forEach((result, i) => {
       result.motion.sample(time, this.#state);

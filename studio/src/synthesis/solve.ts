@@ -1,7 +1,7 @@
 // Linear equations of a symmetric matrix without negative eigenvalues.
 
 /**
- * Return the x of (matrix + added · 1) x = wanted, by Cholesky's method; null where there is none.
+ * Return the x of (matrix + added · 1) x = wanted, by Cholesky's method; null if there is none.
  *
  * `matrix` (N, N) is given row by row; its lower half is read.
  */

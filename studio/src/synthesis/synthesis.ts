@@ -1,4 +1,4 @@
-// "Reach a goal": where descent through the emulator finds controls. What it may use of the page is its context.
+// The panel "Reach a goal", where descent through the emulator finds controls. Its context is the part of the page it may use.
 
 import type { Bundle, LoadedBundle } from "../bundle/bundle";
 import { rootPose } from "../body/root";
@@ -22,29 +22,29 @@ import { Siblings } from "./siblings";
 import { Synthesiser } from "./synthesiser";
 
 /**
- * An iteration is looked at for so long [ms]: the descent itself is quicker than the eye, and twenty take less than a second.
- * Where an image takes longer than that it shows the latest there is; the curve has all of them.
+ * Time for which an iteration is shown [ms]: the descent itself is faster than the eye, and twenty take less than a second.
+ * If an image takes longer, it shows the latest one; the curve has all of them.
  */
 const PACE = 40;
 
-/** So many results are kept side by side. */
+/** Maximum number of results kept side by side. */
 const MAX_RESULTS = 6;
 
-/** Colour of paths that are not shown at present. */
+/** Opacity of the paths of other results. */
 const OTHER_OPACITY = 0.25;
 
 const FIND = "Find controls";
 
-/** Why nothing is proved where there is no server. */
+/** Reason why nothing is proved without a server. */
 const NO_PHYSICS = "the true physics of this system runs on the server alone; start it with 'neuroanimator studio'";
 
-/** What is looked for. */
+/** The wanted result. */
 interface Sought {
   readonly start: readonly number[];
   readonly values: Values;
 }
 
-/** What a descent came to, with what the physics makes of it, or without. */
+/** The result of a descent, with or without its proof. */
 interface Found {
   readonly iteration: Iteration;
   readonly proof: Proof | null;
@@ -57,21 +57,21 @@ export interface SynthesisContext {
   readonly emulator: Emulator;
   readonly player: Player;
   readonly world: World;
-  /** What replays controls, or null where nothing does. */
+  /** Physics that replays controls, or null. */
   readonly physics: Physics | null;
-  /** The line to the server, which judges what physics did; or null where there is none. */
+  /** Connection to the server, which judges motions, or null. */
   readonly live: Live | null;
   readonly banners: Banners;
-  /** The body of the panel, empty: fill it. */
+  /** The empty body of the panel, to be filled. */
   readonly body: HTMLElement;
 }
 
 export interface Synthesis {
-  /** Called once an image. */
+  /** Called once per image. */
   update(seconds: number): void;
-  /** A pointer went down at x, y (-1 to 1 across the picture, and up); return true to have its drag. */
+  /** A pointer went down at x, y (-1 to 1 across the picture, and up); return true to take its drag. */
   grab(x: number, y: number): boolean;
-  /** The pointer that was grabbed moved, or went up. */
+  /** The grabbed pointer moved, or went up. */
   drag(x: number, y: number): void;
   release(): void;
   dispose(): void;
@@ -100,7 +100,7 @@ function sayNoGoal({ system, ...facts }: Bundle): string {
   return "There is no goal for this system in the page; 'neuroanimator control' takes any.";
 }
 
-/** Wait until a time [ms], if it is still to come. */
+/** Wait until a time [ms], if it is in the future. */
 async function until(time: number): Promise<void> {
   const wait = time - performance.now();
   if (wait > 0) {
@@ -151,7 +151,7 @@ class GoalPanel implements Synthesis {
     if (!facts.movable.some((movable) => movable.kind === "place")) {
       this.#said.textContent = "Press the button: descent through the emulator finds the controls.";
     }
-    // Whoever comes near is likely to press the button: the module is there by then.
+    // A pointer near the button is likely to press it: the module is loaded by then.
     context.body.addEventListener("pointerenter", () => void this.#opened().catch(() => undefined), { once: true });
     context.body.append(
       element("p", "", [facts.about]),
@@ -208,7 +208,7 @@ class GoalPanel implements Synthesis {
     }
   }
 
-  /** Something was moved: whoever has looked for controls before wants others. */
+  /** Search again after something was moved, if there was a search before. */
   #again(): void {
     if (this.#made > 0) {
       this.#running?.abort();
@@ -220,7 +220,7 @@ class GoalPanel implements Synthesis {
     return this.#fromHere.checked ? Array.from(this.context.player.state()) : [...this.facts.start];
   }
 
-  // A swimmer's target goes along with where it begins; bays and pads stay where they are.
+  // A swimmer's target moves with its start; bays and pads stay.
   #moveStart(): void {
     const { root, scene } = this.context.bundle.facts;
     if (root && scene.kind === "water") {
@@ -230,7 +230,7 @@ class GoalPanel implements Synthesis {
     }
   }
 
-  /** Find controls and prove them, and show every iteration; what comes nearest on the physics is kept. */
+  /** Find controls and prove them, and show every iteration; the best on the physics is kept. */
   async #search(wanted: Sought): Promise<void> {
     const court = this.#court;
     const running = new AbortController();
@@ -288,7 +288,7 @@ class GoalPanel implements Synthesis {
     this.#line.show(pathOf(bundle.facts, iteration.states));
     const motion = motionOf(bundle.facts, emulator, iteration);
     if (isFirst) {
-      // What was there before comes back with one step of undo, not with one for each iteration.
+      // One undo brings the earlier motion back, not one for each iteration.
       player.show(motion);
     } else {
       player.motion = motion;
@@ -306,7 +306,7 @@ class GoalPanel implements Synthesis {
     return new Synthesiser(this.facts, module);
   }
 
-  /** Keep what was found and show it from its start: what the physics does, where it is proved. */
+  /** Keep the result and show it from its start: the motion by physics, if it is proved. */
   #keep(wanted: Sought, { iteration, proof }: Found, unproved: string): void {
     const { player, bundle, emulator } = this.context;
     const states = proof?.states ?? iteration.states;
@@ -328,7 +328,7 @@ class GoalPanel implements Synthesis {
     this.#select(result);
   }
 
-  /** Show a result: its motion, its path among the others', what is known of it. */
+  /** Show a result: its motion, its path among the others', and its verdict. */
   #select(result: Result): void {
     const { player } = this.context;
     this.#shown = result;
@@ -373,7 +373,7 @@ class GoalPanel implements Synthesis {
     return line;
   }
 
-  /** What proves a motion; null where the physics is not at hand. */
+  /** The parts needed for a proof; null without physics. */
   get #court(): Court | null {
     const { bundle, physics, live } = this.context;
     const court = { bundle: bundle.facts, descent: this.facts, live };
@@ -381,7 +381,7 @@ class GoalPanel implements Synthesis {
   }
 }
 
-/** Return whichever comes nearer to what was asked for, on the physics. */
+/** Return the one closer to the goal on the physics. */
 function nearer(one: Proved, other: Proved | null): Proved {
   const isNearer = other === null || one.proof.isSuccess || one.proof.gap < other.proof.gap;
   return isNearer ? one : other;

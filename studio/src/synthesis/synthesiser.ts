@@ -1,4 +1,4 @@
-// What a page asks for descents: they are done in a worker, and come iteration by iteration.
+// The page's interface to descents, which a worker does, iteration by iteration.
 
 import type { Iteration } from "./descend";
 import type { DescentFacts } from "./facts";
@@ -11,7 +11,7 @@ export function startWorker(): Worker {
   return new Worker(new URL("./worker.ts", import.meta.url), { type: "module" });
 }
 
-/** A worker, or what stands for one. */
+/** A worker, or a stand-in. */
 export type WorkerPort = Port & { terminate?(): void; onerror?: unknown };
 
 export class Synthesiser {
@@ -19,13 +19,13 @@ export class Synthesiser {
   readonly #listeners = new Map<number, (answer: Answer) => void>();
   readonly #opened: Promise<unknown>;
 
-  /** `port` leads to what `serve`s: a worker; `module` is the compiled file that `facts` name. */
+  /** `port` leads to a worker that `serve`s; `module` is the compiled file named in `facts`. */
   constructor(
     readonly facts: DescentFacts,
     module: WebAssembly.Module,
     private readonly port: WorkerPort = startWorker(),
   ) {
-    // A worker that is not loaded, or that runs out of memory, answers nobody.
+    // A worker that fails to load, or runs out of memory, does not answer.
     port.onerror = (): void => {
       const error = "the worker that descends was stopped; reload the page";
       [...this.#listeners].forEach(([id, listener]) => listener({ id, error }));
@@ -35,10 +35,10 @@ export class Synthesiser {
       this.#listeners.get(answer.id)?.(answer);
     };
     this.#opened = this.#ask({ do: "open", module, facts } as Question);
-    this.#opened.catch(() => undefined); // whoever descends is told
+    this.#opened.catch(() => undefined); // `descend` reports it
   }
 
-  /** Yield every iteration of a descent, the first guess included; it ends early once `signal` is aborted. */
+  /** Yield every iteration of a descent, the initial guess included; it ends early once `signal` is aborted. */
   async *descend(wanted: Wanted, signal?: AbortSignal): AsyncGenerator<Iteration, void> {
     await this.#opened;
     const id = ++this.#lastId;
@@ -76,7 +76,7 @@ export class Synthesiser {
     }
   }
 
-  /** Return what makes the emulator go through `states` (T + 1, S) of the physics: for the next descent under `controls` (T, C). */
+  /** Return the defects that make the emulator follow the physics' `states` (T + 1, S) under `controls` (T, C) from now on. */
   async correct(states: Float32Array, controls: Float32Array): Promise<Float32Array> {
     await this.#opened;
     const answer = await this.#ask({ do: "correct", states, controls } as Question);

@@ -4,5 +4,5 @@ FLEET.toml → members: systems × super steps × sizes × seeds, all checked fi
   → the datasets they need, shard by shard, over the executor                    train_fleet.py
   → a training each, over the executor: dataset → emulator → errors              member.py
   → the emulator's file and its row, written by the process that was started     train_fleet.py
-  → one table; what is whole is not made again
+  → one table; finished members are not trained again
 """

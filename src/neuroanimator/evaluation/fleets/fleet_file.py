@@ -30,13 +30,13 @@ from neuroanimator.text import listed, quoted
 from neuroanimator.training.config import TrainingConfig
 
 MARK = "systems"
-"""A TOML file with this key describes a fleet; the file of a system has none."""
+"""Key by which a TOML file describes a fleet; the file of a system has none."""
 
 MAX_MEMBERS = 10_000
-"""A fleet of more is a mistake."""
+"""Maximum number of members: a larger fleet is a mistake."""
 
 USUAL_SIZE = "usual"
-"""The size there is if the file names none: each system's usual settings."""
+"""Name of the size if the file names none: each system's usual settings."""
 
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 Substeps = Annotated[int, Field(ge=1, le=1000)]
@@ -52,9 +52,9 @@ class FleetTable(Table):
     count: int = Field(default=USUAL_COUNT, ge=1, le=100_000_000)
     samples_per_run: Literal[12, 18, 24, 36] = USUAL_SAMPLES_PER_RUN
     seconds: float = Field(default=1.0, gt=0, le=3600)
-    """Time after which emulators are compared by their error [s]."""
+    """Time after which the emulators' errors are compared [s]."""
     data: str = Field(default="", max_length=1000)
-    """Place of the datasets: a folder, or a URL; beside the emulators if it is empty."""
+    """Folder or URL of the datasets; beside the emulators if empty."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Member:
 
     @property
     def dataset(self) -> str:
-        """The name of its dataset, which members that differ in size and seed alone share."""
+        """The name of its dataset, shared by members that differ only in size and seed."""
         return f"{self.data.system}-{self.data.substeps}"
 
     @property
@@ -80,12 +80,12 @@ class Member:
 
     @property
     def run_name(self) -> str:
-        """The name of the folder of its checkpoints where several fleets may keep theirs."""
+        """The name of the folder of its checkpoints, where several fleets may keep theirs."""
         return f"{self.name}-{self.data.hash}-{self.training.hash}.run"
 
     @property
     def identity(self) -> str:
-        """Key that tells it from another of the same name: everything its bytes depend on."""
+        """Key that distinguishes it from another of the same name: everything its bytes depend on."""
         return f"{self.data.hash}-{self.training.hash}-{self.seconds:g}"
 
 
@@ -122,7 +122,7 @@ def read_fleet(path: Path) -> Fleet:
 
 
 def members_of(reference: str, table: FleetTable, folder: Path) -> list[Member]:
-    """Return the members of one system; its TOML file is looked for beside the fleet's, and may be used from now on."""
+    """Return the members of one system; its TOML file is looked for beside the fleet's, and is trusted from now on."""
     if reference.endswith(".toml"):
         reference = str(folder / reference)
         trust_files(reference)
@@ -150,7 +150,7 @@ def members_of(reference: str, table: FleetTable, folder: Path) -> list[Member]:
 
 
 def _check_names(file: str, members: list[Member]) -> None:
-    """Raise BadFileError if two members would share a file; some disks do not tell capitals from others."""
+    """Raise BadFileError if two members would share a file; some disks ignore case."""
     counts = Counter(member.name.lower() for member in members)
     twice = [name for name, count in counts.items() if count > 1]
     if twice:

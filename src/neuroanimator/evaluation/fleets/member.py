@@ -38,13 +38,12 @@ class MemberTask:
     data: str
     """Folder or URL of its dataset."""
     workplace: str
-    """Folder for what is unfinished, so that a training that is killed goes on where it was; empty where the worker may not see
-    this disk."""
+    """Folder for unfinished work, so that a killed training resumes; empty where the worker may not see this disk."""
     checkpoints: str = ""
     """Folder or URL of its checkpoints beside the dataset, where there is no `workplace`: a worker that sees the
-    dataset goes on from them, one that does not begins anew."""
+    dataset resumes from them, one that does not starts again."""
     trusted: TrustedFiles = NO_FILES
-    """The files that the process which gives the task may use."""
+    """The files that the submitting process may use."""
 
     @property
     def label(self) -> str:
@@ -60,9 +59,9 @@ class TrainedMember(NamedTuple):
     numbers: int
     """Number of weights and other numbers in it."""
     one_step_error: float
-    """On unseen runs, over the standard deviation of the change."""
+    """One-step error on unseen runs, over the standard deviation of the change."""
     error: float
-    """Of a rollout after the fleet's time, over how far a run gets; infinite if one diverged."""
+    """Rollout error after the fleet's time, over a run's distance from its start; infinite if one diverged."""
 
 
 def run_member_task(task: MemberTask) -> TrainedMember:
@@ -96,7 +95,7 @@ def _workplace(task: MemberTask) -> Iterator[Path]:
 
 
 def _holds(place: Place, config: DatasetConfig) -> bool:
-    """Return whether this machine sees the dataset there; it makes one of its own if not, which is the same."""
+    """Return whether this machine sees the dataset there; if not, it makes its own, which is the same."""
     try:
         return read_config(place).hash == config.hash
     except BadFileError:
@@ -104,12 +103,12 @@ def _holds(place: Place, config: DatasetConfig) -> bool:
 
 
 def _shared_checkpoints(task: MemberTask) -> Place | None:
-    """Return where the next worker, on any machine, will look for checkpoints; None where there is no such place."""
+    """Return where the next worker, on any machine, will look for checkpoints; None if nowhere."""
     if not task.checkpoints:
         return None
     place = place_of(task.checkpoints)
     if isinstance(place, Path) and not os.access(place.parent, os.W_OK):
-        return None  # a folder that may be read alone
+        return None  # a read-only folder
     return place
 
 

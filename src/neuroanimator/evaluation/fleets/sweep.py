@@ -1,4 +1,4 @@
-"""Which n: emulators of several super steps, trained on equal budgets and compared after equal time."""
+"""How to choose n: emulators of several super steps, trained on equal budgets and compared after equal time."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class SweepRow:
     substeps: int
     one_step_error: float
     error: float
-    """Rollout error after the time asked for."""
+    """Rollout error after the requested time."""
     us_per_second: float
-    """Time one simulated second takes [µs]."""
+    """Time to emulate one second [µs]."""
     path: Path
     """The emulator's file."""
 
@@ -45,7 +45,7 @@ def sweep(
     """Return one row per n in `counts` for the system `reference` names; data and emulators are kept in `out`.
 
     They are a fleet: every n gets the same number of transitions and of updates. Errors are compared after `seconds` [s].
-    The `executor` trains them; times are measured here, one after the other, when nothing else is computed.
+    The `executor` trains them; times are measured here, one after the other, while nothing else runs.
     """
     values = {
         "systems": [reference],

@@ -1,4 +1,4 @@
-"""Train the members of a fleet that are not there yet, and write the table of all."""
+"""Train the missing members of a fleet, and write the table of all."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.systems.trusted_files import trusted_so_far
 
 TABLE = "fleet.csv"
-"""The table's name in the fleet's folder."""
+"""Name of the table in the fleet's folder."""
 
 ROWS = "rows"
-"""The folder of the rows, a file each, which say that an emulator is done."""
+"""Folder of the rows, a file each, which say that an emulator is done."""
 
 DATA = "data"
-"""The folder of the datasets, unless the fleet's file names another place."""
+"""Folder of the datasets, unless the fleet's file names another place."""
 
 MAX_ROW = 10_000
-"""The largest file of a row that is read [bytes]."""
+"""Maximum size of a row's file [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class FleetRow:
     """Number of weights and other numbers in it."""
     one_step_error: float
     error: float
-    """After the fleet's time, on unseen runs; infinite if a run diverged."""
+    """Error after the fleet's time, on unseen runs; infinite if a run diverged."""
     sha256: str
-    """Of its file."""
+    """Hash of its file."""
     best: bool = False
     """Whether its error is the least of its system's."""
 
@@ -65,8 +65,8 @@ def train_fleet(
 ) -> list[FleetRow]:
     """Train every member of `fleet` into the folder `out`; return their rows, which are also in its `fleet.csv`.
 
-    Whatever is there and whole is kept. `on_start` is told how many members there are to train, once their data are
-    made, and `on_member` is called as each is done. All others are trained before the error of one is raised.
+    Members that are there and whole are kept. `on_start` is called with the number of members to train, once their data
+    are made, and `on_member` as each is done. All others are trained before the error of one is raised.
     """
     out = Path(out)
     with locked(out):
@@ -118,7 +118,7 @@ def _trained(
 
 
 def _as_seen_elsewhere(place: Place) -> str:
-    """Return a folder or URL as a worker may be told of it, which works in another folder."""
+    """Return a folder or URL so that a worker in another working directory finds it."""
     return str(place.resolve() if isinstance(place, Path) else place)
 
 
@@ -142,7 +142,7 @@ def _keep(member: Member, trained: TrainedMember, out: Path) -> FleetRow:
 
 
 def _finished(fleet: Fleet, out: Path) -> dict[str, FleetRow]:
-    """Return the rows of the members that are there and whole; BadFileError if one there is of another fleet."""
+    """Return the rows of the members that are there and whole; BadFileError if one belongs to another fleet."""
     rows = {}
     for member in fleet.members:
         row = _read_row(member, out)
@@ -162,7 +162,7 @@ def _read_row(member: Member, out: Path) -> FleetRow | None:
         row = FleetRow(**values)
         content = read_bounded(out / member.file_name, SIZE_LIMIT)
     except (ValueError, TypeError, KeyError, BadFileError):
-        return None  # damaged, or half of it is gone: it is made again
+        return None  # damaged or truncated: it is made again
     if identity != member.identity:
         raise BadFileError(
             f"{out} holds another fleet's {member.name}. Choose another --out, or the same settings."
@@ -182,7 +182,7 @@ def _as_json(error: float) -> float | str:
 
 
 def _marked(rows: list[FleetRow]) -> list[FleetRow]:
-    """Return the rows, the best of each system marked: the one with the least error, and of equals the first."""
+    """Return the rows, the best of each system marked: the one with the smallest error, the first of equals."""
     best: dict[str, FleetRow] = {}
     for row in rows:
         if row.system not in best or row.error < best[row.system].error:

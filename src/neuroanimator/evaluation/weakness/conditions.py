@@ -1,8 +1,8 @@
-"""Conditions a person can read under which something is several times as large as elsewhere.
+"""Readable conditions under which something is several times as large as elsewhere.
 
 A condition is one number beyond one threshold. It is chosen on one half of the runs as a regression tree chooses its
-first split, and measured on the other half, which had no say in it: of the many conditions tried, some are always
-large by chance, and those do not hold there.
+first split, and measured on the other half, which did not choose it: of the many conditions tried, some are always
+large by chance, and do not hold there.
 """
 
 from __future__ import annotations
@@ -20,43 +20,43 @@ MAX_SPOTS = 4
 """Maximum number of conditions looked for: each one after the first explains less."""
 
 MIN_RATIO = 1.5
-"""Least ratio of the mean under a condition to the mean elsewhere."""
+"""Minimum ratio of the mean under a condition to the mean elsewhere."""
 
 MIN_SHARE = 0.04
-"""Least share of the samples that fulfil a condition: fewer would choose it by chance."""
+"""Minimum share of the samples that fulfil a condition: fewer would choose it by chance."""
 
 MAX_SHARE = 0.5
-"""Largest share of the samples that fulfil a condition: one that more fulfil is the rule."""
+"""Maximum share of the samples that fulfil a condition: more are the rule, not the exception."""
 
 MIN_SAMPLES = 20
-"""Minimum number of samples a mean is taken over."""
+"""Minimum number of samples in a mean."""
 
 SHARES = tuple(share / 100 for share in range(4, 51, 2))
 """Shares of the samples beyond the thresholds that are tried."""
 
 DIGITS = 2
-"""Number of digits thresholds are rounded to before anything is measured, so that what is read is what was measured."""
+"""Number of digits to which thresholds are rounded before measuring, so that the condition shown is the one measured."""
 
 OUTLIERS = 0.99
-"""Quantile of the values above zero that larger ones count as while a condition is chosen: one sample must not choose it."""
+"""Quantile of the values above zero to which larger ones are clipped while a condition is chosen: no sample decides alone."""
 
 
 @dataclass(frozen=True)
 class WeakSpot:
-    """A condition under which errors are larger than elsewhere, measured on runs that had no say in choosing it."""
+    """A condition under which errors are larger than elsewhere, measured on runs that did not choose it."""
 
     condition: str
-    """Such as `|hip.velocity| > 8 rad/s`."""
+    """The condition in words, such as `|hip.velocity| > 8 rad/s`."""
     ratio: float
-    """The mean error there over the mean error elsewhere."""
+    """Mean error there over the mean error elsewhere."""
     error: float
-    """The mean error there [standard deviations of the change]."""
+    """Mean error there [standard deviations of the change]."""
     share: float
     """Share of the super steps that fulfil the condition."""
     share_of_error: float
     """Share of the sum of all errors that comes from there."""
     component: str = ""
-    """The number of the state with the largest errors there."""
+    """Name of the number of the state with the largest errors there."""
 
     def __str__(self) -> str:
         """Return it as a sentence."""
@@ -75,11 +75,11 @@ class _Condition(NamedTuple):
 def find_spots(
     values: Float[np.ndarray, " N"], runs: Int[np.ndarray, " N"], readings: Sequence[Reading]
 ) -> list[tuple[WeakSpot, Bool[np.ndarray, " N"]]]:
-    """Return where `values` (N,), none below zero, are large, worst first; each with the samples (N,) it holds of.
+    """Return where `values` (N,), none below zero, are large, worst first; each with the samples (N,) that fulfil it.
 
-    `runs` (N,) says which run each sample is of: samples of one run are alike, so runs are halved, not samples. Each
-    condition after the first is looked for outside of those before. None is returned that does not hold on the other
-    half of the runs, nor any reading that cannot matter.
+    `runs` (N,) is the run of each sample: samples of one run are alike, so runs are halved, not samples. Each
+    condition after the first is looked for outside the earlier ones. Only conditions that hold on the other half of
+    the runs are returned, and no reading that cannot matter.
     """
     chooses = np.unique(runs, return_inverse=True)[1] % 2 == 0
     clipped = values
@@ -93,10 +93,10 @@ def find_spots(
         if condition is None or not _measured(values, condition, ~chooses & is_left):
             break
         spot = _measured(values, condition, ~chooses)
-        if spot:  # also if what the conditions before explain is not left out
+        if spot:  # also without leaving out what earlier conditions explain
             spots.append((spot, condition.holds))
         is_left &= ~condition.holds
-        # What is left beyond a nearby threshold of the same number is no other spot.
+        # The rest beyond a nearby threshold of the same number is not another spot.
         del candidates[condition.reading]
     return sorted(spots, key=lambda pair: -pair[0].ratio)
 
@@ -104,7 +104,7 @@ def find_spots(
 def _best(
     values: Float[np.ndarray, " N"], readings: dict[int, Reading], among: Bool[np.ndarray, " N"]
 ) -> _Condition | None:
-    """Return the condition that explains most of the variance of `values` among some samples; None if there is none.
+    """Return the condition that explains most of the variance of `values` within `among`; None if there is none.
 
     Its mean must be `MIN_RATIO` times that elsewhere.
     """
@@ -130,7 +130,7 @@ def _best(
 def _candidates(
     readings: dict[int, Reading], among: Bool[np.ndarray, " N"]
 ) -> Iterator[_Condition]:
-    """Yield every condition to try: thresholds at quantiles among some samples, from above and below, of magnitudes too."""
+    """Yield every condition to try: thresholds at quantiles of values and magnitudes within `among`, above and below."""
     for number, reading in readings.items():
         unit = "" if reading.unit == "1" else f" {reading.unit}"
         forms = {reading.name: reading.values}
@@ -139,7 +139,7 @@ def _candidates(
             forms[f"|{reading.name}|"] = np.abs(reading.values)
         for name, values in forms.items():
             for sign, shares in ((">", [1 - share for share in SHARES]), ("<", SHARES)):
-                # With a few digits, each once.
+                # Rounded, each once.
                 quantiles = np.quantile(values[among], shares)
                 for threshold in sorted({float(f"{value:.{DIGITS}g}") for value in quantiles}):
                     holds = values > threshold if sign == ">" else values < threshold
@@ -149,7 +149,7 @@ def _candidates(
 def _measured(
     values: Float[np.ndarray, " N"], condition: _Condition, among: Bool[np.ndarray, " N"]
 ) -> WeakSpot | None:
-    """Return the figures of a condition on some samples; None if values are not `MIN_RATIO` times those elsewhere, or too few."""
+    """Return the figures of a condition within `among`; None if values are not `MIN_RATIO` times those elsewhere, or too few."""
     holds = condition.holds[among]
     inside = values[among][holds]
     outside = values[among][~holds]

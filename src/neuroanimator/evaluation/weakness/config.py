@@ -12,21 +12,21 @@ RUN_LENGTH = 15
 
 
 class ImprovementConfig(Settings):
-    """Rounds of looking, simulating and training on.
+    """Settings of the rounds of searching, simulating and training on.
 
     Raises ArgumentError naming the field that is wrong.
     """
 
     samples: int = Field(default=6_000, ge=60 * RUN_LENGTH, le=10_000_000)
-    """New super steps simulated in a round, those of the probe among them."""
+    """Number of new super steps simulated in a round, including those of the probe."""
     rounds: int = Field(default=6, ge=1, le=100)
     updates: int = Field(default=6_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
-    """Weight updates of a round."""
+    """Number of weight updates of a round."""
     windows: int = Field(default=100_000, ge=4_000, le=10_000_000)
-    """Windows learnt from in a round, nine of ten of them old: an emulator that was trained on many forgets by few."""
+    """Number of windows learnt from in a round, nine of ten of them old: trained on few, an emulator forgets the rest."""
     seed: int = Field(default=0, ge=0, lt=2**31)
 
     @property
     def runs(self) -> int:
-        """Runs simulated in a round."""
+        """Number of runs simulated in a round."""
         return self.samples // RUN_LENGTH

@@ -1,4 +1,4 @@
-"""Coverage of a dataset: how far its states and controls range, how often, and where its runs diverged.
+"""Coverage of a dataset: ranges and histograms of its states and controls, and where its runs diverged.
 
 found = coverage("data/hopper")
 found.states[3].counts  # a histogram
@@ -35,13 +35,13 @@ BINS = 24
 """Number of bars in a histogram."""
 
 MAX_SAMPLES = 20_000
-"""Maximum number of transitions looked at, about: the quantiles of more are the same to two digits."""
+"""Approximate maximum number of transitions examined: more give the same quantiles to two digits."""
 
 AT_BOUND = 0.01
-"""Largest distance from a bound, as a share of the control's range, at which a control is at the bound."""
+"""Largest distance from a bound that counts as at the bound, as a share of the control's range."""
 
 NOTHING = 1e-4
-"""Smallest number, as a share of the whole range, that is not shown as zero."""
+"""Smallest number that is not shown as zero, as a share of the whole range."""
 
 HISTOGRAM_ENDS = (0.005, 0.995)
 """Quantiles at which a histogram of states begins and ends."""
@@ -52,34 +52,34 @@ QUANTILES = (0, 0.05, 0.5, 0.95, 1)
 
 @dataclass(frozen=True)
 class Spread:
-    """How one number is spread over the samples."""
+    """Distribution of one number over the samples."""
 
     name: str
     unit: str
     least: float
     low: float
-    """5 % of the samples are smaller."""
+    """Quantile 0.05 of the samples."""
     median: float
     high: float
-    """5 % of the samples are larger."""
+    """Quantile 0.95 of the samples."""
     most: float
     edges: Float[np.ndarray, " B1"]
     """Ends of the histogram's bars, in the number's unit."""
     counts: Int[np.ndarray, " B"]
-    """Samples in each bar; those beyond the outermost edges are counted in the outermost bars."""
+    """Number of samples in each bar; those beyond the outermost edges are counted in the outermost bars."""
     at_bounds: float | None = None
-    """Share of the samples at a bound, of a control; None of a state."""
+    """Share of a control's samples at a bound; None for a state."""
 
     @property
     def tidy(self) -> tuple[str, ...]:
-        """Least, 5 %, median, 95 % and most with three digits, as 0 what is nothing beside the others."""
+        """Minimum, 5 %, median, 95 % and maximum with three digits; 0 for what is negligible beside the others."""
         numbers = (self.least, self.low, self.median, self.high, self.most)
         nothing = NOTHING * (self.most - self.least)
         return tuple(short_number(number) if abs(number) > nothing else "0" for number in numbers)
 
     @classmethod
     def of(cls, reading: Reading, bounds: tuple[float, float] | None = None) -> Spread:
-        """Return the spread of a reading; of a control its histogram goes from bound to bound."""
+        """Return the spread of a reading; a control's histogram goes from bound to bound."""
         values = reading.values
         if bounds is None:
             edges = _edges(values)
@@ -96,15 +96,15 @@ class Spread:
 
 
 def _edges(values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " B1"]:
-    """Return the edges of a histogram of states: a few far away must not leave all others in one bar."""
+    """Return the edges of a histogram of states: a few outliers must not leave all others in one bar."""
     least, most = values.min(), values.max()
-    if most - least < BINS and not (values % 1).any():  # of counts, a bar each
+    if most - least < BINS and not (values % 1).any():  # integers: a bar each
         return np.arange(least, most + 2) - 0.5
     return _even_edges(*np.quantile(values, HISTOGRAM_ENDS).tolist())
 
 
 def _even_edges(first: float, last: float) -> Float[np.ndarray, " B1"]:
-    """Return edges between two ends; a unit around them where they are the same."""
+    """Return even edges between two ends; one unit around them if they are equal."""
     if not last > first:
         return np.linspace(first - 0.5, first + 0.5, BINS + 1)
     return np.linspace(first, last, BINS + 1)
@@ -116,9 +116,9 @@ class Divergence:
 
     runs: int
     share: float
-    """Of all runs that were simulated."""
+    """Share of all simulated runs."""
     conditions: tuple[str, ...] = ()
-    """From which starts runs diverge more often than from others, in words; empty if no start tells."""
+    """Conditions on starts from which runs diverge more often than from others; empty if there are none."""
 
     @property
     def advice(self) -> str:
@@ -137,32 +137,32 @@ class Coverage:
 
     system: str
     samples: int
-    """Transitions looked at: evenly taken from those that are there."""
+    """Number of transitions examined, evenly taken from those that are there."""
     transitions: int
-    """Transitions that are there."""
+    """Number of transitions that are there."""
     runs: int
-    """Runs they come from; of recordings, segments."""
+    """Number of runs they come from; of segments, for recordings."""
     states: tuple[Spread, ...]
-    """Of each number of the state, or of its readings: see `weakness.readings`."""
+    """Spread of each number of the state, or of its readings: see `weakness.readings`."""
     controls: tuple[Spread, ...]
     diverged: Divergence
     missing: tuple[str, ...] = ()
-    """Files that are not there, or damaged: 'generate' makes them."""
+    """Missing or damaged files: 'generate' makes them."""
 
     @property
     def spreads(self) -> tuple[Spread, ...]:
-        """Those of states and controls."""
+        """Spreads of states and controls."""
         return self.states + self.controls
 
     def to_json(self) -> dict[str, Any]:
-        """Return all of it as plain lists and numbers."""
+        """Return it as plain lists and numbers."""
         return as_plain(asdict(self))
 
 
 def coverage(data: Dataset | str | Place) -> Coverage:
-    """Return the coverage of the dataset `data`: one that was opened, or the folder of one, which may be half generated.
+    """Return the coverage of the dataset `data`: an open one, or the folder of one, which may be partly generated.
 
-    Raises BadFileError for a folder that holds no dataset, or no whole shard of one yet.
+    Raises BadFileError for a folder without a dataset, or without a whole shard of one.
     """
     if not isinstance(data, Dataset):
         return _coverage_of_folder(place_of(data))
@@ -182,7 +182,7 @@ def coverage(data: Dataset | str | Place) -> Coverage:
 def coverage_of_states(
     system: System, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"], runs: int
 ) -> Coverage:
-    """Return the coverage of `states` and the controls given in them, of `runs` runs."""
+    """Return the coverage of `states` and their controls, of `runs` runs."""
     if not (np.isfinite(states).all() and np.isfinite(controls).all()):
         raise BadFileError(
             f"The dataset of {system.name} holds numbers that are not finite. Generate it again."
@@ -203,13 +203,13 @@ def coverage_of_states(
 def _evenly(
     parts: Iterable[Transitions], total: int
 ) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
-    """Return at most `MAX_SAMPLES` of the `total` states and controls that windows in `parts` begin with."""
+    """Return at most `MAX_SAMPLES` of the `total` states and controls at the beginnings of the windows in `parts`."""
     every = max(1, -(-total // MAX_SAMPLES))
     first = 0
     states = []
     controls = []
     for part in parts:
-        # Copies, for a view would keep the whole part in memory.
+        # Copies, as a view would keep the whole part in memory.
         states.append(part.states[first::every, 0].copy())
         controls.append(part.controls[first::every, 0].copy())
         first = (first - len(part.states)) % every
@@ -217,7 +217,7 @@ def _evenly(
 
 
 def _coverage_of_folder(folder: Place) -> Coverage:
-    """Return the coverage of the shards that are there, by some of them."""
+    """Return the coverage of the shards that are there, from some of them."""
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
     paths = [config.shard_path(folder, shard) for shard in range(config.shards)]
@@ -266,13 +266,13 @@ def _divergence(
     efforts: Sequence[Float[np.ndarray, " _"]],
     runs: int,
 ) -> Divergence:
-    """Return how many of the `runs` diverged, and which starts and controls make that likelier than in those that did not."""
+    """Return the number of `runs` that diverged, and the starts and controls that make divergence likelier."""
     diverged = list(diverged_by_shard(folder))
     if not diverged:
         return Divergence(0, 0.0)
     sound_starts = np.concatenate(starts)
     lost_starts = np.concatenate([part.starts for part in diverged])
-    # As round as those of the shards: else the rounding would tell them apart.
+    # Rounded as those of the shards: otherwise the rounding would distinguish them.
     every = np.concatenate([sound_starts, lost_starts.astype(sound_starts.dtype)])
     driven = [*efforts, *(_efforts(system, part.controls) for part in diverged)]
     readings = state_readings(system, every)
@@ -280,7 +280,7 @@ def _divergence(
     order = np.arange(len(every))
     is_lost = order >= len(sound_starts)
     conditions = []
-    # Dealt out in turn, so that each half of the runs has its share of those that diverged.
+    # Dealt in turn, so that each half of the runs has its share of diverged ones.
     for spot, _ in find_spots(is_lost.astype(float), order, readings):
         often = f"{spot.ratio:.2g} times as often" if np.isfinite(spot.ratio) else "only"
         conditions.append(f"{often} where {spot.condition}")
@@ -288,7 +288,7 @@ def _divergence(
 
 
 def _efforts(system: System, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, " B"]:
-    """Return how strongly each run is driven: its controls' root mean square, as a share of half their range."""
+    """Return the effort of each run: the root mean square of its controls, as a share of half their range."""
     half = np.where(system.bounds.half > 0, system.bounds.half, 1.0)
     return np.sqrt(np.mean(((controls - system.bounds.middle) / half) ** 2, axis=(1, 2)))
 

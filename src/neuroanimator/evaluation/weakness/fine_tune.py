@@ -1,4 +1,4 @@
-"""Train an emulator on with a recording of the real system, among old windows so that it keeps what it knew."""
+"""Train an emulator on with a recording of the real system, mixed with old windows so that it forgets nothing."""
 
 from __future__ import annotations
 
@@ -31,36 +31,36 @@ from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report
 
 TAIL = 0.2
-"""Share at the end of each run that is kept for the test."""
+"""Share of each run, at its end, that is kept for the test."""
 
 RECORDED_SHARE = 0.5
-"""Share of recorded windows among those learnt from: larger than that of simulated ones, as they contradict the old."""
+"""Share of recorded windows in training: larger than that of simulated ones, as they contradict the old windows."""
 
 MIN_WINDOWS = 100
-"""Minimum number of windows to learn from: fewer teach nothing that lasts."""
+"""Minimum number of windows to learn from: fewer have no lasting effect."""
 
 MAX_WINDOWS = 100_000
-"""Maximum number of windows that are learnt from, evenly taken."""
+"""Maximum number of windows in training, evenly taken."""
 
 MAX_TESTED = 8_000
-"""Maximum number of super steps that are tested, evenly taken."""
+"""Maximum number of super steps in the test, evenly taken."""
 
 BLOCK = 8
-"""Number of super steps within which windows begin that are validated on together, or learnt from together: they overlap."""
+"""Number of super steps within which windows go to training, or to validation, together: they overlap."""
 
 
 MAX_TIME_ERROR = 1e-3
-"""Share of a super step by which a whole number of samples may miss it: clocks are better than that."""
+"""Largest mismatch between a whole number of samples and a super step, as a share of it: clocks are better."""
 
 
 class RecordedRuns(NamedTuple):
-    """A recording, sample by sample, in an emulator's order of numbers."""
+    """A recording, sample by sample, with its columns in the emulator's order."""
 
     file: str
     states: tuple[Float[np.ndarray, "_ S"], ...]
     controls: tuple[Float[np.ndarray, "_ C"], ...]
     substeps: int
-    """Samples in a super step of the emulator."""
+    """Number of samples in a super step of the emulator."""
 
     def windows(
         self, run: int, firsts: Int[np.ndarray, " N"], steps: int
@@ -79,9 +79,9 @@ class FineTuning:
 
     emulator: Emulator
     errors: tuple[ErrorChange, ...]
-    """On the recording's tail, which was not learnt from, and on usual motions."""
+    """Errors on the recording's tail, which was not learnt from, and on usual motions."""
     windows: int
-    """Windows of the recording that were learnt from."""
+    """Number of windows of the recording that were learnt from."""
 
 
 def fine_tune(
@@ -95,12 +95,12 @@ def fine_tune(
 ) -> FineTuning:
     """Train `emulator` on with a recording (CSV or NPZ), write it to `out` and return it with its errors before and after.
 
-    The last fifth of each run is its test and never learnt from. Half of what is learnt are old windows: those of
-    `data`, or simulated anew where the system can be. Nothing is simulated besides; of `config` only the updates, the
-    windows and the seed count. A run found in `run_folder(out)` is continued.
+    The last fifth of each run is its test and never learnt from. Half of the windows learnt from are old: those of
+    `data`, or simulated anew where the system allows it. Nothing else is simulated; only the updates, the windows and
+    the seed of `config` count. A run found in `run_folder(out)` is continued.
 
     Raises BadFileError naming the line of a recording that is wrong, and for one that is too short; ArgumentError
-    without the `data` of an emulator that was learnt from recordings.
+    for an emulator of recordings without its `data`.
     """
     config = config or ImprovementConfig()
     system = system_of(emulator)
@@ -123,10 +123,10 @@ def fine_tune(
 def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
     """Return the recording in a CSV or NPZ file, whose columns are the parts of the emulator's state and control.
 
-    Parameters are no columns: the body is the one that the emulator's rest is of. A part of several numbers has a column
-    for each: `state.velocity.0 rad/s`, `state.velocity.1 rad/s`. Without any column of a control the body was free.
-    Raises BadFileError naming the line and the column that is wrong, columns that are missing, and an interval that
-    does not fill a super step.
+    Parameters have no columns: the body is that of the emulator's rest. A part of several numbers has a column for
+    each: `state.velocity.0 rad/s`, `state.velocity.1 rad/s`. Without any column of a control the body was free.
+    Raises BadFileError naming the line and column at fault, missing columns, or a sampling interval that does not
+    divide a super step.
     """
     recording = open_recording(Path(path))
     moving = emulator.state.size - len(emulator.parameter_entries)
@@ -142,7 +142,7 @@ def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
 
 
 def _controls(recording: Recording, run: int, emulator: Emulator) -> Float[np.ndarray, "_ C"]:
-    """Return the controls of a run; those of rest where the recording has none, as of a free swing."""
+    """Return the controls of a run; those of rest where the recording has none, as in a free swing."""
     if not recording.control:
         return np.tile(emulator.bounds.idle, (len(recording.states[run]), 1))
     order = _order(recording, "control", column_names(emulator.control), recording.control)
@@ -162,7 +162,7 @@ def column_names(layout: Layout) -> list[str]:
 def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
     """Return (windows to learn from, super steps to test on).
 
-    These are of the last fifth of each run, which shares no sample with the rest.
+    The test is the last fifth of each run, which shares no sample with the rest.
     """
     length = MAX_UNROLL * runs.substeps
     learning = []
@@ -196,7 +196,7 @@ def _evenly(runs: Runs, count: int) -> Runs:
 def _order(
     recording: Recording, vector: str, wanted: list[str], columns: tuple[tuple[str, str], ...]
 ) -> list[int]:
-    """Return which column holds each of the `wanted` numbers of a state or a control."""
+    """Return the column of each of the `wanted` numbers of a state or a control."""
     present = [f"{name} {unit}" for name, unit in columns]
     missing = [name for name in wanted if name not in present]
     extra = [name for name in present if name not in wanted]
@@ -209,7 +209,7 @@ def _order(
 
 
 def unwrapped(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.ndarray, "T S"]:
-    """Return the states with angles that go on over ±π instead of jumping."""
+    """Return the states with angles unwrapped beyond ±π."""
     if emulator.state_structure.cloud is not None:
         return states
     is_angle = np.asarray(emulator.features.angles).any(axis=0)
@@ -221,7 +221,7 @@ def unwrapped(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.
 
 
 def _substeps(recording: Recording, dt: float) -> int:
-    """Return how many samples make a super step of `dt` [s]."""
+    """Return the number of samples in a super step of `dt` [s]."""
     count = round(dt / recording.step)
     if count < 1 or abs(count * recording.step - dt) > MAX_TIME_ERROR * dt:
         raise BadFileError(

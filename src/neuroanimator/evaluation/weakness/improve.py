@@ -1,4 +1,4 @@
-"""Active learning: find where an emulator is weak, simulate there, train on from its weights, and keep what it knew.
+"""Active learning: find where an emulator is weak, simulate there, train on from its weights, and forget nothing.
 
     distributions   usual, shifted, near users' controllers           → candidate runs                  sampling.py
     large errors    trust of the emulated candidates × errors of a probe  → the runs that are simulated     sampling.py
@@ -52,13 +52,13 @@ from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report, run_folder
 
 GUARD = 1
-"""Number of the usual motions that emulators are accepted by: others than those whose error is reported."""
+"""Number of the test of usual motions by which emulators are accepted, other than the reported one."""
 
 USUAL_GAIN = 0.7
-"""Tolerance if none is given, as a share of the largest error there is."""
+"""Tolerance if none is given, as a share of the largest error."""
 
 REACHED_SHARE = 0.5
-"""Number of starts where earlier rounds came to, for each start among old states."""
+"""Number of starts at the ends of earlier rounds' runs, for each start among old states."""
 
 TEST_RUNS = 64
 """Number of runs in the test of usual motions."""
@@ -67,13 +67,13 @@ TEST_SHORT_RUNS = 160
 """Number of runs in the test of any other distribution."""
 
 FRESH_SEED = 2**31 - 2
-"""Seed of the usual motions simulated anew to keep what was known: one that a dataset seldom has."""
+"""Seed of the usual motions simulated anew against forgetting: one that a dataset seldom has."""
 
 MAX_KNOWN = 20_000
 """Maximum number of old states that runs begin from."""
 
 ROUND_STREAM = 11
-"""Number that joins the seed and that of a round to name the random stream the round draws from."""
+"""Number that names, with the seed and the round, the random stream of a round."""
 
 TEST_STREAM = 12
 """The same for tests."""
@@ -95,12 +95,12 @@ class Improvement:
 
     emulator: Emulator
     errors: tuple[ErrorChange, ...]
-    """Of the usual motions first."""
+    """Errors by distribution, usual motions first."""
     tolerance: float
     rounds: int
-    """Rounds taken."""
+    """Number of rounds taken."""
     samples: int
-    """New super steps that were simulated."""
+    """Number of new super steps simulated."""
 
     @property
     def is_within_tolerance(self) -> bool:
@@ -133,14 +133,14 @@ def improve(
 ) -> Improvement:
     """Improve `emulator` where it is weak, write it to `out` and return it with its errors before and after.
 
-    It is weak where its errors are large: in usual motions, beyond them, and along what `controllers`, by their names, do
-    from `start` (S,) or from rest. In each of `config.rounds` runs are drawn from all these distributions, simulated
-    where errors are to be expected, and learnt from among the old data, `data` or some simulated anew, until no
-    distribution's 95th percentile of one-step errors is above `tolerance` [standard deviations of the usual change];
-    seven tenths of the largest there is if not given. No emulator is taken whose error on usual motions grew by more
-    than a tenth. `on_round` is told the number of each round and the errors after it, by distribution.
+    It is weak where its errors are large: in usual motions, beyond them, and along the motions of the named `controllers`
+    from `start` (S,) or from rest. In each of `config.rounds` rounds, runs are drawn from all these distributions,
+    simulated where large errors are expected, and learnt from among the old data (`data`, or some simulated anew), until
+    no distribution's 95th percentile of one-step errors is above `tolerance` [standard deviations of the usual change];
+    seven tenths of the largest if not given. An emulator whose error on usual motions grew by more than a tenth is
+    rejected. `on_round` is called with the number of each round and the errors after it, by distribution.
 
-    Trainings of rounds lie in `run_folder(out)`; what was begun there goes on, also with another tolerance or more rounds.
+    Trainings of rounds lie in `run_folder(out)` and are resumed there, also with another tolerance or more rounds.
 
     Raises ArgumentError for a system that cannot be simulated, and for controls out of bounds; BadFileError for a folder
     that holds another improvement.
@@ -207,7 +207,7 @@ def _near_controller(
     controls: Float[np.ndarray, "T C"],
     dt: float,
 ) -> Distribution:
-    """Return the distribution near a controller's motion; ArgumentError names the controller that makes none."""
+    """Return the distribution near a controller's motion; ArgumentError names a controller whose motion diverges."""
     try:
         held = system.check_controls(controls)
     except ArgumentError as error:
@@ -221,7 +221,7 @@ def _near_controller(
 
 
 def fresh_data(emulator: Emulator, config: ImprovementConfig) -> Transitions:
-    """Return usual motions, simulated anew, to keep what an emulator knows: as many as a round learns from."""
+    """Return usual motions, simulated anew against forgetting: as many as a round learns from."""
     dataset = DatasetConfig(
         system=emulator.system,
         definition=emulator.definition,
@@ -235,7 +235,7 @@ def fresh_data(emulator: Emulator, config: ImprovementConfig) -> Transitions:
 
 
 def read_old_data(folder: str | Path, emulator: Emulator, config: ImprovementConfig) -> Transitions:
-    """Return the first shards of the emulator's dataset in `folder`, as many as a round learns from; of recordings all.
+    """Return the first shards of the emulator's dataset in `folder`, as many as a round learns from; all, for recordings.
 
     Raises BadFileError as `read_transitions` does, ArgumentError for a dataset of another system or super step.
     """
@@ -264,7 +264,7 @@ def error_changes(
 def known_states(
     rng: np.random.Generator, data: Transitions, samples: Sequence[Runs]
 ) -> Float[np.ndarray, "K S"]:
-    """Return states that the physics was in: old ones, and ends of earlier rounds' runs."""
+    """Return states of the physics: old ones, and ends of earlier rounds' runs."""
     rows = resample(rng, np.arange(len(data.states)), min(MAX_KNOWN, len(data.states)))
     old = data.states[rows, 0].astype(float)
     if not samples:
@@ -277,7 +277,7 @@ def known_states(
 def _tests(
     emulator: Emulator, system: System, distributions: Sequence[Distribution], seed: int
 ) -> dict[str, HeldOut]:
-    """Return a test of each distribution by its name, simulated as samples are, and never learnt from."""
+    """Return a test of each distribution, by name, simulated as samples are and never learnt from."""
     usual = usual_test(emulator, system, seed)
     known = usual.states[:, :-1].reshape(-1, usual.states.shape[-1])
     tests = {"usual": usual}
@@ -294,6 +294,6 @@ def _tests(
 
 
 def usual_test(emulator: Emulator, system: System, seed: int, kind: int = 0) -> HeldOut:
-    """Return a test of usual motions; `kind` draws others of the same seed."""
+    """Return a test of usual motions; another `kind` draws others from the same seed."""
     seconds = RUN_STEPS * emulator.dt
     return held_out_runs(emulator, TEST_RUNS, seconds, seed=2 * seed + kind, scheme=system.truth)

@@ -42,27 +42,27 @@ from neuroanimator.terminal import phase
 from neuroanimator.text import short_number
 
 INSPECTED_RUNS = 4 * HELD_OUT_RUNS
-"""Number of unseen runs that are inspected: a condition that one super step in twenty fulfils then has 250 of them."""
+"""Number of unseen runs inspected: a condition that one super step in twenty fulfils then has 250 of them."""
 
 INSPECTED_SEED = 2**20
-"""Seed of the first runs to inspect: others than those that the figures of `evaluate` are measured on."""
+"""Seed of the first inspected runs, which differ from those of the figures of `evaluate`."""
 
 MAX_READINGS = 256
-"""Maximum number of readings that conditions are made of."""
+"""Maximum number of readings in conditions."""
 
 CONTACTS_CHANGE = "contacts made or lost"
-"""Name of the reading that counts how contacts at the end of a super step differ from those at its start."""
+"""Name of the reading that counts the contacts made or lost between the ends of a super step."""
 
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """The super steps that begin outside of what training showed: the emulator is kept within its range."""
+    """The super steps that begin outside the training data: the emulator's inputs are clipped to its range."""
 
     samples: int
     share: float
-    """Of all super steps."""
+    """Share of all super steps."""
     ratio: float
-    """The mean error there over the mean error inside; 0 where there are none."""
+    """Mean error there over the mean error inside; 0 where there are none."""
 
     def __str__(self) -> str:
         """Return it as a sentence."""
@@ -83,25 +83,25 @@ class Inspection:
     dt: float
     runs: int
     samples: int
-    """Super steps, at most `data.config.RUN_STEPS` of each run."""
+    """Number of super steps, at most `data.config.RUN_STEPS` of each run."""
     errors: ErrorSpread
-    """How one-step errors are spread over the super steps."""
+    """Distribution of one-step errors over the super steps."""
     components: tuple[ComponentError, ...]
     """The one-step error of every number of the state."""
     weak_spots: tuple[WeakSpot, ...]
-    """Conditions under which it is weak within what training showed; empty if none was found that holds."""
+    """Conditions under which it is weak within the training data; empty if none was found that holds."""
     outside: Extrapolation
-    """The super steps that begin where training showed nothing."""
+    """The super steps that begin outside the training data."""
     trust: tuple[TrustBand, ...]
-    """How errors grow with the score of `Emulator.trust`; empty for files from before there was one."""
+    """Errors by the score of `Emulator.trust`; empty for files of versions without one."""
     worst: tuple[Segment, ...]
-    """The segments on which it goes furthest astray, worst first."""
+    """The segments with the largest errors, worst first."""
     coverage: Coverage
-    """Coverage of the data; without data that of the inspected runs, which are drawn as data are."""
+    """Coverage of the data; without data, of the inspected runs, which are drawn as data are."""
     has_data: bool
-    """Whether `coverage` is of data that were given."""
+    """Whether `coverage` is that of given data."""
     is_recorded: bool = False
-    """Whether the reference are recordings, which hold noise, instead of the physics that teaches."""
+    """Whether the reference is recordings, which hold noise, instead of the teaching physics."""
 
     @property
     def truth_name(self) -> str:
@@ -109,7 +109,7 @@ class Inspection:
         return "recorded" if self.is_recorded else "physics"
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures as plain lists and numbers; of the worst segments all but their states."""
+        """Return the figures as plain lists and numbers; worst segments without their states."""
         found = as_plain(asdict(self))
         for segment in found["worst"]:
             for name in ("physics", "emulated", "controls", "curves"):
@@ -126,10 +126,10 @@ def inspect(
 ) -> Inspection:
     """Return the errors of `emulator` and where they are large, on `runs` unseen runs drawn from `seed`.
 
-    The reference is what teaches emulators, the system's `truth`. An emulator of recordings is inspected on what
-    `data` kept apart.
+    The reference is the physics that teaches emulators, the system's `truth`. An emulator of recordings is inspected on
+    the runs that `data` kept apart.
 
-    Raises ArgumentError where that is missing.
+    Raises ArgumentError where they are missing.
     """
     with phase("simulating"):
         system = system_of(emulator)
@@ -180,7 +180,7 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Dataset | None) -> Inspe
 def outside_of_training(
     is_covered: Bool[np.ndarray, " N"], relative: Float[np.ndarray, "N M"]
 ) -> Extrapolation:
-    """Return how many super steps begin where an emulator is not covered, and how much larger errors are there."""
+    """Return the number and share of super steps that begin outside the training data, and the ratio of their errors."""
     errors = step_errors(relative)
     outside = errors[~is_covered]
     share = len(outside) / len(errors)

@@ -1,4 +1,4 @@
-"""Train an emulator on with new windows among old ones, so that it keeps its accuracy on those."""
+"""Train an emulator on with new windows mixed with old ones, so that it stays accurate on those."""
 
 from __future__ import annotations
 
@@ -31,35 +31,35 @@ QUANTILE = 0.95
 """Quantile of the one-step errors on a test that is called the error there."""
 
 MAX_USUAL_GROWTH = 1.1
-"""Largest factor by which the error on usual motions may have grown; emulators beyond it are rejected."""
+"""Largest accepted growth factor of the error on usual motions; emulators beyond it are rejected."""
 
 SHARES = (0.75, 0.5, 0.25, 0.1)
-"""Shares of the way from the given weights to the trained ones that are tried where these are rejected."""
+"""Shares of the way from the given weights to the trained ones that are tried if the latter are rejected."""
 
 FULL_WEIGHT = 3.0
 """Largest error of a new window that counts fully, as a multiple of the usual error."""
 
 STEEPNESS = 2.0
-"""Power of the error that the weight of any other new window falls with."""
+"""Power of the error with which the weight of larger errors falls."""
 
 GROUPS = 40
-"""Number of equally large groups of windows, each of whole runs; training validates on two of them."""
+"""Number of equal groups of windows, each of whole runs; training validates on two of them."""
 
 NEW_SHARE = 0.1
-"""Share of new windows, repeated where they are fewer. Their errors are several times as large, and count squared: with
-half of them new, errors on usual motions grew by a third."""
+"""Share of new windows, repeated where they are fewer. Their errors are several times as large, and count squared: at
+one half, errors on usual motions grew by a third."""
 
 WARM_RATE = 0.3
-"""Highest learning rate, as a share of a fresh training's: the weights are nearly right."""
+"""Highest learning rate, over that of a fresh training: the weights are nearly right."""
 
 UNROLLED_SHARE = 0.2
-"""Share of the updates that are unrolled over several super steps."""
+"""Share of the updates unrolled over several super steps."""
 
 OUTERMOST = 1e-3
-"""Share of the new windows on either side that may lie outside the range: what only a few showed is not learnt."""
+"""Share of the new windows, on either side, that may lie outside the range: outliers are not learnt."""
 
 MIXING_STREAM = 5
-"""Number that joins the seed to name the random stream windows are drawn from."""
+"""Number that names, with the seed, the random stream from which windows are drawn."""
 
 
 def error_on(emulator: Emulator, test: HeldOut) -> float:
@@ -69,7 +69,7 @@ def error_on(emulator: Emulator, test: HeldOut) -> float:
 
 @dataclass
 class Learner:
-    """Training on, round by round, from an emulator that was given."""
+    """Trains on, round by round, from a given emulator."""
 
     data: Transitions
     """Old windows."""
@@ -78,7 +78,7 @@ class Learner:
     """Usual motions by which emulators are accepted or rejected."""
     config: ImprovementConfig
     usual_error: float = field(init=False)
-    """The error on the guard of the emulator that was given."""
+    """Error of the given emulator on the guard."""
 
     def __post_init__(self):
         self.usual_error = error_on(self.given, self.guard)
@@ -99,8 +99,8 @@ class Learner:
     def _weights(self, emulator: Emulator, runs: Runs) -> Float[np.ndarray, " M"]:
         """Return the weight of each window of `runs`: large errors count less.
 
-        Errors count squared; those that are a hundred times the usual ones would count for all else
-        (weights of Cauchy's estimator: Holland and Welsch, 1977).
+        Errors count squared; those a hundred times the usual ones would outweigh all others (weights of Cauchy's
+        estimator: Holland and Welsch, 1977).
         """
         test = replace(self.guard, states=runs.states, controls=runs.controls)
         windows = runs.controls.shape[1] - self.data.system.window_steps + 1
@@ -108,10 +108,10 @@ class Learner:
         return 1 / np.maximum(1, errors / (FULL_WEIGHT * self.usual_error)) ** STEEPNESS
 
     def accept(self, trained: Emulator) -> Emulator | None:
-        """Return the emulator nearest to `trained`, on the way from the one given, that is as good as that on usual motions.
+        """Return the emulator nearest to `trained`, between it and the given one, that is as good as that on usual motions.
 
-        The way between the weights is a straight line (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
-        None if none on it is.
+        Weights are interpolated linearly (Wortsman et al., Robust fine-tuning of zero-shot models, 2022). None if no
+        share passes.
         """
         limit = MAX_USUAL_GROWTH * self.usual_error
         if error_on(trained, self.guard) <= limit:
@@ -123,7 +123,7 @@ class Learner:
         return None
 
     def _between(self, trained: Emulator, share: float) -> Emulator:
-        """Return `trained` with weights a `share` of the way from those given; it keeps still where the system does."""
+        """Return `trained` with weights a `share` of the way from the given ones; at rest where the system rests."""
         base = replace(trained, normaliser=self.given.normaliser)
         old, others = eqx.partition(self.given.network, eqx.is_inexact_array)
         new, _ = eqx.partition(trained.network, eqx.is_inexact_array)
@@ -147,10 +147,10 @@ def mix_windows(
     new_share: float = NEW_SHARE,
     weights: Float[np.ndarray, " N"] | None = None,
 ) -> Transitions:
-    """Return old and new windows, always as many of either, so that all rounds are compiled once.
+    """Return old and new windows, always the same numbers of each, so that all rounds are compiled once.
 
-    New ones are drawn in proportion to `weights`. Groups stand for runs: windows of a group that training validates on are
-    learnt from in no round.
+    New ones are drawn in proportion to `weights`. Groups stand for runs: no round learns from windows of a group that
+    training validates on.
     """
     rng = np.random.default_rng([config.seed, MIXING_STREAM])
     of_new = round(config.windows * new_share / GROUPS)
@@ -181,7 +181,7 @@ def resample(
     count: int,
     weights: Float[np.ndarray, " _"] | None = None,
 ) -> Int[np.ndarray, " M"]:
-    """Return `count` of `rows`: each as often as any other, or as its number in `weights` says, but for one (systematic)."""
+    """Return `count` of `rows`, equally often or in proportion to `weights`, up to one (systematic resampling)."""
     if not len(rows):
         return rows
     if weights is not None:
@@ -201,7 +201,7 @@ def train_on(
     config: ImprovementConfig,
     on_report: Callable[[Report], None],
 ) -> Emulator:
-    """Return `emulator`, with a range that takes in `new` windows, trained on with `windows` from its weights."""
+    """Return `emulator` with its range widened to `new` windows, trained on with `windows` from its weights."""
     usual = TrainingConfig.usual(
         windows.system.structure,
         network=describe(emulator)["network"]["kind"],
@@ -218,9 +218,9 @@ def train_on(
 
 
 def widen(emulator: Emulator, new: Runs) -> Emulator:
-    """Return the emulator with a range that takes in `new` windows; its weights and the scales of its numbers stay.
+    """Return the emulator with its range widened to `new` windows; its weights and normaliser stay.
 
-    Within the old range nothing changes: there no feature was clipped.
+    Within the old range, where no feature was clipped, nothing changes.
     """
     encoding = emulator.encoding
     states = encoding.encode_recorded(new.states[:, :-1])

@@ -1,7 +1,7 @@
-"""Readings of a state, for people: each number where that says something, else heights, speeds and angles.
+"""Readings of a state, for people: its numbers where they mean something, else heights, speeds and angles.
 
-A quaternion's four numbers, or the coordinates of forty mass points, say nothing to anybody; how far the body is
-tilted, and how fast it turns, do.
+A quaternion's four numbers, or the coordinates of forty mass points, mean nothing to a reader; the body's tilt and
+turn rate do.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Reading(NamedTuple):
     """One number of every sample."""
 
     name: str
-    """Such as `leg_joint.velocity`, or `root.velocity[2]` of a part with several numbers."""
+    """Name, such as `leg_joint.velocity`, or `root.velocity[2]` of a part with several numbers."""
     unit: str
     values: Float[np.ndarray, " N"]
     can_matter: bool = True
@@ -47,7 +47,7 @@ class Reading(NamedTuple):
 
 
 def entry_names(layout: Layout) -> list[str]:
-    """Return a name per entry, without its unit; parts of one number without an index."""
+    """Return the name of each entry, without its unit; parts of one number without an index."""
     names = []
     for part in layout.slices:
         indexed = [f"{part.name}[{number}]" for number in range(part.size)]
@@ -90,7 +90,7 @@ def _entries(
 ) -> list[Reading]:
     """Return state entries as they are; an angle of which only sine and cosine matter, within half a turn.
 
-    They may matter where a network is shown them, or where it is said.
+    They can matter where a network sees them, or by `can_matter`.
     """
     structure = system.structure
     names = entry_names(system.state)
@@ -123,7 +123,7 @@ def _segment_readings(
         rising = readings[2:] if isinstance(segment, Velocity) else []
         return [speed, *(reading._replace(can_matter=True) for reading in rising)]
     if isinstance(segment, Position | PlanarPosition | Heading):
-        # Of a free body's position only its height can matter.
+        # Only the height of a free body's position can matter.
         height = 2 if isinstance(segment, Position) else None
         columns = zip(readings, values.T, strict=True)
         return [
@@ -134,7 +134,7 @@ def _segment_readings(
 
 
 def _rotation(system: System, name: str, quaternions: Float[np.ndarray, "N 4"]) -> Reading:
-    """Return how far a body is tilted out of the upright, or turned where nothing pulls it down."""
+    """Return a body's tilt from upright, or its rotation where there is no gravity."""
     moves = any(isinstance(segment, Position) for segment in system.structure.segments)
     if moves and system.structure.has_gravity:
         upward = rotate(quaternions, np.array([0.0, 0.0, 1.0]))
@@ -146,7 +146,7 @@ def _rotation(system: System, name: str, quaternions: Float[np.ndarray, "N 4"]) 
 def _cloud_readings(
     system: System, cloud: Cloud, states: Float[np.ndarray, "N S"]
 ) -> list[Reading]:
-    """Return the readings of a deformable body as a whole, and of whatever else is in its state."""
+    """Return the readings of a deformable body as a whole, and of the rest of its state."""
     pose = read_pose(system.structure, states)
     size = 3 * cloud.count
     positions = points_of(states[:, :size])

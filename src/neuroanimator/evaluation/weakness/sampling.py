@@ -34,50 +34,50 @@ CONTROL_NOISE = 0.05
 """Standard deviation of the noise on controls near a motion, as a share of half their range."""
 
 PROBE_SHARE = 0.25
-"""Share of a round's runs that is drawn without a choice: errors are measured on it, and it keeps the rest broad."""
+"""Share of a round's runs drawn at random: errors are measured on them, and they keep the whole broad."""
 
 POOL = 8
-"""Number of candidate runs that are drawn, and emulated, for each run that is simulated."""
+"""Number of candidate runs drawn and emulated for each simulated run."""
 
 LEAST = 1e-6
-"""Smallest score and error: lower ones count as it in logarithms."""
+"""Smallest score and error in logarithms: lower ones count as this."""
 
 MAX_SLOPE = 2.0
-"""Largest power of the score that errors are expected to grow with; the smallest is 0."""
+"""Largest power of the score with which errors are expected to grow; the smallest is 0."""
 
 MAX_SCORE = 1e6
-"""Score that stands for larger ones, and for those that are no number."""
+"""Score that stands for larger ones, and for NaN."""
 
 Drawn = tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]
-"""Starts (N, S) and the controls (N, T, C) from there on."""
+"""Starts (N, S) and the controls (N, T, C) from them."""
 
 
 class Runs(NamedTuple):
     """Runs of T super steps, by the physics or yet to be simulated."""
 
     states: Float[np.ndarray, "N _ S"]
-    """(N, T+1, S); of runs yet to be simulated their starts alone, (N, 1, S)."""
+    """States (N, T+1, S); the starts alone, (N, 1, S), for runs yet to be simulated."""
     controls: Float[np.ndarray, "N T C"]
     source: Int[np.ndarray, " N"]
-    """Number of the distribution each was drawn from; of windows, of the run each was cut from."""
+    """Number of the distribution each was drawn from; for windows, of the run each was cut from."""
 
     def rows(self, rows: Int[np.ndarray, " M"] | Bool[np.ndarray, " N"]) -> Runs:
-        """Return some of them."""
+        """Return those at `rows`."""
         return Runs(self.states[rows], self.controls[rows], self.source[rows])
 
     def shortened(self) -> Runs:
-        """Return them in 32 bits a number, as datasets and files hold them."""
+        """Return them in float32, as datasets and files hold them."""
         states = self.states.astype(np.float32)
         controls = self.controls.astype(np.float32)
         return Runs(states, controls, self.source.astype(np.int32))
 
 
 class Distribution(NamedTuple):
-    """A distribution of starts and controls for which an emulator shall be accurate."""
+    """A distribution of starts and controls for which an emulator should be accurate."""
 
     name: str
     draw: Callable[[np.random.Generator, np.ndarray, int], Drawn]
-    """A function of a generator, of states (K, S) the physics was in, and of the number of runs."""
+    """Function of a generator, of states (K, S) of the physics, and of the number of runs."""
 
 
 def distributions_of(system: System, dt: float) -> list[Distribution]:
@@ -91,7 +91,7 @@ def distributions_of(system: System, dt: float) -> list[Distribution]:
 def draw_usual(
     system: System, dt: float, rng: np.random.Generator, known: Float[np.ndarray, "K S"], count: int
 ) -> Drawn:
-    """Return starts and controls as datasets are drawn, from `known` states."""
+    """Return starts and controls drawn as for datasets, from `known` states."""
     starts = known[rng.integers(0, len(known), count)]
     return starts, sample_control_runs(rng, count, RUN_LENGTH, dt, system)
 
@@ -148,7 +148,7 @@ def draw_runs(
 
 
 def simulate_runs(system: System, runs: Runs, dt: float) -> tuple[Runs, Bool[np.ndarray, " N"]]:
-    """Return (those of `runs` that do not diverge, by the physics; which ones these are)."""
+    """Return (the `runs` that do not diverge, by the physics; whether each is among them)."""
     simulated = system.simulate(runs.states[:, 0], runs.controls, dt, threads=core_count())
     is_sound = ~simulated.has_diverged
     return runs._replace(states=simulated.states).rows(is_sound), is_sound
@@ -182,7 +182,7 @@ def sample_weak_runs(
         scores[others],
         pool.source[others],
     )
-    # In proportion: the worst alone would be alike.
+    # In proportion: the worst ones alone would be alike.
     odds = expected / expected.sum()
     rows = np.sort(rng.choice(len(others), config.runs - probes, replace=False, p=odds))
     weak, _ = simulate_runs(system, pool.rows(others[rows]), emulator.dt)
@@ -198,8 +198,8 @@ def expected_errors(
 ) -> Float[np.ndarray, " N"]:
     """Return the mean error to expect in runs with these `scores` of trust, which cost no physics.
 
-    Read off lines fitted to a probe by least squares: log error = a + b log score, with an `a` of each distribution. A
-    distribution that is not in the probe has the mean `a` of all.
+    They are predicted by a least-squares fit to a probe: log error = a + b log score, with an `a` for each distribution;
+    one missing from the probe has the mean `a`.
     """
     x = np.log(np.maximum(probe_scores, LEAST)).ravel()
     y = np.log(np.maximum(probe_errors, LEAST)).ravel()
@@ -217,7 +217,7 @@ def expected_errors(
 def _means(
     values: Float[np.ndarray, " M"], rows: Int[np.ndarray, " M"], count: int
 ) -> Float[np.ndarray, " P"]:
-    """Return the mean of the values in each of `count` rows; of an empty row, that of all."""
+    """Return the mean of the values in each of `count` rows; that of all for an empty row."""
     sums = np.bincount(rows, values, count)
     numbers = np.bincount(rows, minlength=count)
     return np.where(numbers > 0, sums / np.maximum(numbers, 1), values.mean())

@@ -1,4 +1,4 @@
-"""Tables of an inspection and of a dataset's coverage, for the terminal and for reports alike."""
+"""Tables of an inspection and of a dataset's coverage, for the terminal and for reports."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from neuroanimator.evaluation.weakness.inspection import Inspection
 from neuroanimator.text import short_number
 
 MAX_COMPONENTS = 16
-"""Maximum number of rows with errors of numbers of the state, the largest errors first."""
+"""Maximum number of rows of state entries, the largest errors first."""
 
 MAX_SPREADS = 40
-"""Maximum number of rows with spreads of states, and with those of controls."""
+"""Maximum number of rows of states, and of controls, in tables of spreads."""
 
 COMPONENTS_CAPTION = (
     "Error: root mean square after one super step, in the number's own unit. Change: standard deviation of how much it "
@@ -29,7 +29,7 @@ COVERAGE_CAPTION = (
 
 
 class Table(NamedTuple):
-    """Rows of cells by their heads, and remarks on what is left out."""
+    """Rows of cells by column, and remarks on what is left out."""
 
     rows: list[dict[str, object]]
     remarks: list[str]
@@ -78,7 +78,7 @@ def component_table(inspection: Inspection) -> Table:
 
 
 def coverage_facts(found: Coverage) -> list[tuple[str, object]]:
-    """Return how many runs there are, which were dropped, and what to do about it."""
+    """Return the number of runs, the dropped ones, and advice on them."""
     there = f"{found.transitions:,} transitions of {found.runs:,} runs"
     if found.samples < found.transitions:
         there += f"; {found.samples:,} of them looked at"
@@ -97,7 +97,7 @@ def coverage_facts(found: Coverage) -> list[tuple[str, object]]:
 
 
 def spread_tables(found: Coverage, draw: Callable[[Sequence[float]], str]) -> list[Table]:
-    """Return a table of states and one of controls: quantiles, the histogram as `draw` draws it, and how often at a bound."""
+    """Return a table of states and one of controls: quantiles, the histogram as `draw` draws it, and the share at a bound."""
     tables = []
     for kind, spreads in (("state", found.states), ("control", found.controls)):
         rows: list[dict[str, object]] = []

@@ -16,10 +16,10 @@ from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.readings import entry_names
 
 SEGMENT_SECONDS = 1.0
-"""Length of a segment, but for super steps so long that it would hold too few [s]."""
+"""Length of a segment, longer where it would hold too few super steps [s]."""
 
 MIN_STEPS = 4
-"""Minimum number of super steps in a segment, if runs are as long."""
+"""Minimum number of super steps in a segment, if runs are long enough."""
 
 SEGMENTS = 4
 """Number of segments that are kept."""
@@ -43,13 +43,13 @@ class Segment:
 
     run: int
     start: float
-    """Since the run's start [s]."""
+    """Time since the run's start [s]."""
     dt: float
     """Super step [s]."""
     error: float
-    """Root mean square error, over how far runs get from their start in the same time."""
+    """Root mean square error, over the distance of runs from their start in the same time."""
     component: str
-    """The number of the state with the largest error in it."""
+    """Name of the number of the state with the largest error in it."""
     curves: tuple[Curve, ...]
     """The numbers with the largest errors over the segment's time, the worst first."""
     physics: Float[np.ndarray, "T1 S"]
@@ -95,7 +95,7 @@ def worst_segments(emulator: Emulator, test: HeldOut) -> tuple[Segment, ...]:
 def _relative(
     test: HeldOut, physics: Float[np.ndarray, "B T S"], emulated: Float[np.ndarray, "B T S"]
 ) -> Float[np.ndarray, "B T V"]:
-    """Return the errors over how far the physics gets from the start; 0 of what gets nowhere."""
+    """Return the errors over the physics' distance from the start; 0 for what stays there."""
     reach = root_mean_square(test.frame.difference(physics[:, :1], physics), axis=(0, 1))
     moves = reach >= MIN_CHANGE
     with np.errstate(over="ignore", invalid="ignore"):
@@ -109,7 +109,7 @@ def _curves(
     physics: Float[np.ndarray, "F S"],
     emulated: Float[np.ndarray, "F S"],
 ) -> tuple[Curve, ...]:
-    """Return the numbers of largest error, `wrong` (V,), as curves: state entries, or rotations since the start about an axis."""
+    """Return the numbers of largest error `wrong` (V,) as curves: state entries, or rotations since the start about an axis."""
     names = change_names(test.system)
     entries = entry_names(test.system.state)
     pair = (physics, emulated)

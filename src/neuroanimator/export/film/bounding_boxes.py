@@ -17,7 +17,7 @@ from neuroanimator.state.rotation import rotate, rotation_matrices
 
 
 class BoundingBoxes(NamedTuple):
-    """A box a row, along the world's axes."""
+    """Boxes along the world's axes, one per row."""
 
     low: Float[np.ndarray, "F 3"]
     """Corners of the smallest coordinates [m]."""
@@ -41,7 +41,7 @@ class BoundingBoxes(NamedTuple):
 
 
 def bounding_boxes(clips: Sequence[Clip]) -> BoundingBoxes:
-    """Return the box around all that moves in every frame; a clip that ends stays at its last frame."""
+    """Return the box around all that moves in each frame; a clip that has ended stays at its last frame."""
     frames = max(len(clip.times) for clip in clips)
     lows = []
     highs = []
@@ -62,7 +62,7 @@ def fixed_boxes(clip: Clip) -> BoundingBoxes:
 
 
 def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
-    """Return the box around the surface, shapes or skin of what moves; around the bones alone if they have none."""
+    """Return the box around moving surfaces, shapes or skins; around the bones alone if they have none."""
     skeleton = clip.skeleton
     moving = [i for i in range(len(skeleton.bones)) if skeleton.is_moved(i)]
     lows, highs = _boxes_of_shapes(clip, moving, len(clip.times))
@@ -79,7 +79,7 @@ def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
     positions, _ = skeleton.world_poses(clip.states)
     around = 0.0
     if skeleton.skin is not None:
-        # As much more than the bones as the skin has around them at rest.
+        # Beyond the bones by as much as the skin is at rest.
         points = skin_mesh(skeleton).points
         rest = np.array([bone.offset for bone in skeleton.bones])
         above = (points.max(axis=0) - rest.max(axis=0)).min()
@@ -102,7 +102,7 @@ def _boxes_of_surface(surface: Shapes, clip: Clip) -> BoundingBoxes:
 def _boxes_of_skin(
     clip: Clip,
 ) -> tuple[Float[np.ndarray, "N F 3"], Float[np.ndarray, "N F 3"]]:
-    """Return the corners [m] of a box a bone, around the vertices that follow it more than any other."""
+    """Return the corners [m] of a box per bone, around the vertices that follow it most."""
     mesh = skin_mesh(clip.skeleton)
     main = mesh.main_bones
     positions, orientations = clip.skeleton.world_poses(clip.states)

@@ -1,4 +1,4 @@
-"""The camera of a film: beside what moves, at a distance from which it fills a good share of the picture."""
+"""The camera of a film: beside the moving body, close enough that it fills a good share of the picture."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from neuroanimator.export.film.options import Film, Take
 from neuroanimator.state.rotation import heading_of
 
 FIELD_OF_VIEW = 40.0
-"""Angle of view from top to bottom [deg]: that of a 50 mm lens."""
+"""Vertical angle of view [deg]: that of a 50 mm lens."""
 
 BODY_SHARE = 0.5
 """Share of the picture's width, or of its height, that a body fills."""
 
 MAX_SHARE = 0.7
-"""Share of the picture's width, or of its height, that a body fills in the frame in which it is largest."""
+"""Share of the picture's width, or of its height, that a body fills in the frame where it is largest."""
 
 SURFACE_SHARE = 0.65
-"""The same as `BODY_SHARE` of a body with a surface of shapes, which is looked at for its folds."""
+"""The same as `BODY_SHARE` for a body with a surface of shapes, whose folds should be visible."""
 
 MOTION_SHARE = 0.85
-"""Share of the picture's width, or of its height, that several bodies fill, and a motion before a camera that stays."""
+"""Share of the picture's width, or of its height, that several bodies fill, or a motion before a fixed camera."""
 
 STAYING = 2.1
-"""Size of the whole motion, over the body's greatest, up to which the camera stays: an arm may swing all around."""
+"""Size of the whole motion, over the body's largest, up to which the camera stays fixed: an arm may swing all around."""
 
 SMOOTHING = 0.8
 """Time over which the camera's path is smoothed [s]."""
@@ -39,28 +39,28 @@ MAX_LAG = 0.3
 """Maximum distance of the look-at point from the body's middle, over the body's size."""
 
 CLEARANCE = 0.12
-"""Least distance of the camera from the water's surface, over the body's size."""
+"""Minimum distance of the camera from the water's surface, over the body's size."""
 
 FLATTER_UNDER_WATER = 0.5
-"""Share of its elevation that a camera keeps under water: near the surface it must look flatter."""
+"""Share of its elevation that a camera keeps under water: near the surface it must be flatter."""
 
 EMERGED = 0.5
-"""Share of the frames with something out of the water from which on the camera is above it, if nothing leaps."""
+"""Share of frames with something out of the water above which the camera is above it, too, if nothing leaps."""
 
 LEAPING = 0.1
-"""Height of a body's middle over the water from which on it leaps, over its size."""
+"""Height of a body's middle over the water above which it leaps, over its size."""
 
 MAX_GHOST_ROOM = 2.2
 """Maximum factor by which the camera moves away to keep a ghost in the picture."""
 
 MAX_HIDDEN = 0.01
-"""Share of what is filmed that fixed things may hide before another side is tried."""
+"""Maximum share of the motion that fixed things may hide before another side is tried."""
 
 LOOKED_AT = 0.7
-"""Position of the eight points of a body that are to be seen, over its half sizes."""
+"""Position of the eight points of a body that should be visible, over its half sizes."""
 
 MIN_SIZE = 1e-3
-"""Least size of a body [m]."""
+"""Minimum size of a body [m]."""
 
 
 class View(NamedTuple):
@@ -69,7 +69,7 @@ class View(NamedTuple):
     azimuth: float
     """Angle from the body's own direction [deg]: 90 is from its right side."""
     elevation: float
-    """Angle over the horizon [deg]; negative downward."""
+    """Angle above the horizon [deg]; negative when looking down."""
 
 
 VIEWS = {
@@ -93,14 +93,14 @@ class Shots(NamedTuple):
     lookat: Float[np.ndarray, "F 3"]
     """The middle of the picture [m]."""
     position: Float[np.ndarray, "F 3"]
-    """The camera's place [m]."""
+    """Position of the camera [m]."""
     size: float
-    """The size of what is filmed [m]."""
+    """Size of the filmed body or motion [m]."""
     is_under_water: bool
 
     @property
     def distance(self) -> float:
-        """The largest distance of the camera [m]."""
+        """Largest distance of the camera [m]."""
         return float(np.linalg.norm(self.lookat - self.position, axis=1).max())
 
     def angles(self, frame: int) -> tuple[float, float, float]:
@@ -129,7 +129,7 @@ def take_shots(take: Take, film: Film, surface: float | None = None) -> Shots:
 def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) -> Shots:
     """Return the camera that `film` asks for, in front of what moves in `clips`.
 
-    It stays on one side of the water's `surface` [m]. The camera "follow" is on the side from which fixed things hide
+    It stays on one side of the water's `surface` [m]. The camera "follow" takes the side where fixed things hide the
     least of the motion.
     """
     boxes = bounding_boxes(clips)
@@ -148,7 +148,7 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
 def hidden_share(
     positions: Float[np.ndarray, "F 3"], boxes: BoundingBoxes, obstacles: BoundingBoxes
 ) -> float:
-    """Return the share of what is filmed, over all frames, that the `obstacles` hide from the camera."""
+    """Return the share of the motion, over all frames, that the `obstacles` hide from the camera."""
     hidden = []
     for corner in itertools.product((-LOOKED_AT, LOOKED_AT), repeat=3):
         points = boxes.centres + np.array(corner) * (boxes.high - boxes.low) / 2
@@ -159,7 +159,7 @@ def hidden_share(
 def _is_hidden(
     positions: Float[np.ndarray, "F 3"], points: Float[np.ndarray, "F 3"], obstacles: BoundingBoxes
 ) -> Bool[np.ndarray, " F"]:
-    """Return for every frame whether an obstacle stands between the camera and a point."""
+    """Return for each frame whether an obstacle is between the camera and a point."""
     sight = (points - positions)[:, None]
     safe = np.where(np.abs(sight) < MIN_SIZE, MIN_SIZE, sight)
     # Where the line of sight enters and leaves each pair of planes, as shares of its length (Kay and Kajiya, 1986).
@@ -202,7 +202,7 @@ def _shots_from(
     if surface is not None:
         side = -1.0 if is_under_water else 1.0
         clearance = CLEARANCE * size
-        # Bent smoothly away from the surface.
+        # The path bends smoothly away from the surface.
         free = side * (position[:, 2] - surface) / clearance - 1
         position[:, 2] = surface + side * clearance * (1 + np.logaddexp(0.0, free))
     return Shots(lookat, position, size, is_under_water)
@@ -220,7 +220,7 @@ def _distance(extent: Float[np.ndarray, " 3"], share: float, film: Film) -> floa
 
 
 def _headings(clip: Clip, film: Film, frames: int) -> Float[np.ndarray, " F"]:
-    """Return the heading of the body for the camera [rad]: the first one, unless the camera is ahead of it or behind."""
+    """Return the body's heading for the camera [rad]: the first one, unless the camera is ahead or behind."""
     headings = _body_headings(clip)
     if film.camera not in ("front", "back"):
         return np.repeat(headings[:1], frames)
@@ -237,14 +237,14 @@ def _body_headings(clip: Clip) -> Float[np.ndarray, " F"]:
         bone = moving[0] if skeleton.skin is None else moving[len(moving) // 2]
     joints = skeleton.bones[bone].joints
     if joints and joints[0].kind != "free":
-        # An arm points nowhere: its own swing must not turn the camera.
+        # An arm has no heading: its swing must not turn the camera.
         return np.zeros(len(clip.times))
     _, orientations = skeleton.world_poses(clip.states)
     return heading_of(orientations[:, bone])
 
 
 def _emerges(boxes: BoundingBoxes, surface: float) -> bool:
-    """Return whether the motion is one to be seen from above the water: a leap, or along the surface."""
+    """Return whether the motion should be seen from above the water: a leap, or along the surface."""
     size = float(np.linalg.norm(boxes.high - boxes.low, axis=1).max())
     leaps = bool((boxes.centres[:, 2] > surface + LEAPING * size).any())
     return leaps or float((boxes.high[:, 2] > surface).mean()) > EMERGED
@@ -263,7 +263,7 @@ def camera_path(
 
 
 def smoothed(rows: Float[np.ndarray, "F K"], frames: int) -> Float[np.ndarray, "F K"]:
-    """Return `rows` averaged twice over `frames` to either side, ends continued straight."""
+    """Return `rows` averaged twice over `frames` to either side, with linear extrapolation at the ends."""
     zeros = np.zeros((1, rows.shape[1]))
     for _ in range(2):
         if len(rows) > frames:

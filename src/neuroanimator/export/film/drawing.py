@@ -26,19 +26,19 @@ from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.terminal import Bar
 
 SAMPLES = 4
-"""Number of samples a pixel, for smooth edges."""
+"""Number of samples per pixel, for smooth edges."""
 
 SHADOW_MAP = 2048
-"""Side of the shadow map [texels]: its edges are hardly coarser than a pixel."""
+"""Side of the shadow map [texels]: edges are hardly coarser than a pixel."""
 
 MAX_SLICES = 32
-"""Maximum number of sides of a round shape: more take longer, and are not seen."""
+"""Maximum number of sides of a round shape: more take longer and are invisible."""
 
 MAX_SHAPES = 10_000
 """Maximum number of shapes in a picture."""
 
 LIGHT_DISTANCE = 3.0
-"""Distance of a light as far away as the sun, which goes along, over the camera's."""
+"""Distance of a light like the sun, which moves with the camera, over the camera's distance."""
 
 
 @final
@@ -46,7 +46,7 @@ class Canvas:
     """Pictures of a scene; `close` it when done."""
 
     def __init__(self, scene: Scene, size: tuple[int, int]):
-        """Prepare pictures of `size` (width, height) [pixels]; ResourceError where nothing can be drawn."""
+        """Prepare pictures of `size` (width, height) [pixels]; ResourceError if nothing can be drawn."""
         backend = needed_graphics()
         width, height = size
         self._scene = scene
@@ -67,7 +67,7 @@ class Canvas:
             self._context.make_current()
             self._target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
-        # What nobody closed must go before the graphics library does.
+        # A canvas left open must be freed before the graphics library.
         atexit.register(self.close)
 
     def draw(
@@ -100,7 +100,7 @@ class Canvas:
         return image[::-1]
 
     def close(self) -> None:
-        """Give the graphics library's memory back."""
+        """Free the graphics library's memory."""
         atexit.unregister(self.close)
         self._context.make_current()
         self._target.free()
@@ -108,9 +108,9 @@ class Canvas:
 
 
 def scene_of(take: Take, film: Film) -> tuple[Scene, Shots]:
-    """Return what is filmed of a take, and the camera: rigid bodies as MuJoCo has them, others as bones and skins.
+    """Return the scene of a take, and the camera: rigid bodies as MuJoCo draws them, others as bones and skins.
 
-    Bones are filmed, too, of models that are not at hand, and of several bodies with a MuJoCo skin, which is there once.
+    Models that are missing, and several bodies with a MuJoCo skin, of which it has only one, are filmed as bones, too.
     """
     clip = take.clips[0]
     try:
@@ -150,7 +150,7 @@ def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[UInt8[np
 
 @contextmanager
 def _loading(backend: str) -> Iterator[None]:
-    """Let MuJoCo load the functions of this graphics library, which it does when it first draws."""
+    """Make MuJoCo load the functions of this graphics library, which happens when it first draws."""
     before = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = backend
     try:

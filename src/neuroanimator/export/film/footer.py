@@ -1,4 +1,4 @@
-"""Rows below a picture: a caption, and the curve of how far to believe the emulator."""
+"""Rows below a picture: a caption, and the curve of the emulator's trust score."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ CURVE_SHARE = 0.09
 """Height of the curve, over the picture's."""
 
 CAPTION_LETTERS = 0.62
-"""Size of the caption's letters, over its height, if they fit."""
+"""Font size of the caption, over its height, if it fits."""
 
 CURVE_LETTERS = 0.3
-"""Size of the curve's letters, over its height."""
+"""Font size of the curve, over its height."""
 
 MARGIN = 0.02
 """Free space on both sides of a caption, over the picture's width."""
 
 SMALLER = 0.93
-"""Factor by which letters are made smaller until they fit."""
+"""Factor by which the font is made smaller until the text fits."""
 
 MAX_LETTERS = 160
-"""Maximum number of letters of a caption: nobody reads more in a second or two."""
+"""Maximum number of characters of a caption: more cannot be read in a second or two."""
 
 POINTS = 72.0
-"""Points in an inch, in which letters are measured."""
+"""Number of points per inch, the unit of font sizes."""
 
 PAPER = "#14191f"
 INK = "#dbe3ec"
@@ -44,15 +44,15 @@ CURVE = "#7cc4ff"
 DOUBT = "#ff8a1f"
 
 MAX_SCORE = 3.0
-"""Score beyond which all are drawn at the top."""
+"""Score above which the curve is drawn at the top."""
 
 LEAST_TOP = 1.5
-"""Least score at the top of the curve, so that its edge is seen."""
+"""Minimum score at the top of the curve, so that the edge is visible."""
 
 
 @final
 class Footer:
-    """What is written into the lowest rows of a take's pictures; no rows where there is nothing to say."""
+    """The lowest rows of a take's pictures; none if there is nothing to show."""
 
     def __init__(self, take: Take, size: tuple[int, int]):
         """Draw it for pictures of `size` (width, height) [pixels]."""
@@ -69,7 +69,7 @@ class Footer:
             self._caption = caption_image(take.caption, width, rows)
 
     def write(self, image: UInt8[np.ndarray, "H W 3"], frame: int) -> None:
-        """Write it into the image of `frame`, with a line in the curve where the film is."""
+        """Write it into the image of `frame`, with a line at the current time of the curve."""
         curve = self._curve.copy()
         width = image.shape[1]
         done = min(frame, self._frames - 1) / max(self._frames - 1, 1)
@@ -80,9 +80,9 @@ class Footer:
 
 
 def caption_image(text: str, width: int, rows: int) -> UInt8[np.ndarray, "H W 3"]:
-    """Return a line of text in letters small enough for it to fit."""
+    """Return a line of text in a font small enough to fit."""
     figure = _figure(width, rows)
-    # Matplotlib reads what is between dollars as formulas.
+    # Matplotlib reads text between dollars as formulas.
     line = printable(text[:MAX_LETTERS]).replace("$", r"\$")
     letters = CAPTION_LETTERS * rows
     written = figure.text(0.5, 0.5, line, ha="center", va="center", color=INK, size=letters)

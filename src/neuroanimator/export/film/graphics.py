@@ -1,4 +1,4 @@
-"""The OpenGL library that draws here without a screen. Imports no MuJoCo, which fails where MUJOCO_GL names a missing one."""
+"""The OpenGL library that draws here without a screen. Does not import MuJoCo, which fails if MUJOCO_GL names a missing one."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ HOW_TO_GET_GL = (
     "No OpenGL to draw with, so no video: install EGL or OSMesa (Debian: apt-get install libegl1 libosmesa6) "
     "and run again. Everything else works without."
 )
-"""What an error says where nothing can be drawn."""
+"""Error message where nothing can be drawn."""
 
 NOT_WITH_THIS_GL = (
     "MUJOCO_GL={asked} asks to draw with {asked} alone, which does not work here{why}. "
     "Unset it, or set it to egl or osmesa."
 )
-"""What an error says where the graphics library that was asked for cannot draw."""
+"""Error message where the requested graphics library cannot draw."""
 
 TRIAL = """
 import mujoco
@@ -33,7 +33,7 @@ context.make_current()
 mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), mujoco.mjtFontScale.mjFONTSCALE_100)
 print(type(context).__module__)
 """
-"""Program that prints the module of the contexts it can draw with; without a display GLFW has some that draw nothing."""
+"""Program that prints the module of the contexts it can draw with; without a display, GLFW's contexts draw nothing."""
 
 MAX_TRIAL = 60
 """Time after which a trial is given up [s]."""
@@ -48,7 +48,7 @@ def needed_graphics() -> str:
 
 
 def graphics_backend() -> str | None:
-    """Return the graphics library that can draw here: the one the user asks for, or EGL or OSMesa; None if none can."""
+    """Return the graphics library that can draw here: the user's choice, or EGL or OSMesa; None if none can."""
     for backend in _backends():
         with suppress(ResourceError):
             context_module(backend)
@@ -57,7 +57,7 @@ def graphics_backend() -> str | None:
 
 
 def _why_no_graphics() -> str:
-    """Return why nothing can be drawn here, and what helps."""
+    """Return why nothing can be drawn here, and the remedy."""
     asked = os.environ.get("MUJOCO_GL")
     if not asked:
         return HOW_TO_GET_GL
@@ -72,9 +72,9 @@ def _backends() -> tuple[str, ...]:
 
 @cache
 def context_module(backend: str) -> str:
-    """Return MuJoCo's module of a graphics library; ResourceError if that cannot draw here.
+    """Return MuJoCo's module of a graphics library; ResourceError if it cannot draw here.
 
-    It is tried in a process of its own: no library that has failed can be unloaded from this one.
+    It is tried in a process of its own: a library that has failed cannot be unloaded.
     """
     environment = {**os.environ, "MUJOCO_GL": backend}
     command = python_command("-c", TRIAL)

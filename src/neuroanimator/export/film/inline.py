@@ -23,15 +23,15 @@ SIZE = (640, 360)
 """Width and height of a film in a page [pixels]: a few hundred kilobytes, drawn in seconds."""
 
 MOTION_WORDS = "What 'animate' shows: the emulator's own motion."
-"""What stands below it."""
+"""Caption of the film of an emulator's motion."""
 
 REPLAY_WORDS = (
     "What the controls do on the true physics, and in magenta what the emulator foretold."
 )
-"""What stands below the film of a replay."""
+"""Caption of the film of a replay."""
 
 EMULATED_WORDS = "What the controls do on the emulator; there is no physics to replay them on."
-"""What stands below it where there is no physics."""
+"""Caption of the film of a replay without physics."""
 
 
 class InlineFilm(NamedTuple):
@@ -58,20 +58,20 @@ def film_html(path: Path, words: str) -> Markup:
 
 
 def replay_html(emulator: Emulator, replay: Replay) -> Markup:
-    """Return the motion on the physics, the emulator's as a ghost, as part of a page; else a line that says why not."""
+    """Return the motion on the physics, the emulator's as a ghost, as part of a page; or a line that says why not."""
     clip, ghost = replay_clips(emulator, replay)
     return _drawn_html(clip, EMULATED_WORDS if ghost is None else REPLAY_WORDS, ghost)
 
 
 def motion_html(emulator: Emulator) -> Markup:
-    """Return what the emulator does, as part of a page; where nothing can be drawn, a line that says so."""
+    """Return the emulator's motion as part of a page; if nothing can be drawn, a line that says so."""
     states = default_motion(emulator)
     clip = drawable(make_clip(emulator, states, source="emulator"), emulator)
     return _drawn_html(clip, MOTION_WORDS)
 
 
 def _drawn_html(clip: Clip, words: str, ghost: Clip | None = None) -> Markup:
-    """Return the film of `clip`, drawn for a page; where nothing can be drawn, a line that says so."""
+    """Return the film of `clip` for a page; if nothing can be drawn, a line that says so."""
     with temporary_folder() as folder:
         path = folder / "motion.mp4"
         try:

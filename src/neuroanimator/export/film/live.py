@@ -1,4 +1,4 @@
-"""Pictures of a motion as it happens: unlike a film's camera, this one knows nothing of what comes next."""
+"""Pictures of a motion as it happens: unlike a film's camera, this one does not know the future."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class LiveCamera:
         return Canvas(self._scene, SIZE)
 
     def close(self) -> None:
-        """Give the graphics library's memory back."""
+        """Free the graphics library's memory."""
         if self._canvas is not None:
             self._canvas.close()
         self._canvas = None
 
     def _clip(self, state: Float[np.ndarray, " S"]) -> Clip:
-        """Return a clip of two frames, both of which show `state`."""
+        """Return a clip of two frames, both in `state`."""
         spec = self._spec
         states = np.repeat(np.asarray(state, float)[None], 2, axis=0)
         return Clip(spec.system, spec.skeleton, np.arange(2.0), states, spec.definition)
 
 
 def checked_render_mode(mode: str | None) -> str | None:
-    """Return `mode` if pictures can be had that way; ArgumentError otherwise."""
+    """Return `mode` if it is a known render mode; ArgumentError otherwise."""
     if mode not in (None, "rgb_array"):
         raise ArgumentError(f"No render mode called '{mode}'. Modes: rgb_array.")
     return mode

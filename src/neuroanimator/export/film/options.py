@@ -1,4 +1,4 @@
-"""What is filmed and how: takes, the picture's size and the camera."""
+"""Options of a film: takes, the picture's size and the camera."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ CAMERAS = {
     "top": "goes along above it and looks down",
     "still": "stays where it is, with the whole motion in view",
 }
-"""Cameras by name, and what each does."""
+"""Cameras by name, with descriptions."""
 
 DEFAULT_SIZE = (1280, 720)
 """Default width and height of a picture [pixels]: 16:9 as screens are."""
 
 MIN_SIDE = 32
-"""Least width or height [pixels]: no encoder likes less."""
+"""Minimum width or height [pixels]: encoders want no less."""
 
 MAX_SIDE = 4096
-"""Greatest width or height [pixels]: software that draws more takes seconds a frame."""
+"""Maximum width or height [pixels]: beyond it, software rendering takes seconds a frame."""
 
 
 class Film(NamedTuple):
@@ -37,17 +37,17 @@ class Film(NamedTuple):
 
 
 class Take(NamedTuple):
-    """Clips of one system that are seen together, until the longest of them ends."""
+    """Clips of one system shown together, until the longest ends."""
 
     clips: tuple[Clip, ...]
     ghost: Clip | None = None
-    """Another motion of the first clip's body, translucent at the same place and time."""
+    """Another motion of the first clip's body, drawn translucent at the same place and time."""
     caption: str = ""
     """A line below the picture; empty for none."""
 
     @property
     def frames(self) -> int:
-        """Number of frames drawn of it."""
+        """Number of frames drawn."""
         return max(len(clip.times) for clip in self.everything)
 
     @property

@@ -22,21 +22,21 @@ FLOOR_DEPTH = 0.08
 """Depth of a floor under the lowest point of the motion, over the body's size."""
 
 FLOOR_HALF_WIDTH = 1.5
-"""Half the width of a floor, over the distance beyond which nothing is drawn: there it ends, level."""
+"""Half the width of a floor, over the distance up to which things are drawn: it ends level."""
 
 FLOOR_COLOUR = (0.78, 0.8, 0.83, 1.0)
 """Red, green, blue and opacity of a floor."""
 
 HEADLIGHT = 0.2
-"""Maximum brightness of the lamp at the camera where there are others: a floor seen from above must not glare."""
+"""Maximum brightness of the camera's headlight beside other lights: a floor seen from above must not glare."""
 
 GROUND_TYPES = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
-"""Shapes that nothing but ground has."""
+"""Shapes that only ground has."""
 
 
 @final
 class RigidScene:
-    """A system's own model; of several clips, the others' bodies in the same place, and the ghost among them."""
+    """A system's own model, with the bodies of further clips, and the ghost, drawn into it."""
 
     def __init__(self, system: MujocoSystem, take: Take, shots: Shots):
         self.model = copy.deepcopy(system.model)
@@ -57,7 +57,7 @@ class RigidScene:
             _light_evenly(self.model)
 
     def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
-        """Put the joints where they are."""
+        """Set the joints to `states`."""
         with warnings_counted:
             for state, data in zip(states, self._datas, strict=True):
                 data.qpos[:] = state[: self.model.nq]
@@ -68,7 +68,7 @@ class RigidScene:
         own = [scene.geoms[number] for number in range(scene.ngeom)]
         for geom in own:
             if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
-                # A plane's shadow on itself is strewn with specks far from the middle of the shadow map.
+                # A plane's shadow on itself is speckled far from the middle of the shadow map.
                 geom.category = mujoco.mjtCatBit.mjCAT_DECOR
         moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
         glow([geom for geom in own if geom.category == moving], self.doubt)
@@ -101,7 +101,7 @@ class RigidScene:
 
 
 def _light_evenly(model: mujoco.MjModel) -> None:
-    """Make suns of the lamps, which would leave a bright spot on the floor."""
+    """Make the lights directional: lamps would leave a bright spot on the floor."""
     is_fixed = model.light_bodyid == 0
     model.light_type[is_fixed] = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     if is_fixed.any():
@@ -110,7 +110,7 @@ def _light_evenly(model: mujoco.MjModel) -> None:
 
 
 def lacks_ground(model: mujoco.MjModel, size: float) -> bool:
-    """Return whether nothing in `model` is ground for a body of `size` [m]: no plane, no terrain and no broad block."""
+    """Return whether `model` has no ground for a body of `size` [m]: no plane, no terrain and no broad block."""
     is_ground = np.isin(model.geom_type, GROUND_TYPES)
     is_fixed = model.body_weldid[model.geom_bodyid] == 0
     is_broad = is_fixed & (model.geom_rbound > size)

@@ -1,4 +1,4 @@
-"""Scenes: MuJoCo models that show bodies in their places."""
+"""Scenes: MuJoCo models that show bodies in their surroundings."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from neuroanimator.emulator.trust import EDGE
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots
 
 NEAREST = 0.02
-"""Distance from which on things are drawn, over the camera's."""
+"""Distance of the near clipping plane, over the camera's."""
 
 FARTHEST = 60.0
-"""Least distance up to which things are drawn, over the camera's."""
+"""Minimum distance of the far clipping plane, over the camera's."""
 
 SHADOW_REACH = 3.0
-"""Half the width of where shadows fall, over the size of what is filmed: the less, the finer they are."""
+"""Half the width of the shadowed area, over the size of the motion: a smaller one has finer shadows."""
 
 GLOW = (1.0, 0.54, 0.12)
-"""The colour of doubt, red green blue, as on the studio's stage."""
+"""Colour of doubt (red, green, blue), as on the studio's stage."""
 
 LOST = 3.0
-"""Mean score at which a body has the colour of doubt all over, as on the studio's stage."""
+"""Mean score at which a body fully has the colour of doubt, as on the studio's stage."""
 
 MAX_GLOW = 0.7
-"""Maximum share of the colour of doubt: what it is a picture of is still to be seen."""
+"""Maximum share of the colour of doubt, so that the body stays recognisable."""
 
 EMISSION = 0.2
-"""Maximum light of its own of a body in doubt."""
+"""Maximum emission of a body in doubt."""
 
 SMOOTHED = 0.3
-"""Time over which scores are averaged before they colour a body [s]: a flicker distracts."""
+"""Time over which scores are averaged before they colour a body [s], against flicker."""
 
 
 @runtime_checkable
@@ -48,15 +48,15 @@ class Scene(Protocol):
     """Share of the colour of doubt that bodies have, 0 to 1."""
 
     def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
-        """Put each body of the take where its state says, the ghost last."""
+        """Put each body of the take into its state, the ghost last."""
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Change what MuJoCo has put into a picture."""
+        """Change the shapes that MuJoCo has put into a picture."""
 
 
 def frame_model(model: mujoco.MjModel, shots: Shots) -> None:
-    """Let a model be drawn as far as `shots` see, and its shadows about what is filmed."""
-    # MuJoCo counts these distances in the model's extent.
+    """Fit a model's clipping distances to `shots`, and its shadows to the motion."""
+    # MuJoCo measures these distances in the model's extent.
     extent = model.stat.extent
     model.vis.map.znear = NEAREST * shots.distance / extent
     model.vis.map.zfar = max(model.vis.map.zfar, FARTHEST * shots.distance / extent)
@@ -77,7 +77,7 @@ def doubts(clip: Clip, frames: int) -> Float[np.ndarray, " F"]:
 
 
 def glow(geoms: Iterable[mujoco.MjvGeom], doubt: float) -> None:
-    """Mix the colour of doubt into shapes, by its share."""
+    """Mix a share `doubt` of the colour of doubt into shapes."""
     if doubt == 0:
         return
     share = MAX_GLOW * doubt

@@ -1,4 +1,4 @@
-"""Bodies that have no MuJoCo model of their own: bones, skins and surfaces over a floor or in water."""
+"""Bodies without a MuJoCo model: bones, skins and surfaces over a floor or in water."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SEABED_DEPTH = 0.45
 """Depth of the seabed under the deepest point of the motion, over the body's size."""
 
 FLOOR_DEPTH = 0.03
-"""Depth of the ground under a model's own floor, over the body's size: in one plane, both would show."""
+"""Depth of the ground under a model's own floor, over the body's size: in one plane, both would show through."""
 
 HALF_WIDTH = 60.0
 """Half the width of floor and water, over the body's size."""
@@ -75,10 +75,10 @@ ON_GROUND = _Place(
 
 @final
 class SkeletonScene:
-    """Bodies, and a ghost, that are moved from outside."""
+    """Bodies, and a ghost, moved from outside."""
 
     def __init__(self, take: Take, shots: Shots, *, surface: float | None, has_ground: bool):
-        """Put them over a floor, or into water whose `surface` is at that height [m]; None: out of sight."""
+        """Put them over a floor, or into water whose `surface` is at that height [m], out of sight if None."""
         floor = 0.0
         if not has_ground:
             lowest = float(bounding_boxes(take.clips).low[:, 2].min())
@@ -111,7 +111,7 @@ class SkeletonScene:
         frame_model(self.model, shots)
 
     def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
-        """Put the bones where they are."""
+        """Set the bones to `states`."""
         positions = []
         orientations = []
         for skeleton, state in zip(self._skeletons, states, strict=True):
@@ -126,7 +126,7 @@ class SkeletonScene:
         mujoco.mj_forward(self.model, self.data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Let what is far away fade, and bodies in doubt glow; put the nodes of surfaces where they are."""
+        """Fade distant things, let bodies in doubt glow, and move the nodes of surfaces."""
         for surface in self._surfaces:
             if surface is not None:
                 surface.fill(scene)
@@ -145,10 +145,10 @@ class SkeletonScene:
 
 
 class _Surface:
-    """The surface of a soft body: a skin of two sides, whose points no bone moves."""
+    """The surface of a soft body: a two-sided skin whose points no bone moves."""
 
     def __init__(self, number: int, shapes: Shapes, inflation: float):
-        """`number` is that of the skin in the model, and `inflation` the distance from the nodes to either side [m]."""
+        """`number` is the skin's in the model, and `inflation` the distance from the nodes to either side [m]."""
         self._number = number
         self._shapes = shapes
         self._inflation = inflation
@@ -161,7 +161,7 @@ class _Surface:
         self._points = np.concatenate([points, points]) + self._inflation * self._normals
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Put the points into a picture, where MuJoCo has them as they are at rest."""
+        """Move the points in a picture, where MuJoCo has put them at rest."""
         first = 3 * scene.skinvertadr[self._number]
         coordinates = slice(first, first + self._points.size)
         scene.skinvert[coordinates] = self._points.ravel()
@@ -169,7 +169,7 @@ class _Surface:
 
 
 def _as_ghost(skeleton: Skeleton) -> Skeleton:
-    """Return a skeleton in the colour of ghosts and a little larger."""
+    """Return a skeleton in the colour of ghosts, slightly larger."""
     bones = []
     for bone in skeleton.bones:
         tinted = []
@@ -190,7 +190,7 @@ def _add_skeleton(
 ) -> None:
     """Add a skeleton's bones, as bodies moved from outside whose names begin with `prefix`, and its skin.
 
-    The scenery is what nothing moves.
+    Bones that nothing moves are scenery.
     """
     for number, bone in enumerate(skeleton.bones):
         body = spec.worldbody.add_body(
@@ -257,7 +257,7 @@ def _add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, is_ghost: bo
 
 
 def _add_surface(spec: mujoco.MjSpec, prefix: str, shapes: Shapes, is_ghost: bool) -> None:
-    """Add a surface as a skin of two sides: MuJoCo draws those alone that face the camera, and light falls on each."""
+    """Add a surface as a two-sided skin: MuJoCo draws only triangles that face the camera, each lit on its own."""
     name = f"{prefix}surface"
     material = spec.add_material(name=name, specular=0.1, shininess=0.2)
     material.rgba = GHOST_RGBA if is_ghost else CLOTH_RGBA
@@ -276,7 +276,7 @@ def _add_surface(spec: mujoco.MjSpec, prefix: str, shapes: Shapes, is_ghost: boo
 
 
 def _place_mjcf(place: _Place, size: float, floor: float, surface: float | None) -> str:
-    """Return the place without the bodies, as MJCF; `floor` is the height of floor or seabed [m]."""
+    """Return the surroundings without the bodies, as MJCF; `floor` is the height of floor or seabed [m]."""
     wide = HALF_WIDTH * size
     water = ""
     if surface is not None:

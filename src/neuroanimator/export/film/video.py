@@ -21,13 +21,13 @@ from neuroanimator.terminal import progress_bar
 from neuroanimator.text import printable
 
 MAX_CLIPS = 64
-"""Maximum number of clips filmed together: a picture has no room for many thousand shapes."""
+"""Maximum number of clips filmed together: a picture cannot hold many thousand shapes."""
 
 MAX_COMPLAINT = 200
-"""Maximum number of letters of ffmpeg's complaint that an error shows."""
+"""Maximum number of characters of ffmpeg's message that an error shows."""
 
 UNEVEN_RATES = 1e-6
-"""Share by which the rates of clips filmed together may differ."""
+"""Largest relative difference of the rates of clips filmed together."""
 
 ENCODING = (
     "-c:v",
@@ -41,7 +41,7 @@ ENCODING = (
     "-movflags",
     "+faststart",
 )
-"""ffmpeg's options: a constant rate factor of 20 shows no loss; a slower preset takes as long as drawing."""
+"""ffmpeg's options: a constant rate factor of 20 shows no loss; a slower preset would take as long as drawing."""
 
 
 def write_video(
@@ -54,9 +54,9 @@ def write_video(
 ) -> None:
     """Write one clip, or several seen together, to `path` as H.264 at their own rate.
 
-    `size` is width and height [pixels]; `camera` is one of `options.CAMERAS`. Several clips are of one system and one
-    rate, such as a school; the shorter ones stay at their last pose. A `ghost` is another motion of the same body, in
-    one translucent colour. ResourceError says what to install if nothing can be drawn here.
+    `size` is width and height [pixels]; `camera` is one of `options.CAMERAS`. Several clips, such as a school, have one
+    system and one rate; shorter ones stay at their last pose. A `ghost` is another motion of the same body, in one
+    translucent colour. ResourceError says what to install if nothing can be drawn here.
     """
     together = [clips] if isinstance(clips, Clip) else list(clips)
     write_takes([Take(tuple(together), ghost)], path, size=size, camera=camera)
@@ -69,7 +69,7 @@ def write_takes(
     size: tuple[int, int] = DEFAULT_SIZE,
     camera: str = "follow",
 ) -> None:
-    """Write `takes` one after another to `path`, as `write_video` does one; all are of one rate."""
+    """Write `takes` one after another to `path`, as `write_video` does one; all have one rate."""
     path = Path(path)
     film = checked_film(size, camera)
     for take in takes:
@@ -91,7 +91,7 @@ def write_takes(
 def _encode(
     images: Iterable[UInt8[np.ndarray, "H W 3"]], out: Path, film: Film, rate: float
 ) -> None:
-    """Write `images` to `out` as they come, `rate` a second."""
+    """Write `images` to `out` as they arrive, `rate` a second."""
     width, height = film.size
     source = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:.9g}")
     command = [
@@ -106,13 +106,13 @@ def _encode(
         str(out),
     ]
     with tempfile.TemporaryFile() as complaints:
-        # In a session of its own: what the terminal sends on Ctrl-C is for this process.
+        # In a session of its own: Ctrl-C in a terminal is for this process.
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=complaints, start_new_session=True
         )
         assert process.stdin is not None
         try:
-            # What ends early says why.
+            # If it ends early, it says why.
             with suppress(BrokenPipeError):
                 for image in images:
                     process.stdin.write(image.tobytes())

@@ -1,4 +1,4 @@
-"""The pieces of a GLB file: numbers in one binary chunk, a JSON document that points into it."""
+"""The parts of a GLB file: numbers in one binary chunk, and a JSON document that points into it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from neuroanimator.files.glb import (
 )
 
 ARRAY_BUFFER = 34962
-"""The format's code of numbers that belong to points."""
+"""The format's code for vertex attributes."""
 
 ELEMENT_ARRAY_BUFFER = 34963
-"""The format's code of the indices of triangles' corners."""
+"""The format's code for vertex indices."""
 
 ALIGNMENT = 4
 """Alignment of chunks and arrays [bytes]."""
@@ -45,10 +45,10 @@ class Buffer:
         target: int | None = None,
         has_bounds: bool = False,
     ) -> int:
-        """Return the index of the accessor of `array`, appended if the same numbers are not there yet.
+        """Return the index of the accessor of `array`, appended unless the same numbers are there.
 
-        `element` is what one row is to the format, such as `VEC3`; `target` is what the numbers are for, and
-        `has_bounds` adds their smallest and largest. Of numbers with a sign the largest of their kind means 1.
+        `element` is the format's type of a row, such as `VEC3`; `target` is the purpose of the numbers, and
+        `has_bounds` adds their minimum and maximum. Signed integers are normalised: the largest means 1.
         """
         key = (array.tobytes(), array.dtype.name, element, target, has_bounds)
         if key not in self._known:
@@ -85,7 +85,7 @@ class Buffer:
         return len(self.accessors) - 1
 
     def add_zeros(self, count: int) -> int:
-        """Return the index of an accessor of `count` vectors of length 0, which take no room in the file."""
+        """Return the index of an accessor of `count` vectors of length 0, which take no space in the file."""
         key = (count,)
         if key not in self._known:
             zero = [0, 0, 0]
@@ -104,7 +104,7 @@ class Buffer:
 
 
 def as_float32(values: Float[np.ndarray, "*S"]) -> Float32[np.ndarray, "*S"]:
-    """Return `values` as the file holds numbers, ready for `Buffer.add`."""
+    """Return `values` in the file's number type, ready for `Buffer.add`."""
     return np.ascontiguousarray(values, dtype=np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Materials of a GLB file: colours as amounts of light."""
+"""Materials of a GLB file, with linear colours."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from neuroanimator.appearance.colour import linear_of
 from neuroanimator.export.bodies import GHOST, Paint
 
 SURFACES = {"dry": (0.1, 0.6), "ghost": (0.0, 0.5), "wet": (0.0, 0.45)}
-"""How metallic and how rough surfaces are: wet ones are smoother than dry ones."""
+"""Metallic and roughness factors of surfaces: wet ones are smoother than dry ones."""
 
 
 def material(paint: Paint) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER
 from neuroanimator.export.morphs import Morphs
 
 MAX_SHORT = 2**16 - 1
-"""The number of a point that no index of two bytes may have: some viewers begin a new strip there."""
+"""Number of a point that a two-byte index must not have: some viewers begin a new strip there."""
 
 
 def shape_primitive(shape: Shape, buffer: Buffer) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def shape_primitive(shape: Shape, buffer: Buffer) -> dict[str, Any]:
 
 
 def skin_primitives(skin: SkinNode, buffer: Buffer) -> dict[Paint, dict[str, Any]]:
-    """Return, for each part of the skin, its triangles without a material: the points are shared."""
+    """Return the triangles of each part of the skin without a material; the points are shared."""
     mesh = skin.mesh
     points = as_float32(mesh.points)
     attributes = {
@@ -74,7 +74,7 @@ def surface_primitive(morphs: Morphs, buffer: Buffer) -> dict[str, Any]:
 
 
 def inverse_bind_matrices(skin: SkinNode, buffer: Buffer) -> int:
-    """Return the accessor of the matrices that take points at rest into the frames of the joints."""
+    """Return the accessor of the matrices that transform points at rest into the frames of the joints."""
     matrices = np.tile(np.eye(4), (len(skin.rest), 1, 1))
     for matrix, rest in zip(matrices, skin.rest, strict=True):
         to_joint = rest[:3, :3].T

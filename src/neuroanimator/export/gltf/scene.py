@@ -1,7 +1,7 @@
 """Clips as a GLB file: bones as nodes, their motion as an animation.
 
 Inside, Z is up; glTF is Y up, so a root node turns each body (x, y, z) → (x, z, -y).
-Quaternions are wxyz inside and xyzw in the file; colours are sRGB inside and light in the file.
+Quaternions are wxyz inside and xyzw in the file; colours are sRGB inside and linear in the file.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ from neuroanimator.export.morphs import SurfaceNode
 from neuroanimator.files.atomic import write_whole
 
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-"""The quaternion xyzw of a root node: a quarter turn about x that takes Z up to Y up."""
+"""Quaternion xyzw of a root node: a quarter turn about x, from Z up to Y up."""
 
 XYZW = [1, 2, 3, 0]
-"""The order in the file of a quaternion's numbers, which are wxyz inside."""
+"""Order of a quaternion's numbers in the file; inside it is wxyz."""
 
 MIN_TRAVEL = 1e-9
-"""A bone that moves less than this against its parent gets no track of its positions [m]."""
+"""Motion relative to its parent below which a bone gets no track of positions [m]."""
 
 QUANTISED = "KHR_mesh_quantization"
-"""The extension of the format by which morph targets are numbers of one or two bytes."""
+"""glTF extension by which morph targets are integers of one or two bytes."""
 
 GHOST_PREFIX = "ghost "
 """Beginning of the names of a ghost's meshes."""
@@ -57,10 +57,10 @@ GHOST_PREFIX = "ghost "
 def write_glb(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | None = None) -> None:
     """Write one clip, or several such as a school, to `path`: one node per bone, channels for what moves.
 
-    Several bodies keep their own positions; the scenery is there once, that of the first. Names of nodes begin with the
-    clip's name and number if there are several. A skin is one more node beside the scene's, for what moves it is its
-    bones alone. A `ghost` is another motion of the only clip's body at the same place and time, in one translucent
-    colour: such as the emulator's beside the physics'. What each motion is of is in the `extras` of its root node.
+    Several bodies keep their own positions; only the first one's scenery is written. With several, node names begin with
+    the clip's name and number. A skin is one more node of the scene, as only its bones move it. A `ghost` is another
+    motion of the only clip's body at the same place and time, in one translucent colour, such as the emulator's beside
+    the physics'. The `extras` of its root node describe each motion.
     """
     bodies = bodies_of(clips, ghost)
     scene = _Scene(bodies[0].clip.rate)
@@ -95,11 +95,11 @@ class _Scene:
         self._names: set[str] = set()
 
     def add(self, body: Body) -> None:
-        """Add what moves in a body, and the scenery it has."""
+        """Add the moving parts of a body, and its scenery."""
         nodes = self.document["nodes"]
         root = len(nodes)
         self.document["scenes"][0]["nodes"].append(root)
-        # Those of joints are identifiers, as engines want them.
+        # Names of joints are identifiers, as engines want.
         named = self._own if body.skin is None else self._identifier
         name = named(f"{body.title} root")
         nodes.append({"name": name, "rotation": Y_UP, "extras": _extras(body.clip)})
@@ -122,7 +122,7 @@ class _Scene:
     def content(self) -> bytes:
         """Return the bytes of the file."""
         self.document["buffers"] = [{"byteLength": len(self.buffer.content)}]
-        # The format knows no empty lists.
+        # The format allows no empty lists.
         filled = {key: value for key, value in self.document.items() if value != []}
         return glb_bytes(filled, bytes(self.buffer.content))
 
@@ -161,7 +161,7 @@ class _Scene:
             name = GHOST_PREFIX + "skin" if body.is_ghost else "skin"
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         title = self._own(f"{body.prefix}skin")
-        # Blender calls the armature by the name of the glTF skin. Unreal wants one bone above all others: the root.
+        # Blender names the armature after the glTF skin. Unreal wants one bone above all others: the root.
         described = {
             "name": f"{body.prefix}bones",
             "joints": list(range(root, root + len(skin.rest))),
@@ -217,7 +217,7 @@ class _Scene:
         return self._materials[key]
 
     def _append(self, group: str, described: dict[str, Any]) -> int:
-        """Return the index of what is described, appended to that list of the document."""
+        """Return the index of `described`, appended to the list `group` of the document."""
         self.document[group].append(described)
         return len(self.document[group]) - 1
 
@@ -234,7 +234,7 @@ class _Scene:
                 self._add_track(index, "translation", times, self.buffer.add(translations, "VEC3"))
 
     def _add_track(self, node: int, path: str, times: int, values: int) -> None:
-        """Let `path`, a property of `node`, follow the accessor `values` at those `times`."""
+        """Let `path`, a property of `node`, follow the accessor `values` at `times`."""
         animation = self.document["animations"][0]
         sampler = len(animation["samplers"])
         target = {"node": node, "path": path}
@@ -243,13 +243,13 @@ class _Scene:
 
 
 def _add_children(nodes: list[dict[str, Any]], root: int, bones: Sequence[BoneNode]) -> None:
-    """Tell each node its children; bones come in order after the node `root`, which is the parent -1."""
+    """Set the children of each node; bones follow the node `root` in order, which is the parent -1."""
     for child, node in enumerate(bones, start=root + 1):
         nodes[root + 1 + node.bone.parent].setdefault("children", []).append(child)
 
 
 def _extras(clip: Clip) -> dict[str, Any]:
-    """Return what a motion is of, for whoever opens the file."""
+    """Return the description of a motion, for readers of the file."""
     extras = {"system": clip.name, "seconds": round(float(clip.times[-1]), 6)}
     if clip.source:
         extras["source"] = clip.source

@@ -1,4 +1,4 @@
-"""Write an emulator or a policy as a C header, after its compiled functions have been held against JAX."""
+"""Write an emulator or a policy as a C header, after checking its compiled functions against JAX."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ from neuroanimator.export.programs.vectors import (
 )
 
 FLAGS = (("-O1", "-Wall", "-Wextra", "-Werror"),)
-"""Flags a header is compiled with to be checked."""
+"""Compiler flags for checking a header."""
 
 SCORES = ("trust", "step_trusted")
-"""Functions that return a number; others return nothing or a count."""
+"""Functions that return a number; others return nothing or an integer."""
 
 SCORE_TOLERANCE = 1e-3
 """Tolerance of scores, absolute and relative: they are sums of squares of differences."""
 
 Call = Callable[..., int | float | None]
-"""A function of C that takes arrays and whole numbers, called by its name without the header's own."""
+"""Calls a C function with arrays and numbers, by its name without the header's prefix."""
 
 
 def write_c_header(model: Model, path: str | Path, licence: str = "") -> ExportedFiles:
-    """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
+    """Write `model` to `path`, after checking it against JAX, and test vectors beside it (`fish.vectors.json`).
 
-    Its functions begin with the file's name: `fish_step` in `fish.h`. The header says what they take. `licence` is
-    named in it if there is one.
+    Names of its functions begin with the file's name: `fish_step` in `fish.h`. The header documents them, and names
+    the `licence` if there is one.
 
-    Raises ResourceError without a C compiler, UnsupportedError for an operation there is no C for, and
-    NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
+    Raises ResourceError without a C compiler, UnsupportedError for an operation without a translation to C, and
+    NeuroAnimatorError if a function differs from JAX; then nothing is written.
     """
     compiler = _compiler()
     definition = definition_of(model, licence)
@@ -65,9 +65,9 @@ def write_c_header(model: Model, path: str | Path, licence: str = "") -> Exporte
 def check_functions(
     call: Call, model: Model, definition: Definition, *, has_gradient: bool = True
 ) -> tuple[dict[str, Vectors], float]:
-    """Hold all functions of a header against JAX; return (vectors by function, the largest difference).
+    """Check all functions of a header against JAX; return (vectors by function, the largest difference).
 
-    Raises NeuroAnimatorError where one does not do what JAX does.
+    Raises NeuroAnimatorError if one differs from JAX.
     """
     values = make_vectors(definition, model)
     if not isinstance(model, Emulator):
@@ -82,7 +82,7 @@ def check_functions(
 
 
 def check_steps(call: Call, vectors: Vectors) -> float:
-    """Hold every way to make super steps against JAX; return the largest difference."""
+    """Check every way to make super steps against JAX; return the largest difference."""
     states = vectors.inputs["state"]
     controls = vectors.inputs["control"]
     singles = _room(*states.shape)
@@ -97,7 +97,7 @@ def check_steps(call: Call, vectors: Vectors) -> float:
 
 
 def check_gradients(call: Call, vectors: Vectors) -> float:
-    """Hold vector-Jacobian products against JAX; return the largest difference."""
+    """Check vector-Jacobian products against JAX; return the largest difference."""
     computed = {name: _room(*array.shape) for name, array in vectors.expected.items()}
     arrays = [vectors.inputs[name] for name in ("state", "control", "cotangent")]
     arrays += [computed[name] for name in ("by_state", "by_control")]
@@ -107,10 +107,10 @@ def check_gradients(call: Call, vectors: Vectors) -> float:
 
 
 def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
-    """Hold what is trusted against JAX; a score at the edge may be rounded to either side."""
+    """Check trust scores against JAX; one at the edge may be rounded to either side."""
     rows = list(zip(vectors.inputs["state"], vectors.inputs["control"], strict=True))
     inputs = [as_jax(vectors.inputs[name]) for name in ("state", "control")]
-    # Compiled as a whole: operation by operation it takes longer than all the rest of the check.
+    # Compiled as a whole: operation by operation it takes longer than the rest of the check.
     scores = np.asarray(jax.jit(jax.vmap(partial(trust, emulator)))(*inputs))
     next_state = _room(emulator.state.size)
     trusted = np.array([call("step_trusted", *row, next_state) for row in rows])
@@ -150,7 +150,7 @@ def _compiler() -> str:
 
 
 def compiled_header(text: str, name: str) -> Call:
-    """Return what calls the compiled functions of a header."""
+    """Return a function that calls the compiled functions of a header."""
     compiler = _compiler()
     library = compiled_library(f"#define {name.upper()}_IMPLEMENTATION\n{text}", FLAGS)
     if library is None:
@@ -166,7 +166,7 @@ def compiled_header(text: str, name: str) -> Call:
 
 
 def _converted(argument: np.ndarray | float) -> ctypes.c_void_p | ctypes.c_int | ctypes.c_float:
-    """Return an argument as C takes it; arrays must be of float32 and in C's order."""
+    """Return an argument as C takes it; arrays must be float32 in C order."""
     if isinstance(argument, np.ndarray):
         assert argument.dtype == np.float32
         assert argument.flags.c_contiguous

@@ -1,7 +1,6 @@
 """An emulator or a policy as one C header that needs nothing but math.h and string.h.
 
-Only numbers and names of our own are written, and parts' names as identifiers: no text of a file reaches a compiler as
-it is.
+Only numbers and our own names are written, and parts' names as identifiers: no raw text of a file reaches a compiler.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ from neuroanimator.state.layout import Layout
 from neuroanimator.text import printable
 
 NUMBERS_PER_LINE = 12
-"""Numbers of an array that stand on one line."""
+"""Number of array entries per line."""
 
 
 class SharedConstants(Constants):
-    """Constants of which equal arrays are stored once: the functions of one header read the same weights."""
+    """Constants that store equal arrays once: the functions of one header read the same weights."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -57,9 +56,9 @@ class SharedConstants(Constants):
 
 
 def c_header(model: Model, definition: Definition, name: str, *, has_gradient: bool = True) -> str:
-    """Return the text of `name`.h, whose functions begin with `name` (an identifier): see `emulator.h` and its like.
+    """Return the text of `name`.h, whose functions' names begin with `name` (an identifier): see `emulator.h`.
 
-    Without its gradient an emulator's is a third shorter. Raises UnsupportedError for what there is no C for.
+    Without its gradient an emulator's is a third shorter. Raises UnsupportedError for an operation not available in C.
     """
     kind = definition.facts["kind"]
     emulator = emulator_of(model)
@@ -130,7 +129,7 @@ def identifier(text: str) -> str:
 
 
 def part_names(layout: Layout) -> list[str]:
-    """Return an identifier in capitals for each part; of twins the later ones are numbered."""
+    """Return an identifier in capitals for each part; later ones of the same name are numbered."""
     names: list[str] = []
     for part in layout.slices:
         name = identifier(part.name).upper()
@@ -222,19 +221,19 @@ def _state_policy_parts(
 
 
 def about(definition: Definition) -> str:
-    """Return one line of ASCII that says what a program does, for a comment."""
+    """Return one line of ASCII that describes a program, for a comment."""
     facts = definition.facts
     said = f"the {facts['kind']} of {facts['system']}, one super step of {facts['dt']:g} s."
     if "licence" in facts:
         said += f" Weights: {facts['licence']}."
-    # Whatever a caller in Python names a system or a licence, it stays within the comment.
+    # Any name of a system or a licence stays within the comment.
     return printable(said).encode("ascii", "replace").decode("ascii").replace("*/", "* /")
 
 
 def _sizes(
     name: str, emulator: Emulator, definition: Definition, others: dict[str, int]
 ) -> Iterator[str]:
-    """Yield what is known when C compiles: sizes, the super step, and where the parts of a state and control are."""
+    """Yield the compile-time constants: sizes, the super step, and the offsets of the parts of a state and control."""
     guard = name.upper()
     yield f"#define {guard}_DT {c_number(emulator.dt)} /* a super step [s] */"
     yield f"#define {guard}_SUBSTEPS {emulator.substeps} /* physics steps it stands for */"
@@ -260,7 +259,7 @@ def _sizes(
 
 
 def _ascii(unit: str) -> str:
-    """Return one of the units there are in letters that every compiler reads."""
+    """Return a unit in ASCII, which every compiler reads."""
     return unit.replace("·", " ").replace("²", "^2").replace("³", "^3")
 
 

@@ -1,4 +1,4 @@
-"""What a program for an engine does: a function of arrays, in the user's own units, and what its numbers mean."""
+"""Definition of a program for an engine: a function of arrays, in the user's own units, and the meaning of its numbers."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ PHASE = Layout((Slice("phase", 1, "rad"),))
 """The clock of a policy."""
 
 TRUST = Layout((Slice("trust", 1, "1"),))
-"""Distance of an input from what training showed: 1 is the edge."""
+"""Trust score: the distance of an input from the training data, 1 at their edge."""
 
 LARGEST_SCORE = 1e30
-"""A score that is higher counts as infinite: float32 ends soon after."""
+"""Score above which it counts as infinite: float32 ends soon after."""
 
 CONVENTIONS = "SI units, radians, Z up, right-handed, quaternions wxyz"
 """Conventions of all numbers; docs/conventions.md says more."""
 
 
 Model = Emulator | Policy | StatePolicy
-"""What can be written as a program."""
+"""Models that can be written as a program."""
 
 
 class Port(NamedTuple):
@@ -47,18 +47,18 @@ class Port(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Definition:
-    """A function in JAX, of one example, and what to know of it."""
+    """A function in JAX, of one example, and facts about it."""
 
     name: str
     """Name of the function."""
     function: Callable[..., tuple[Array, ...]]
-    """Of one array for each of `inputs`; it returns one for each of `outputs`."""
+    """Function of one array for each of `inputs`; it returns one for each of `outputs`."""
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     facts: dict[str, Any]
-    """What an engine may want to know, as JSON: the system, the super step, names, units and bounds."""
+    """Facts for engines, as JSON: the system, the super step, names, units and bounds."""
     missing: str = ""
-    """Sentence on what an older model lacks, and how it gets it."""
+    """Sentence on what an older model lacks, and the remedy."""
 
     @property
     def output_names(self) -> list[str]:
@@ -66,7 +66,7 @@ class Definition:
         return [port.name for port in self.outputs]
 
     def fact_texts(self) -> dict[str, str]:
-        """Return the facts as texts: those that are none are JSON, in ASCII."""
+        """Return the facts as texts; others than texts as JSON in ASCII."""
         texts = {}
         for name, fact in self.facts.items():
             texts[name] = fact if isinstance(fact, str) else json.dumps(fact)
@@ -74,11 +74,11 @@ class Definition:
 
 
 def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -> Definition:
-    """Return what a program of `model` does; `licence` says under which terms its weights may be used.
+    """Return the program of `model`; `licence` gives the terms of use of its weights.
 
     An emulator: (state (S,), control (C,)) → next_state (S,), one super step later; with `has_trust` also trust (1,), if
     it has a meter. A policy: (state (S,), phase (1,), command (4,)) → control (C,), for the super step that begins there;
-    the phase of its clock gains `phase_per_step` with every super step. A state policy: state (S,) → control (C,); one that
+    the phase of its clock advances by `phase_per_step` with every super step. A state policy: state (S,) → control (C,); one that
     takes commands: (state (S,), command (2,)) → (control (C,), commanded_state (S,)), the state from which the super step
     begins.
     """
@@ -118,7 +118,7 @@ def commands_of(model: Model) -> Commands | None:
 
 
 def emulator_of(model: Model) -> Emulator:
-    """Return the emulator that a policy is of; an emulator as it is."""
+    """Return the emulator of a policy; an emulator itself."""
     return model if isinstance(model, Emulator) else model.emulator
 
 
@@ -139,9 +139,9 @@ def _trusted_step(
 
 
 def _are_below(numbers: Float[Array, " *N"], limit: float) -> Bool[Array, ""]:
-    """Return whether the magnitudes of all `numbers` are at most `limit`; false where one is no number.
+    """Return whether the magnitudes of all `numbers` are at most `limit`; false if one is NaN.
 
-    They are counted, for what the largest of numbers is among which one is none, runtimes do not agree on.
+    They are counted, as runtimes disagree on the maximum of numbers with a NaN among them.
     """
     is_below = jnp.abs(numbers) <= limit
     return jnp.sum(is_below.astype(jnp.float32)) == numbers.size
@@ -191,7 +191,7 @@ def _commanded_definition(policy: StatePolicy, commands: Commands, licence: str)
 def commanded_control(
     policy: StatePolicy, state: Float[Array, " S"], command: Float[Array, " 2"]
 ) -> tuple[Float[Array, " C"], Float[Array, " S"]]:
-    """Return (the control of a body in `state` that is given `command`, its state with the command in it)."""
+    """Return (the control of a body in `state` under `command`, its state with the command in it)."""
     reference = policy.view.reference
     assert reference is not None
     told = reference.with_command(state, command)

@@ -25,7 +25,7 @@ static void @name@_advance_lanes(float *latents, const float *controls, int coun
     NA_ALIGNED float control[(@NAME@_CONTROL > 0 ? @NAME@_CONTROL : 1) * LANES];
     NA_ALIGNED float state[@NAME@_STATE * LANES];
     for (int l = 0; l < LANES; l++) {
-        const int body = l < count ? l : count - 1; /* lanes too many repeat the last body */
+        const int body = l < count ? l : count - 1; /* unused lanes repeat the last body */
         for (int i = 0; i < @NAME@_LATENT; i++) latent[i * LANES + l] = latents[body * @NAME@_LATENT + i];
         for (int i = 0; i < @NAME@_CONTROL; i++) control[i * LANES + l] = controls[body * @NAME@_CONTROL + i];
     }
@@ -60,7 +60,7 @@ static void @name@_advance_lanes(float *latents, const float *controls, int coun
 #ifndef @NAME@_WITHOUT_VJP
 @NAME@_API void @name@_vjp(const float *state, const float *control, const float *cotangent, float *by_state, float *by_control) {
     NA_ALIGNED float tape[@NAME@_TAPE];
-    float lanes = 0.0f; /* nothing is kept for lanes: there are none here */
+    float lanes = 0.0f; /* no tape of lanes: there are none here */
     @name@_gradient_forward(@name@_k, state, control, tape, &lanes);
     @name@_gradient_backward(@name@_k, tape, &lanes, cotangent, by_state, by_control);
 }

@@ -10,7 +10,7 @@ export declare const facts: {
   readonly licence?: string;
 };
 
-/** Load the module: `@name@.wasm` beside this file, or where `source` says, or what `source` is. */
+/** Load the module: `@name@.wasm` beside this file, or the address or content `source`. */
 export declare function load(source?: string | URL | BufferSource | WebAssembly.Module): Promise<Emulator>;
 
 export interface Emulator {
@@ -26,11 +26,11 @@ export interface Emulator {
     control: ArrayLike<number>,
     cotangent: ArrayLike<number>,
   ): { byState: Float32Array; byControl: Float32Array };
-  /** How far `state` and `control` lie from what was trained: 1 is the edge, and above it the emulator knows less and less. */
+  /** Distance of `state` and `control` from the training data: 1 is the edge; the emulator is less accurate above it. */
   trust(state: ArrayLike<number>, control: ArrayLike<number>): number;
-  /** Whether training covered `state` and `control`; elsewhere do not believe what the emulator says. */
+  /** Whether training covered `state` and `control`; elsewhere do not rely on the emulator. */
   covers(state: ArrayLike<number>, control: ArrayLike<number>): boolean;
-  /** `count` bodies at rest, which the module keeps for good. */
+  /** `count` bodies at rest, which the module never frees. */
   batch(count: number): Batch;
 }
 
@@ -41,7 +41,7 @@ export interface Batch {
   readonly states: Float32Array;
   /** Controls (count, @control@) in the module's memory, to be written to. */
   readonly controls: Float32Array;
-  /** Go on from what was written to `states`. */
+  /** Go on from the `states` written. */
   encode(): void;
   /** Take every body one super step further. */
   advance(): void;

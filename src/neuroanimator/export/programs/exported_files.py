@@ -1,4 +1,4 @@
-"""Files of an export: a program that was held against JAX, its test vectors and what calls it."""
+"""Files of an export: a program checked against JAX, its test vectors and its wrappers."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from neuroanimator.export.programs.vectors import Vectors, vectors_text
 from neuroanimator.files.atomic import write_whole
 
 VECTORS_SUFFIX = ".vectors.json"
-"""Suffix of the file of test vectors, in the place of the program's."""
+"""Suffix of the file of test vectors, instead of the program's."""
 
 
 @dataclass(frozen=True)
 class CheckedProgram:
-    """A program that does what JAX does."""
+    """A program that agrees with JAX."""
 
     content: bytes
     functions: Mapping[str, Vectors]
-    """The vectors each of its functions was checked on, by its name."""
+    """Test vectors of each of its functions, by name."""
     runtime: str
     """Name of the runtime it was checked in."""
     difference: float
@@ -33,7 +33,7 @@ class ExportedFiles:
 
     path: Path
     others: tuple[Path, ...]
-    """What calls it, and test vectors."""
+    """Wrappers that call it, and test vectors."""
     size: int
     """Size of the program [bytes]."""
     runtime: str
@@ -42,10 +42,10 @@ class ExportedFiles:
     difference: float
     """Largest difference from JAX, in units of the outputs."""
     missing: str = ""
-    """Sentence on what an older model lacks, and how it gets it."""
+    """Sentence on what an older model lacks, and the remedy."""
 
     def summary(self) -> str:
-        """Return one line: what was written, its size, and how it was checked."""
+        """Return one line: the file, its size, and how it was checked."""
         others = ", ".join(path.name for path in self.others)
         told = (
             f"{self.path}: {self.size / 1e3:.0f} kB; in {self.runtime} {self.checked:,} inputs give what they give in "
@@ -60,7 +60,7 @@ def write_program(
     program: CheckedProgram,
     callers: Mapping[str, bytes] | None = None,
 ) -> ExportedFiles:
-    """Write a program to `path`, beside it what calls it, by suffix, and test vectors (`fish.vectors.json`)."""
+    """Write a program to `path`, and beside it `callers`, by suffix, and test vectors (`fish.vectors.json`)."""
     path = Path(path)
     vectors = vectors_text(definition, program.functions).encode("ascii")
     others = {**(callers or {}), VECTORS_SUFFIX: vectors}

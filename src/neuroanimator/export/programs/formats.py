@@ -18,13 +18,13 @@ WRITERS = {".h": write_c_header, ".wasm": write_wasm, ".onnx": write_onnx}
 """Writers of programs, by the suffix of the file."""
 
 POLICY_ENDING = ".policy.safetensors"
-"""End of the names of policies' files."""
+"""Suffix of policies' files."""
 
 
 def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> list[ExportedFiles]:
     """Write the emulator or policy `reference`, a name or a file, to each path; nothing if one of them is refused.
 
-    A name means an emulator unless `is_policy`; a file called `.policy.safetensors` is one.
+    A name means an emulator unless `is_policy`; a file `*.policy.safetensors` is a policy.
     """
     for path in outs:
         if path.suffix not in WRITERS:

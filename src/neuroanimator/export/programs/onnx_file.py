@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import onnx
 
 OPSET = 15
-"""Version of ONNX' operators: what the runtimes inside game engines read (Unity's knows 7 to 15)."""
+"""Version of ONNX' operators: the runtimes of game engines read it (Unity's reads 7 to 15)."""
 
 IR_VERSION = 8
 """Version of the file format that goes with `OPSET`."""
@@ -32,15 +32,15 @@ BATCH = "batch"
 
 
 def write_onnx(model: Model, path: str | Path, licence: str = "") -> ExportedFiles:
-    """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
+    """Write `model` to `path`, after checking it against JAX, and test vectors beside it (`fish.vectors.json`).
 
     An emulator is (state (B, S), control (B, C)) → next_state (B, S) and, if it has a meter, trust (B, 1), which
     is `Emulator.trust`; a policy (state (B, S), phase (B, 1), command (B, 4)) → control (B, C), a state policy
     state (B, S) → control (B, C). All are in float32
-    and the units of the layout. The file's metadata say what the numbers are; `licence` is among them if there is one.
+    and the units of the layout. The file's metadata describe the numbers, and name the `licence` if there is one.
 
-    Raises ResourceError without the package onnx, UnsupportedError for an operation there is no operator for, and
-    NeuroAnimatorError where the graph does not do what JAX does; then nothing is written.
+    Raises ResourceError without the package onnx, UnsupportedError for an operation without an operator, and
+    NeuroAnimatorError if the graph differs from JAX; then nothing is written.
     """
     definition = definition_of(model, licence, has_trust=True)
     content = onnx_bytes(definition)
@@ -52,7 +52,7 @@ def write_onnx(model: Model, path: str | Path, licence: str = "") -> ExportedFil
 
 
 def onnx_bytes(definition: Definition) -> bytes:
-    """Return the ONNX file of `definition`, which onnx' own checker has passed."""
+    """Return the ONNX file of `definition`, which has passed onnx' own checker."""
     onnx = _import_onnx()
     graph = onnx_graph(definition)
     nodes = []
@@ -79,7 +79,7 @@ def onnx_bytes(definition: Definition) -> bytes:
 
 
 def run_onnx(content: bytes, feeds: Arrays) -> tuple[str, Arrays]:
-    """Return (what ran the file, its outputs (N, O)) for inputs (N, I) by name: onnxruntime, or onnx' own evaluator."""
+    """Return (name of the runtime, outputs (N, O)) for inputs (N, I) by name, in onnxruntime or onnx' own evaluator."""
     try:
         import onnxruntime
     except ImportError:
@@ -91,7 +91,7 @@ def run_onnx(content: bytes, feeds: Arrays) -> tuple[str, Arrays]:
 
 
 def run_reference(content: bytes, feeds: Arrays) -> Arrays:
-    """Return the outputs (N, O) of the file for inputs (N, I) by name, in onnx' own evaluator: slow, but always there."""
+    """Return the outputs (N, O) of the file for inputs (N, I) by name, in onnx' own evaluator: slow, but always available."""
     onnx = _import_onnx()
     from onnx.reference import ReferenceEvaluator
 

@@ -1,6 +1,6 @@
 """A definition in JAX as a graph of ONNX operators, for many examples at once.
 
-Every tensor is (batch, N): whatever only moves numbers about within an example is a choice of columns.
+Every tensor is (batch, N): operations that only move numbers within an example choose columns.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ OPERATORS = {
     "abs": "Abs", "sign": "Sign", "floor": "Floor", "ceil": "Ceil", "round": "Round", "erf": "Erf",
     "add": "Add", "add_any": "Add", "sub": "Sub", "mul": "Mul", "div": "Div", "max": "Max", "min": "Min", "pow": "Pow",
 }  # fmt: skip
-"""ONNX' operator for each of JAX' that computes numbers entry by entry."""
+"""ONNX' operator for each elementwise one of JAX."""
 
 COMPARISONS = {
     "lt": "Less", "le": "LessOrEqual", "gt": "Greater", "ge": "GreaterOrEqual", "eq": "Equal", "and": "And", "or": "Or",
     "not": "Not",
 }  # fmt: skip
-"""ONNX' operator for each of JAX' whose answer is true or false."""
+"""ONNX' operator for each of JAX' that returns truth values."""
 
 LOGIC = ("and", "or", "not")
-"""Comparisons of what is true or false."""
+"""Operators on truth values."""
 
 REDUCTIONS = {
     "reduce_sum": "ReduceSum",
@@ -42,19 +42,19 @@ REDUCTIONS = {
 """ONNX' operator for each of JAX' that reduces axes."""
 
 TO_NEAREST_EVEN = 1
-"""JAX' number of the way in which ONNX rounds halves."""
+"""JAX' number of ONNX' rounding mode: halves to even."""
 
 FLOAT = 1
 """ONNX' number of the type float32."""
 
 BOOL = 9
-"""ONNX' number of the type of truth values."""
+"""ONNX' number of the type bool."""
 
 SMALLEST = float(np.finfo(np.float32).tiny)
-"""The angle of (0, 0) is 0, and no division by zero."""
+"""Smallest divisor in an angle: that of (0, 0) is 0, without a division by zero."""
 
 COUNT = "batch_size"
-"""The tensor (1,) that holds the number of examples."""
+"""Name of the tensor (1,) that holds the number of examples."""
 
 
 class Node(NamedTuple):
@@ -67,7 +67,7 @@ class Node(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Where an address lies."""
+    """The column of a tensor that holds an address."""
 
     tensor: str
     number: int
@@ -82,9 +82,9 @@ class Graph:
 
 
 def onnx_graph(definition: Definition) -> Graph:
-    """Return the graph of `definition`: the named tensors (batch, N) of its inputs to those of its outputs.
+    """Return the graph of `definition`: from the named tensors (batch, N) of its inputs to those of its outputs.
 
-    Raises UnsupportedError for operations there is no operator for.
+    Raises UnsupportedError for operations without an operator.
     """
     function = without_decompositions(definition.function)
     inputs = [Input((port.layout.size,)) for port in definition.inputs]
@@ -113,16 +113,16 @@ class _Writer:
         self._outputs: dict[Node, str] = {}
         self._constants: dict[tuple, str] = {}
         self._truths: dict[str, str] = {}
-        """The truth values that a tensor of zeros and ones was made of."""
+        """Truth values from which a tensor of zeros and ones was made."""
 
     def size_of_batch(self, name: str) -> None:
-        """Let `COUNT` hold the number of rows of the tensor `name`."""
+        """Set `COUNT` to the number of rows of the tensor `name`."""
         shape = self.node("Shape", name)
         first = self.constant(np.array([0]))
         self.graph.nodes.append(Node("Gather", (shape, first), COUNT, (("axis", 0),)))
 
     def place(self, addresses: Addresses, tensor: str, columns: Addresses | None = None) -> None:
-        """Remember that `addresses` are the columns of `tensor`, in order or as `columns` (of the same shape) say."""
+        """Record that `addresses` are the columns of `tensor`, in order or numbered by `columns` (of the same shape)."""
         if columns is None:
             columns = np.arange(addresses.size)
         for address, number in zip(addresses.ravel(), columns.ravel(), strict=True):
@@ -130,7 +130,7 @@ class _Writer:
         self._widths[tensor] = int(columns.max(initial=-1)) + 1
 
     def node(self, operator: str, *inputs: str, **attributes: Any) -> str:
-        """Return the output of an operator, which is written unless it is there already."""
+        """Return the output of an operator, written unless it already exists."""
         node = Node(operator, inputs, "", tuple(sorted(attributes.items())))
         if node not in self._outputs:
             name = f"t{len(self._outputs)}"
@@ -139,7 +139,7 @@ class _Writer:
         return self._outputs[node]
 
     def constant(self, numbers: np.ndarray) -> str:
-        """Return the name of a constant: floats as float32, whole numbers as int64."""
+        """Return the name of a constant: floats as float32, integers as int64."""
         kind = np.int64 if numbers.dtype.kind == "i" else np.float32
         array = np.ascontiguousarray(numbers, kind)
         key = (array.dtype.str, array.shape, array.tobytes())
@@ -212,7 +212,7 @@ class _Writer:
         return self.node("Expand", row, self.node("Concat", COUNT, one, axis=0))
 
     def _operand(self, addresses: Addresses) -> str:
-        """Return a tensor that is as good as (batch, N) where tensors are broadcast: it may have one row, or one column."""
+        """Return a tensor that broadcasts to (batch, N): it may have one row, or one column."""
         if (addresses == addresses[0]).all():
             addresses = addresses[:1]
         if (addresses < 0).all():
@@ -220,7 +220,7 @@ class _Writer:
         return self.tensor(addresses)
 
     def _each(self, operation: Operation, written: Callable[..., str]) -> None:
-        """Write an operation that computes entry by entry."""
+        """Write an elementwise operation."""
         columns = operation.entries()
         operands = [self._operand(addresses) for addresses in columns]
         output = operation.output.ravel()
@@ -237,7 +237,7 @@ class _Writer:
         return number
 
     def truth(self, tensor: str) -> str:
-        """Return the truth values that the numbers of `tensor`, zeros and ones, stand for."""
+        """Return the truth values of the zeros and ones in `tensor`."""
         if tensor in self._truths:
             return self._truths[tensor]
         return self.node("Cast", tensor, to=BOOL)
@@ -246,7 +246,7 @@ class _Writer:
         rows = operation.reduced_rows()
         table = self._shaped(self.tensor(rows.ravel()), rows.shape)
         operator = REDUCTIONS[operation.name]
-        if operator == "ReduceSum":  # it alone takes its axes as an input
+        if operator == "ReduceSum":  # only it takes its axes as an input
             reduced = self.node(operator, table, self.constant(np.array([2])), keepdims=0)
         else:
             reduced = self.node(operator, table, axes=(2,), keepdims=0)
@@ -269,12 +269,12 @@ class _Writer:
         self.place(output, product)
 
     def _shaped(self, tensor: str, shape: tuple[int, ...]) -> str:
-        """Return a tensor (batch, N) as (batch, *shape), or back; 0 means: as it was."""
+        """Return a tensor (batch, N) as (batch, *shape), or back; 0 keeps a size."""
         return self.node("Reshape", tensor, self.constant(np.array([0, *shape])))
 
 
 def _angle(writer: _Writer, operation: Operation, y: str, x: str) -> str:
-    """Write the angle of (x, y), which ONNX has no operator for: twice that of (|x| + length, y), from behind if x < 0."""
+    """Write the angle of (x, y), which ONNX lacks: twice that of (|x| + length, y), mirrored if x < 0."""
     zero = writer.constant(np.zeros(1))
     squares = writer.node("Add", writer.node("Mul", x, x), writer.node("Mul", y, y))
     far = writer.node("Add", writer.node("Sqrt", squares), writer.node("Abs", x))
@@ -330,7 +330,7 @@ COMPOSED: dict[str, Callable[..., str]] = {
     "select_n": _chosen_by_truth,
     "square": _square,
 }
-"""What writes an operation that takes several operators, or other inputs."""
+"""Functions that write operations which need several operators, or other inputs."""
 
 
 def _needed(graph: Graph, outputs: list[str]) -> Graph:

@@ -8,20 +8,20 @@ export declare const facts: {
   readonly command: ReadonlyArray<readonly [name: string, size: number, unit: string]>;
   readonly command_low: readonly number[];
   readonly command_high: readonly number[];
-  /** What the phase of the clock gains with every super step [rad]. */
+  /** Phase by which the clock advances with every super step [rad]. */
   readonly phase_per_step: number;
   readonly conventions: string;
   readonly generator: string;
   readonly licence?: string;
 };
 
-/** Load the module: `@name@.wasm` beside this file, or where `source` says, or what `source` is. */
+/** Load the module: `@name@.wasm` beside this file, or the address or content `source`. */
 export declare function load(source?: string | URL | BufferSource | WebAssembly.Module): Promise<Policy>;
 
 export interface Policy {
   /**
    * The control (@control@ numbers), to be held for one super step, of a body in `state` (@state@) at `phase` [rad] of its clock.
-   * `command`: forward speed [m/s], and how far still to turn left, to pitch up and to roll over to the right [rad].
+   * `command`: forward speed [m/s], and the angles left to turn left, pitch up and roll to the right [rad].
    */
   control(state: ArrayLike<number>, phase: number, command: ArrayLike<number>): Float32Array;
 }

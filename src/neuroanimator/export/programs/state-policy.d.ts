@@ -10,7 +10,7 @@ export declare const facts: {
   readonly licence?: string;
 };
 
-/** Load the module: `@name@.wasm` beside this file, or where `source` says, or what `source` is. */
+/** Load the module: `@name@.wasm` beside this file, or the address or content `source`. */
 export declare function load(source?: string | URL | BufferSource | WebAssembly.Module): Promise<Policy>;
 
 export interface Policy {

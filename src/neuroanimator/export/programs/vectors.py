@@ -1,6 +1,6 @@
-"""Test vectors: inputs within what training showed and at its borders, and what JAX makes of them.
+"""Test vectors: inputs within the training data and at its borders, and their outputs by JAX.
 
-A program that does not do the same with a thousand of them is not kept; some of them ship beside it.
+A program that differs on one of a thousand of them is not kept; some of them ship beside it.
 """
 
 from __future__ import annotations
@@ -30,47 +30,47 @@ from neuroanimator.export.programs.definition import (
 from neuroanimator.state.layout import Bounds, Layout
 
 MOTIONS = 24
-"""Short random motions states are taken from."""
+"""Number of short random motions that states are taken from."""
 
 STEPS = 49
-"""Super steps of each motion: with its start fifty states."""
+"""Number of super steps of each motion: with its start, fifty states."""
 
 COUNT = 1000
-"""Inputs a program is held against JAX in: of those of the motions that are a test."""
+"""Maximum number of inputs on which a program is checked against JAX."""
 
 KEPT = 50
-"""Inputs that are written to a file."""
+"""Number of inputs written to a file."""
 
 FURTHEST = 16.0
-"""Times the way from rest that a state is moved to the border of what training showed, at most."""
+"""Maximum factor by which a state is moved away from rest to the border of training."""
 
 HALVINGS = 12
-"""Times the stretch on which the border lies is halved."""
+"""Number of bisections in the search for the border."""
 
 BEYOND = 1.1
-"""Times the way to the border of states that lie beyond it: there the domain's clip is at work."""
+"""Distance from rest of states beyond the border, over that of the border: there the domain's clip is at work."""
 
 OFF_BOUNDS = 0.97
-"""Times the way from the middle to a bound that controls of gradients go."""
+"""Largest control in tests of gradients, over the bounds, measured from their middle."""
 
 DRAWS = 8
-"""Number of times the last digits of inputs are changed to see whether an output hangs on them: at a kink, half of the
-changes lead to the other side."""
+"""Number of perturbations of an input's last digits to see whether an output depends on them: at a kink, half of them
+lead to the other side."""
 
 MAX_DOUBT = 2e-4
-"""Largest change of an output then, in its unit, of an input that is a test of a program."""
+"""Largest change of an output under these perturbations, in its unit, for an input to be a test."""
 
 MIN_SHARE = 0.5
-"""Share of `COUNT` that must be left."""
+"""Minimum share of `COUNT` that must remain."""
 
 TOLERANCE = 1e-3
-"""Difference allowed, in units of the output: both sides are float32, and order their sums differently."""
+"""Tolerance in units of the output: both sides are float32, and order their sums differently."""
 
 ROUNDING = 4 * float(np.finfo(np.float32).eps)
-"""Difference allowed besides, as a share of the number itself."""
+"""Additional relative tolerance."""
 
 DIGITS = 9
-"""Digits that tell every float32 from the next."""
+"""Number of digits that distinguish every float32 from the next."""
 
 Arrays = dict[str, np.ndarray]
 """Inputs or outputs (N, _) by name."""
@@ -83,22 +83,22 @@ class Vectors:
     inputs: dict[str, Float[np.ndarray, "N _"]]
     expected: dict[str, Float[np.ndarray, "N _"]]
     units: dict[str, Float[np.ndarray, "N _"]]
-    """What an error in each entry is measured in: a part's largest change, half a control's range, a score beyond 1 itself."""
+    """Unit of the error in each entry: a part's largest change, half a control's range, or a score above 1 itself."""
 
     @property
     def count(self) -> int:
-        """How many inputs there are."""
+        """Number of inputs."""
         return len(next(iter(self.expected.values())))
 
     def tolerance(self, output: str) -> Float[np.ndarray, "N _"]:
-        """Return the difference allowed in each entry of an output."""
+        """Return the tolerance of each entry of an output."""
         rounding = ROUNDING * np.abs(self.expected[output]).max(axis=0)
         return TOLERANCE * self.units[output] + rounding
 
     def check(self, computed: dict[str, Float[np.ndarray, "N _"]], where: str) -> float:
-        """Return the largest difference of what was `computed` elsewhere, in units of the outputs.
+        """Return the largest difference of the outputs `computed` elsewhere, in units of the outputs.
 
-        Raises NeuroAnimatorError if one is larger than allowed.
+        Raises NeuroAnimatorError if one is above its tolerance.
         """
         largest = 0.0
         for output, expected in self.expected.items():
@@ -117,7 +117,7 @@ class Vectors:
         return largest
 
     def to_json(self) -> dict[str, Any]:
-        """Return `KEPT` of the inputs and outputs, and what each entry of an output may differ by."""
+        """Return `KEPT` of the inputs and outputs, and the tolerance of each entry of an output."""
         kept = np.linspace(0, self.count - 1, KEPT).astype(int)
         return {
             "inputs": {name: _rounded(array[kept]) for name, array in self.inputs.items()},
@@ -126,7 +126,7 @@ class Vectors:
         }
 
     def _largest_tolerance(self, output: str) -> list[float]:
-        """Return what each entry may differ by at most, whatever the input."""
+        """Return the largest tolerance of each entry over all inputs."""
         return _rounded(self.tolerance(output).max(axis=0))
 
 
@@ -139,9 +139,9 @@ def vectors_text(definition: Definition, functions: Mapping[str, Vectors]) -> st
 
 
 def make_vectors(definition: Definition, model: Model) -> Vectors:
-    """Return `COUNT` inputs of `model`, the same each time, and what JAX makes of them in float32.
+    """Return `COUNT` inputs of `model`, the same each time, and JAX' outputs in float32.
 
-    Raises NeuroAnimatorError where that is not finite, or hangs on the last digits of the inputs, too often.
+    Raises NeuroAnimatorError if these are too often not finite, or depend on the last digits of the inputs.
     """
     rng = np.random.default_rng(0)
     if isinstance(model, Emulator):
@@ -174,7 +174,7 @@ def make_vectors(definition: Definition, model: Model) -> Vectors:
 
 
 def make_gradient_vectors(definition: Definition, emulator: Emulator, vectors: Vectors) -> Vectors:
-    """Return the inputs of `vectors` with random cotangents, and the vector-Jacobian products JAX makes of them.
+    """Return the inputs of `vectors` with random cotangents, and JAX' vector-Jacobian products.
 
     Controls stay off their bounds: at a kink there are two gradients, and rounding chooses. Raises as `make_vectors`.
     """
@@ -210,11 +210,11 @@ def _steady_vectors(
     units: Callable[[Arrays, Arrays], Arrays],
     system: str,
 ) -> Vectors:
-    """Return the vectors of `function`, at most `COUNT`, for those `inputs` that are a test of it.
+    """Return the vectors of `function`, at most `COUNT`, for the `inputs` that are a fair test.
 
-    They are none where JAX itself gives no number, or another one when the last digits of the inputs change: at a kink
-    (an end of a clip, the larger of two) JAX's slope is that of the one side or the other, and at the kink itself their
-    mean. Programs have the same conditions from JAX, but round what they compare in orders of their own.
+    Left out are inputs where JAX itself gives NaN, or another output when their last digits change: at a kink (an end
+    of a clip, the larger of two) JAX' slope is that of one side or the other, and at the kink itself their mean.
+    Programs have the same conditions from JAX, but round the compared numbers in another order.
     """
     run = jax.jit(jax.vmap(function))
     outputs = _as_numpy(run(*inputs.values()))
@@ -245,7 +245,7 @@ def _steady_vectors(
 
 
 def _are_near(outputs: Arrays, others: Arrays, scales: Arrays) -> Bool[np.ndarray, " N"]:
-    """Return for which rows all outputs are near the others, what rounding alone does to a number left aside."""
+    """Return the rows in which all outputs are near the others, up to rounding."""
     are_near = np.ones(len(next(iter(outputs.values()))), bool)
     for name, output in outputs.items():
         rounding = ROUNDING * np.abs(output).max(axis=0)
@@ -259,7 +259,7 @@ def _as_numpy(arrays: dict[str, Array]) -> Arrays:
 
 
 def _rows(arrays: Arrays, chosen: np.ndarray) -> Arrays:
-    """Return some rows of every array, by a mask or by numbers, each row in one piece."""
+    """Return some rows of every array, contiguous, by a mask or by numbers."""
     return {name: np.ascontiguousarray(array[chosen]) for name, array in arrays.items()}
 
 
@@ -292,7 +292,7 @@ def _within(bounds: Bounds, rng: np.random.Generator) -> Float[np.ndarray, "N C"
 
 
 def _states(emulator: Emulator) -> Float[np.ndarray, "N S"]:
-    """Return states of random motions: half as they are, a quarter moved to the border of training, a quarter beyond."""
+    """Return states of random motions: half unchanged, a quarter moved to the border of training, a quarter beyond."""
     seconds = STEPS * emulator.dt
     motions = [random_motion(emulator, seconds, seed) for seed in range(1, MOTIONS + 1)]
     states = np.concatenate(motions)
@@ -303,7 +303,7 @@ def _states(emulator: Emulator) -> Float[np.ndarray, "N S"]:
 
 
 def _way_to_border(emulator: Emulator, states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, " N"]:
-    """Return how often the way from rest to each of `states` leads to the border of what training showed."""
+    """Return the factor that stretches each of `states`, from rest, to the border of training."""
     near = np.zeros(len(states))
     far = np.full(len(states), FURTHEST)
     idle = np.broadcast_to(emulator.bounds.idle, (len(states), emulator.control.size))
@@ -328,7 +328,7 @@ def _stretched(
 
 
 def _largest_in_part(layout: Layout, numbers: Float[np.ndarray, "N S"]) -> Float[np.ndarray, " S"]:
-    """Return for each entry how large the numbers of its part are at most."""
+    """Return for each entry the largest magnitude in its part."""
     largest = np.zeros(layout.size)
     for part in layout.slices:
         largest[layout.index(part.name)] = np.abs(layout.part(numbers, part.name)).max()
@@ -336,7 +336,7 @@ def _largest_in_part(layout: Layout, numbers: Float[np.ndarray, "N S"]) -> Float
 
 
 def _rounded(array: np.ndarray) -> list[Any]:
-    """Return float32 numbers as lists, with as many digits as they have."""
+    """Return float32 numbers as lists, with all their digits."""
     if array.ndim > 1:
         return [_rounded(row) for row in array]
     return [float(f"{number:.{DIGITS}g}") for number in array]

@@ -51,25 +51,25 @@ FUNCTIONS = {
     "state-policy": ("control",),
     "commanded-policy": ("control",),
 }
-"""What a module exports, by the kind of what it does."""
+"""Functions that a module exports, by the kind of its model."""
 
 NUMBERS = ("rest", "control_low", "control_high")
-"""Arrays that it exports, too."""
+"""Arrays that it exports."""
 
 ALIGNMENT = 64
-"""Bytes to which arrays in a module's memory are aligned."""
+"""Alignment of arrays in a module's memory [bytes]."""
 
 PAGE = 1 << 16
-"""Bytes by which a module's memory grows."""
+"""Size of a page, by which a module's memory grows [bytes]."""
 
 
 def write_wasm(model: Model, path: str | Path, licence: str = "") -> ExportedFiles:
-    """Write `model` to `path`, after holding it against JAX, with `fish.js`, `fish.d.ts` and test vectors beside it.
+    """Write `model` to `path`, after checking it against JAX, with `fish.js`, `fish.d.ts` and test vectors beside it.
 
-    The ES module says what there is to call. `licence` is named in it if there is one.
+    The ES module documents its functions, and names the `licence` if there is one.
 
-    Raises ResourceError without Zig and wasmtime, UnsupportedError for an operation there is no C for, and
-    NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
+    Raises ResourceError without Zig and wasmtime, UnsupportedError for an operation without a translation to C, and
+    NeuroAnimatorError if a function differs from JAX; then nothing is written.
     """
     definition = definition_of(model, licence)
     name = identifier(Path(path).stem)
@@ -83,7 +83,7 @@ def write_wasm(model: Model, path: str | Path, licence: str = "") -> ExportedFil
 def checked_wasm(
     model: Model, definition: Definition, name: str, *, has_gradient: bool = True
 ) -> CheckedProgram:
-    """Return the module, whose functions begin with `name`; errors as of `write_wasm`.
+    """Return the module, whose functions' names begin with `name`; raises as `write_wasm`.
 
     An emulator's without its gradient is a third smaller.
     """
@@ -97,7 +97,7 @@ def checked_wasm(
 def wasm_bytes(
     model: Model, definition: Definition, name: str, *, has_gradient: bool = True
 ) -> bytes:
-    """Return the module, whose functions begin with `name`."""
+    """Return the module, whose functions' names begin with `name`."""
     header = c_header(model, definition, name, has_gradient=has_gradient)
     text = f"#define {name.upper()}_IMPLEMENTATION\n{header}"
     exports = [*FUNCTIONS[definition.facts["kind"]], *NUMBERS]
@@ -110,18 +110,18 @@ def wasm_bytes(
 
 
 class Module:
-    """A module that runs in this process, where nothing else is within its reach."""
+    """A module that runs in this process, isolated from it."""
 
     def __init__(self, runtime: Any, content: bytes, name: str):
         self._name = name
         self._store: wasmtime.Store = runtime.Store()
         module = runtime.Module(self._store.engine, content)
         self._exports = runtime.Instance(self._store, module, []).exports(self._store)
-        if "_initialize" in self._exports:  # of a C library, where one is needed
+        if "_initialize" in self._exports:  # of a C library, if it has one
             self._exports["_initialize"](self._store)
 
     def write(self, variable: str, numbers: np.ndarray) -> None:
-        """Write to an array of the module's own."""
+        """Write to one of the module's arrays."""
         address = self._exports[f"{self._name}_{variable}"].value(self._store)
         ctypes.memmove(self._start() + address, numbers.ctypes.data, numbers.nbytes)
 
@@ -169,7 +169,7 @@ def _filled(suffix: str, model: Model, definition: Definition, name: str) -> str
     folder = resources.files("neuroanimator.export.programs")
     kind = facts["kind"]
     if suffix == ".js" and not isinstance(model, Emulator):
-        kind = "policy"  # what its function takes is filled in
+        kind = "policy"  # the arguments of its function are filled in
     text = (folder / f"{kind}{suffix}").read_text(encoding="utf-8")
     loading = (folder / "loading.js").read_text(encoding="utf-8")
     values = {
@@ -189,7 +189,7 @@ def _filled(suffix: str, model: Model, definition: Definition, name: str) -> str
 
 
 def _length(port: Port) -> int:
-    """Return the length of the array that an input is; 0 where it is a number."""
+    """Return the length of an input's array; 0 if it is a number."""
     return 0 if port.layout is PHASE else port.layout.size
 
 

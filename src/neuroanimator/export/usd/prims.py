@@ -1,7 +1,7 @@
 """The text of a USD file (.usda): prims with their properties, names and numbers as the format writes them.
 
-Nothing of a stranger's name reaches the text unchecked: identifiers are made of letters, digits and underscores, and
-strings are quoted with everything escaped that could end them.
+No name from a stranger reaches the text unchecked: identifiers consist of letters, digits and underscores, and
+everything that could end a quoted string is escaped.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ INDENT = "    "
 
 @dataclass
 class Prim:
-    """A thing in a scene: its type, name, metadata in parentheses, properties and children."""
+    """A prim: its type, name, metadata in parentheses, properties and children."""
 
     kind: str
     name: str
@@ -34,7 +34,7 @@ class Prim:
     children: list[Prim] = field(default_factory=list)
 
     def lines(self) -> list[str]:
-        """Return the lines of this prim and all below it: without recursion, for a skeleton may be a long chain of bones."""
+        """Return the lines of this prim and all below it: without recursion, as a skeleton may be a long chain of bones."""
         written = []
         waiting: list[tuple[Prim | None, str]] = [(self, "")]
         while waiting:
@@ -59,7 +59,7 @@ class Prim:
 
 
 def string(text: str) -> str:
-    """Return `text` in quotes; what is not plain ASCII is written as a question mark."""
+    """Return `text` in quotes, with question marks for characters beyond ASCII."""
     plain = "".join(letter if " " <= letter <= "~" else "?" for letter in text)
     return json.dumps(plain)
 
@@ -75,7 +75,7 @@ def vector(values: Iterable[SupportsFloat]) -> str:
 
 
 def turn(quaternion: Iterable[float]) -> str:
-    """Return a quaternion wxyz in double precision: of small angles w is all but 1."""
+    """Return a quaternion wxyz in double precision: w is nearly 1 for small angles."""
     return f"({', '.join(f'{part:.{TURN_DIGITS}g}' for part in quaternion)})"
 
 

@@ -4,7 +4,7 @@
     clip → SkelRoot with Skeleton, SkelAnimation and skinned Mesh   bodies with a skin
     clip → SkelRoot with BlendShapes and their animated weights     surfaces of soft bodies, beside their bones
 
-`.usda` is text and needs nothing; `.usdc` and `.usdz` are made of it by Pixar's own library, the extra `[usd]`.
+`.usda` is text and needs nothing; `.usdc` and `.usdz` are made from it by Pixar's own library, the extra `[usd]`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ DRY_ROUGHNESS = 0.6
 """Roughness of the surfaces of simple shapes."""
 
 WET_ROUGHNESS = 0.45
-"""Roughness of a skin: less than that of dry things, since it is wet."""
+"""Roughness of a skin: lower than that of dry things, as it is wet."""
 
 SURFACE = "surface"
 """Name of the prim of a soft body's surface."""
@@ -61,22 +61,22 @@ RIG = ("bones", "motion", "skin")
 """Names of the prims of a skin."""
 
 BINARY = (".usdc", ".usdz")
-"""Suffixes of the files that Pixar's library makes of the text."""
+"""Suffixes of the files that Pixar's library makes from the text."""
 
 IDENTITY = "((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))"
-"""The matrix that moves nothing."""
+"""Identity matrix."""
 
 TEXT = "#usda 1.0"
-"""First line of a file of text."""
+"""First line of a text file."""
 
 
 def write_usd(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | None = None) -> None:
     """Write one clip, or several such as a school, to `path`: .usda, or .usdc and .usdz with the extra `[usd]`.
 
-    The scenery is there once, that of the first. A `ghost` is another motion of the only clip's body at the same place
-    and time, in one translucent colour. What each motion is of is in the custom data of its topmost prim.
+    Only the first one's scenery is written. A `ghost` is another motion of the only clip's body at the same place and
+    time, in one translucent colour. The custom data of its topmost prim describe each motion.
 
-    Raises ArgumentError for what cannot be drawn together, and ResourceError where the library is missing.
+    Raises ArgumentError for clips that cannot be drawn together, and ResourceError if the library is missing.
     """
     path = Path(path)
     content = usda_text(bodies_of(clips, ghost)).encode("ascii")
@@ -223,7 +223,7 @@ class _BodyWriter:
         return prim
 
     def _surface(self, surface: SurfaceNode) -> Prim:
-        """Return a surface that goes with its anchor, and its shapes; renderers find the normals of what is smooth."""
+        """Return a surface that moves with its anchor, and its shapes; renderers compute the normals of smooth surfaces."""
         path = f"{self._path}/{SURFACE}"
         morphs = surface.morphs
         names = [f"shape{number}" for number in range(1, len(morphs.moving) + 1)]
@@ -275,7 +275,7 @@ class _BodyWriter:
         return root
 
     def _subset(self, paint: Paint, name: str, faces: np.ndarray) -> Prim:
-        """Return the triangles of a part of the skin, which have a material of their own to be painted."""
+        """Return the triangles of a part of the skin, with a material of their own."""
         prim = Prim("GeomSubset", name, metadata=['prepend apiSchemas = ["MaterialBindingAPI"]'])
         prim.properties = [
             'uniform token elementType = "face"',
@@ -286,7 +286,7 @@ class _BodyWriter:
         return prim
 
     def _material(self, paint: Paint) -> str:
-        """Return the path of the material of `paint`, made if there is none."""
+        """Return the path of the material of `paint`, made if it is missing."""
         key = (paint.colour or paint.name, paint.is_thin)
         if key in self._materials:
             return self._materials[key]
@@ -326,7 +326,7 @@ class _BodyWriter:
 
 
 def _custom_data(clip: Clip) -> list[str]:
-    """Return what a motion is of, for whoever opens the file."""
+    """Return the description of a motion, for readers of the file."""
     rows = [
         f"    string system = {string(clip.name)}",
         f"    double seconds = {number(clip.times[-1])}",
@@ -337,7 +337,7 @@ def _custom_data(clip: Clip) -> list[str]:
 
 
 def _track(node: BoneNode) -> list[str]:
-    """Return where a bone is in its parent's frame: at all times, or in every frame."""
+    """Return the pose of a bone in its parent's frame: constant, or for every frame."""
     order = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]'
     if not node.bone.is_moving:
         return [
@@ -353,7 +353,7 @@ def _track(node: BoneNode) -> list[str]:
 
 
 def _matrices(matrices: Float[np.ndarray, "J 4 4"]) -> str:
-    """Return matrices of columns as the format has them: it multiplies rows from the left."""
+    """Return column-vector matrices in the format's convention, row vectors."""
     rows = [f"({', '.join(map(vector, matrix.T))})" for matrix in matrices]
     return f"[{', '.join(rows)}]"
 
@@ -361,7 +361,7 @@ def _matrices(matrices: Float[np.ndarray, "J 4 4"]) -> str:
 def _mesh_prim(
     name: str, points: np.ndarray, normals: np.ndarray | None, triangles: np.ndarray
 ) -> Prim:
-    """Return a mesh; one without `normals` is smooth, whatever becomes of its points."""
+    """Return a mesh; one without `normals` stays smooth when its points move."""
     extent = np.stack([points.min(axis=0), points.max(axis=0)])
     scheme = "loop" if normals is None else "none"
     prim = Prim("Mesh", name)
@@ -378,7 +378,7 @@ def _mesh_prim(
 
 
 def _converted(text: bytes, suffix: str) -> bytes:
-    """Return the same scene as Pixar's library writes it."""
+    """Return the same scene, written by Pixar's library."""
     try:
         from pxr import Sdf, UsdUtils  # pyright: ignore[reportMissingImports]
     except ImportError:

@@ -1,4 +1,4 @@
-"""A mass-spring body and what surrounds it: mass points, springs, muscles and faces as arrays, water and ground."""
+"""A mass-spring body and its surroundings: mass points, springs, muscles and faces as arrays, water and ground."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ GRAVITY = 9.81
 """Acceleration of free fall [m/s²]."""
 
 BALANCED = 1e-6
-"""Maximum share of all forces at rest that may be left over in a body said to keep its position."""
+"""Maximum net force at rest of a balanced body, as a share of all forces."""
 
 
 @dataclass(frozen=True)
 class Water:
-    """A medium that resists faces moving into it, and carries."""
+    """A medium that resists faces moving into it, and gives lift."""
 
     face_drag: float | Float[AnyArray, " ..."]
-    """μ [kg/(m²·s)]: a face of area A moving outward at v is pushed back by μ·A·v; one moving inward is not."""
+    """Drag μ of faces [kg/(m²·s)]: a face of area A moving outward at v is pushed back by μ·A·v; one moving inward is not."""
     drag: float | Float[AnyArray, " ..."] = 0.0
     """Damping of every mass point's motion, over its mass [1/s]."""
     buoyancy: float = 1.0
     """Weight of the water the body displaces, over its own."""
     surface: float | None = None
-    """Height of the surface [m]; None: water everywhere, and nothing weighs anything unless it is righted."""
+    """Height of the surface [m]; with None water is everywhere, and there is no weight unless the body is righted."""
     depth: float = 0.1
     """Height over which a mass point passes from air to water [m]: about its size."""
     righting: float = 0.0
-    """Height of the centre of buoyancy over the centre of mass at rest [m], which rights the body, belly down."""
+    """Height of the centre of buoyancy over the centre of mass at rest [m], which keeps the belly down."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class Ground:
     stiffness: float
     """Stiffness of the ground under every mass point [N/m]."""
     damping: float
-    """Contact forces are 1 - damping · upward velocity times the elastic one, never negative (Hunt, Crossley) [s/m]."""
+    """Damping [s/m]: contact forces are elastic ones times 1 - damping · upward velocity, never negative (Hunt, Crossley)."""
     friction: float
-    """Largest sideways force over the upward one."""
+    """Coefficient of friction."""
     slip: float
-    """Sliding speed at which friction is nearly all there [m/s]."""
+    """Sliding speed at which friction is nearly full [m/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Body:
     damping: Float[np.ndarray, " P"]
     """Damping of the springs along their length [N·s/m]."""
     muscles: Float[np.ndarray, "P M"]
-    """Share of its length by which each muscle, fully activated, shortens each spring."""
+    """Share of its length by which each fully activated muscle shortens each spring."""
     external_forces: Float[np.ndarray, "3 C"]
     """Force on the whole body per control [N], spread by mass."""
     faces: Int[np.ndarray, "F 4"]
@@ -75,17 +75,17 @@ class Body:
     water: Water | None = None
     ground: Ground | None = None
     rest_height: float = 0.0
-    """Height added to every mass point where the body is put at rest [m]."""
+    """Height added to every mass point at rest [m]."""
     spring_groups: tuple[str, ...] = ()
-    """Name of the group each spring belongs to; empty where groups have no names."""
+    """Name of the group of each spring; empty if groups have no names."""
     varied: tuple[str, ...] = ()
     """Targets of the body's parameters, the last entries of its state: see `body_parameters.py`."""
     lengths: Float[np.ndarray, " P"] = field(init=False)
-    """Lengths of the springs without force [m]: those at rest, less what carries the body there."""
+    """Lengths of the springs without force [m]: those at rest, without the stretches that carry the body."""
     lift: Float[np.ndarray, " N"] = field(init=False)
     """Weight of the water each mass point displaces, over its own."""
     face_shares: Float[np.ndarray, "F N"] = field(init=False)
-    """Share of each mass point in a face: in its velocity, and in the force on it."""
+    """Share of each mass point in a face's velocity, and in the force on it."""
 
     def __post_init__(self) -> None:
         lift = _lift(self.positions, self.masses, self.water)
@@ -111,7 +111,7 @@ class Body:
 
     @property
     def has_gravity(self) -> bool:
-        """True where gravity is felt: not where water is everywhere and nothing tells up from down."""
+        """Whether gravity is felt: not if water is everywhere and nothing distinguishes up from down."""
         return self.water is None or self.water.surface is not None or self.water.righting > 0
 
 
@@ -131,7 +131,7 @@ def point_forces(
     lift: Float[AnyArray, "N ..."],
     wet: Float[AnyArray, "N ..."],
 ) -> Float[AnyArray, "N 3 ..."]:
-    """Return drag, weight and the ground's force on mass points [N], whose `masses`, `lift` and wetness are given."""
+    """Return drag, weight and the ground's force on mass points [N] with given `masses`, `lift` and wetness."""
     xp = positions.__array_namespace__()
     force = xp.zeros_like(positions)
     if body.water is not None:
@@ -159,7 +159,7 @@ def _ground_forces(
 
 
 def length_jacobian(body: Body) -> Float[np.ndarray, "P X"]:
-    """Return by how much each spring is stretched where each coordinate grows by 1 m, about rest.
+    """Return the derivative of each spring's length by each coordinate, at rest.
 
     The X = 3N coordinates are those of `positions`, one after another.
     """
@@ -176,10 +176,10 @@ def length_jacobian(body: Body) -> Float[np.ndarray, "P X"]:
 def _lift(
     positions: Float[np.ndarray, "N 3"], masses: Float[np.ndarray, " N"], water: Water | None
 ) -> Float[np.ndarray, " N"]:
-    """Return the lift of every mass point over its weight: it grows upward where the body is righted.
+    """Return the lift of every mass point over its weight, which grows upward if the body is righted.
 
-    It is linear in the position, so that its sum is that of the whole body and its centre lies
-    `righting` above that of mass: Σ m r (1 + a·r) = Σ m r rᵀ a.
+    It is linear in the position, so that it sums to that of the whole body and its centre lies `righting` above the
+    centre of mass: Σ m r (1 + a·r) = Σ m r rᵀ a.
     """
     if water is None:
         return np.zeros(len(masses))
@@ -194,10 +194,10 @@ def _lift(
 
 
 def _stretches_at_rest(body: Body) -> Float[np.ndarray, " P"]:
-    """Return by how much springs are stretched at rest [m], where they carry lift, weight and ground in balance.
+    """Return the stretches of the springs at rest [m] that balance lift, weight and ground.
 
-    Without them the shape as written down would sag. Of all stretches in balance they store the
-    least energy. Where the body falls or rises there is no balance, and none of them.
+    Without them the defined shape would sag. Of all balanced stretches they store the least energy. They are zero for
+    a body that falls or rises, which has no balance.
     """
     load = _load_at_rest(body)
     if not _is_balanced(body, load):
@@ -209,7 +209,7 @@ def _stretches_at_rest(body: Body) -> Float[np.ndarray, " P"]:
 
 
 def _is_balanced(body: Body, load: Float[np.ndarray, "N 3"]) -> bool:
-    """Return whether there is a `load` [N], and springs alone can carry it: it neither moves nor turns the body."""
+    """Return whether there is a `load` [N] that springs alone can carry: it neither moves nor turns the body."""
     arms = body.positions - body.positions.mean(axis=0)
     force = load.sum(axis=0)
     torque = np.cross(arms, load).sum(axis=0)

@@ -1,7 +1,7 @@
-"""Parameters of a mass-spring body: what they set, and the numbers of the body that follow from them.
+"""Parameters of a mass-spring body: their targets, and the numbers of the body that follow from them.
 
-`spring/muscle/stiffness` is the stiffness of the group `muscle` of its springs; `TARGETS` lists them all. A body that grows in
-length keeps its density, its springs the stiffness that is written down, and its buoyancy the ratio that is.
+`spring/muscle/stiffness` is the stiffness of the group `muscle` of its springs; `TARGETS` lists them all. A body that
+grows in length keeps its density, the stiffness of its springs and the ratio of its buoyancy.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ FACE_DRAG = "water/face_drag"
 DRAG = "water/drag"
 
 MAX_CORNERS = 8
-"""Maximum number of parameters whose ends are tried in all combinations; of more, each end is tried alone."""
+"""Maximum number of parameters whose ends are tried in all combinations; with more, each end is tried alone."""
 
 
 class Attribute(NamedTuple):
-    """The last part of a target: what it means of every element that has it."""
+    """The last part of a target: an attribute of the elements that have it."""
 
     unit: str
     may_be_zero: bool
@@ -75,7 +75,7 @@ def own_values(body: Body) -> dict[str, float]:
 def parameters_of(tables: Mapping[str, ParameterTable], body: Body) -> tuple[Parameter, ...]:
     """Return the parameters that `tables` describe.
 
-    Raises ArgumentError for a target that the body does not have, and for values that no body can have.
+    Raises ArgumentError for a target that the body does not have, and for impossible values.
     """
     own = own_values(body)
     parameters = []
@@ -103,7 +103,7 @@ def parameters_of(tables: Mapping[str, ParameterTable], body: Body) -> tuple[Par
 
 
 def check_family(definition: BodyDefinition, body: Body, parameters: tuple[Parameter, ...]) -> None:
-    """Refuse ranges whose ends make a body that its steps cannot follow, or whose left and right differ."""
+    """Refuse ranges whose ends make a body unstable at its steps, or its left and right differ."""
     for values in _corners(parameters):
         corner = body_at(body, values)
         try:
@@ -118,7 +118,7 @@ def check_family(definition: BodyDefinition, body: Body, parameters: tuple[Param
 
 
 def _corners(parameters: tuple[Parameter, ...]) -> list[Float[np.ndarray, " Q"]]:
-    """Return the values at the ends of the ranges: in all combinations, or one by one of many parameters."""
+    """Return the values at the ends of the ranges: in all combinations, or one by one for many parameters."""
     if not parameters:
         return []
     ends = [(parameter.low, parameter.high) for parameter in parameters]
@@ -134,10 +134,10 @@ def _corners(parameters: tuple[Parameter, ...]) -> list[Float[np.ndarray, " Q"]]
 
 
 def body_at(body: Body, values: Float[AnyArray, "Q ..."]) -> Body:
-    """Return the body whose parameters have these values: itself where none are varied.
+    """Return the body whose parameters have these values: itself if none vary.
 
-    Further axes of `values` come last in all that depends on them, as they do in the physics; JAX can trace it. The shares of
-    mass points in lift and faces, and what rests on the ground, are those of `body`.
+    Further axes of `values` come last in all that depends on them, as in the physics; JAX can trace it. The shares of
+    mass points in lift and faces, and the load on the ground, are those of `body`.
     """
     if not body.varied:
         return body
@@ -187,7 +187,7 @@ def body_at(body: Body, values: Float[AnyArray, "Q ..."]) -> Body:
 
 
 def with_numbers(body: Body, **numbers: Any) -> Body:
-    """Return `body` with other numbers; what follows from them at rest is not found again."""
+    """Return `body` with other numbers; those that follow from them at rest are not recomputed."""
     changed = copy(body)
     for name, number in numbers.items():
         object.__setattr__(changed, name, number)
@@ -207,8 +207,8 @@ def spring_numbers(
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Return stiffness [N/m], damping [N·s/m] and length without force [m] of springs in a body that grows along X.
 
-    `along` and `across` are the squares of their extents at rest before it grows [m²]. Springs carry the body's weight and lift
-    by the same force densities in every stretched shape (Schek 1974): these grow with the mass alone.
+    `along` and `across` are the squares of their extents at rest before growth [m²]. Springs carry the body's weight and
+    lift by the same force densities in every stretched shape (Schek 1974), which grow with the mass alone.
     """
     varied = stiffness * stiffness_factor
     square = along * growth**2 + across

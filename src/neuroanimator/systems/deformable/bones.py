@@ -15,7 +15,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.deformable.body import Body
 
 SAME_STATION = 0.01
-"""Mass points belong to one station of the spine if their X differs by less than this share of the body's length."""
+"""Difference in X below which mass points belong to one station of the spine, over the body's length."""
 
 POINT_SIZE = 0.12
 """Radius of the ball drawn at a mass point without skin, over the mean length of springs."""
@@ -24,16 +24,16 @@ POINT_COLOUR = (0.25, 0.5, 0.75, 1.0)
 """Red, green, blue and opacity of such a ball."""
 
 X_BIT = 4
-"""The bit of a corner's number that says at which end along X it lies."""
+"""Bit of a corner's number for its end along X."""
 
 Z_BIT = 1
-"""The bit of a corner's number that says at which end along Z it lies."""
+"""Bit of a corner's number for its end along Z."""
 
 
 def body_skeleton(body: Body, skin: Skin | None) -> Skeleton:
-    """Return the bones of `body`, and its `skin` around them; without one a ball at every mass point.
+    """Return the bones of `body`, and its `skin` around them; without a skin, a ball at every mass point.
 
-    Raises ArgumentError for a body that such a skin does not fit.
+    Raises ArgumentError for a skin that does not fit the body.
     """
     if skin is None:
         bones = _points(body)
@@ -112,7 +112,7 @@ def _mean(station: list[int], sign: float) -> Weights:
 
 
 def _common_name(body: Body, station: list[int], number: int) -> str:
-    """Return what the names of a station's mass points begin with: 'chest' of 'chest_lu' and 'chest_rd'."""
+    """Return the common prefix of the names of a station's mass points: 'chest' of 'chest_lu' and 'chest_rd'."""
     names = [body.names[point] for point in station]
     common = os.path.commonprefix(names).rstrip("_.-")  # noqa: RUF071 (no paths)
     return common or f"station {number + 1}"

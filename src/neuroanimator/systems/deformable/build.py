@@ -1,4 +1,4 @@
-"""From a written-down body to its arrays: mass points, springs, muscles, external forces, faces, groups, gait."""
+"""From the definition of a body to its arrays: mass points, springs, muscles, external forces, faces, groups, gait."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from neuroanimator.systems.groups import check_groups
 from neuroanimator.text import listed
 
 FACE_CORNERS = 4
-"""Corners in an array of faces; a triangle's first one is there twice."""
+"""Number of corners in an array of faces; a triangle repeats its first one."""
 
 
 def body_of(definition: BodyDefinition) -> Body:
-    """Return the body `definition` describes; ArgumentError names what is wrong with it."""
+    """Return the body `definition` describes; ArgumentError names the fault."""
     check_nodes(definition, MAX_NODES)
     names = tuple(definition.nodes)
     nodes = np.array(list(definition.nodes.values()), float)
@@ -77,7 +77,7 @@ def group_numbers(definition: BodyDefinition) -> dict[str, tuple[int, ...]]:
 
 
 def gait_of(definition: BodyDefinition) -> Gait | None:
-    """Return the gait; ArgumentError if it drives a control that is not there."""
+    """Return the gait; ArgumentError if it drives a control that does not exist."""
     table = definition.gait
     if table is None:
         return None
@@ -140,7 +140,7 @@ def _check_drive(definition: BodyDefinition) -> None:
 
 
 def _external_forces(definition: BodyDefinition) -> Float[np.ndarray, "3 C"]:
-    """Return the force on the whole body per control [N]: zeros of a body with muscles."""
+    """Return the force on the whole body per control [N]: zeros for a body with muscles."""
     if definition.muscles:
         return np.zeros((3, len(definition.muscles.springs)))
     return np.array(list(definition.external_forces.values()), float).T
@@ -149,7 +149,7 @@ def _external_forces(definition: BodyDefinition) -> Float[np.ndarray, "3 C"]:
 def _muscles(
     table: MuscleTable | None, springs: Int[np.ndarray, "P 2"], names: tuple[str, ...]
 ) -> Float[np.ndarray, "P M"]:
-    """Return by which share of its length each muscle shortens each spring."""
+    """Return the share of its length by which each muscle shortens each spring."""
     if table is None:
         return np.zeros((len(springs), 0))
     muscles = np.zeros((len(springs), len(table.springs)))

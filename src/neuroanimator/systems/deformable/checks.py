@@ -1,4 +1,4 @@
-"""Checks of a deformable body's nodes, springs, muscles and steps, which name what is wrong before anything is simulated.
+"""Checks of a deformable body's nodes, springs, muscles and steps, which name faults before anything is simulated.
 
 Faces are checked in `face_checks.py`, left and right in `mirror.py`.
 """
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from neuroanimator.definitions.body import BodyDefinition
 
 MIN_SPRING_LENGTH = 1e-9
-"""Minimum distance between the ends of a spring [m]: closer ones are at one position, and the spring has no direction."""
+"""Minimum distance between the ends of a spring [m]: a shorter spring has no direction."""
 
 RK4_OVER_SYMPLECTIC = 1.3
-"""Ratio of rk4's largest stable step to symplectic Euler's, at least, at any damping (1.39 to 1.41)."""
+"""Lower bound of the ratio of rk4's largest stable step to symplectic Euler's, at any damping (1.39 to 1.41)."""
 
 MAX_SHORTENING = 0.9
-"""Maximum share of its length by which all muscles together may shorten a spring: more leaves next to nothing of it."""
+"""Maximum share of its length by which all muscles together may shorten a spring: more leaves almost nothing of it."""
 
 
 def check_nodes(definition: BodyDefinition, max_nodes: int) -> None:
-    """Refuse too many mass points, and any without mass."""
+    """Refuse too many mass points, and those without mass."""
     if len(definition.nodes) > max_nodes:
         raise ArgumentError(
             f"nodes: wanted at most {max_nodes}, came {len(definition.nodes)}. Use a coarser body."
@@ -51,7 +51,7 @@ def check_springs(
 ) -> None:
     """Refuse too many springs, springs without length, doubled ones, and a body in several pieces.
 
-    `names` are those of the mass points, `positions` [m] where they are at rest.
+    `names` are those of the mass points, `positions` [m] those at rest.
     """
     if len(springs) > max_springs:
         raise ArgumentError(
@@ -89,7 +89,7 @@ def _check_connected(names: Sequence[str], springs: Int[np.ndarray, "P 2"]) -> N
 def check_muscles(
     names: Sequence[str], springs: Int[np.ndarray, "P 2"], muscles: Float[np.ndarray, "P M"]
 ) -> None:
-    """Refuse muscles that together leave a spring next to nothing of its length."""
+    """Refuse muscles that together leave a spring almost none of its length."""
     total = muscles.sum(axis=1)
     if (total > MAX_SHORTENING).any():
         worst = int(np.argmax(total))

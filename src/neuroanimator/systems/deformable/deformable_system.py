@@ -1,4 +1,4 @@
-"""Deformable bodies: a System whose physics is a mass-spring body's."""
+"""Deformable bodies: a System whose physics is that of a mass-spring body."""
 
 from __future__ import annotations
 
@@ -39,25 +39,25 @@ from neuroanimator.systems.schemes import schemes_of
 from neuroanimator.systems.system import Scheme, System
 
 DOUBLE_LANES = 8
-"""Number of bodies side by side in C in float64: one AVX-512 register of them."""
+"""Number of bodies side by side in C in float64: one AVX-512 register."""
 
 ROWS = 256
-"""Number of bodies simulated side by side: results do not depend on how many are asked for at once."""
+"""Number of bodies simulated side by side, fixed so that results do not depend on the size of a batch."""
 
 MAX_BODIES = 16
 """Maximum number of bodies kept, each with its compiled programs: compiling takes longer than most runs."""
 
 MAX_RUNNERS = 64
-"""Maximum number of compiled trajectories kept, of one body, scheme and number of steps each."""
+"""Maximum number of compiled trajectories kept, each for one body, scheme and number of steps."""
 
 MAX_TWINS = 32
-"""Maximum number of C twins kept, of one body and number of lanes each."""
+"""Maximum number of C twins kept, each for one body and number of lanes."""
 
 MAX_STRAIN = 5.0
-"""Maximum strain of a spring: one stretched further belongs to a body whose motion has diverged."""
+"""Maximum strain of a spring: beyond it the motion has diverged."""
 
 STUCK = 3
-"""Number of successive states for which a body is inside out to have diverged: sharp turns press a tail through for one."""
+"""Number of successive states inside out that count as divergence: a sharp turn may press a tail through for one."""
 
 START_ACTIVATION = 0.3
 """Largest activation of the muscles in a random start: motions begin with muscles neither slack nor cramped."""
@@ -67,7 +67,7 @@ class DeformableSystem(System):
     """A mass-spring body; its state is every mass point's position, then every velocity, muscle activations, parameters."""
 
     def __init__(self, definition: BodyDefinition, definition_text: str = ""):
-        """`definition_text` is what the system can be made from again; empty for one that comes with the package."""
+        """`definition_text` is the text from which the system can be made again; empty for a shipped one."""
         keep_programs()
         self.name = definition.name
         self.definition_text = definition_text
@@ -103,7 +103,7 @@ class DeformableSystem(System):
         activations: Float[np.ndarray, "*B M"],
         parameters: Float[np.ndarray, "*B Q"] | None = None,
     ) -> Float[np.ndarray, "*B S"]:
-        """Return states from positions [m], velocities [m/s], activations, and parameters, nominal ones if none are given."""
+        """Return states from positions [m], velocities [m/s], activations, and parameters, nominal if not given."""
         batch = positions.shape[:-2]
         if parameters is None:
             nominal = nominal_values(self.parameters)
@@ -123,9 +123,9 @@ class DeformableSystem(System):
         return positions.reshape(shape), velocities.reshape(shape), activations
 
     def at(self, /, **values: float) -> DeformableSystem:
-        """Return the body of this family with the parameters given, or the smaller family, at rest in its own shape.
+        """Return the body of this family with the given parameters, or the smaller family, at rest in its own shape.
 
-        Raises ArgumentError for a name that is no parameter, and for a value out of range.
+        Raises ArgumentError for a name that is not a parameter, and for a value out of range.
         """
         fixed = copy(self)
         fixed.parameters = fixed_parameters(self.parameters, values)
@@ -145,7 +145,7 @@ class DeformableSystem(System):
         substeps: int,
         threads: int,
     ) -> None:
-        """Fill `states`, in float64; `threads` is JAX's own affair."""
+        """Fill `states`, in float64; JAX ignores `threads`."""
         run = _runner(self.body, scheme, substeps)
         with jax.enable_x64(True):
             for first in range(0, len(states), ROWS):
@@ -155,7 +155,7 @@ class DeformableSystem(System):
     def _run(
         self, run: Any, starts: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
     ) -> Float[np.ndarray, "B T S"]:
-        """Return the states after each control: rows go last and come back first."""
+        """Return the states after each control; `run` takes and returns rows last."""
         positions, velocities, activations = (_rows_last(part) for part in self.unpack(starts))
         parameters = starts[:, self.parameter_entries]
         path = run(
@@ -183,7 +183,7 @@ class DeformableSystem(System):
             states[rows, 1:] = path[None] if lanes == 1 else np.moveaxis(path, -1, 0)
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) True for each run (B, T+1, S) that is not finite, tears a spring, or stays inside out."""
+        """Return whether each run (B, T+1, S) is not finite, tears a spring, or stays inside out."""
         has_diverged = np.zeros(len(states), bool)
         for first in range(0, len(states), ROWS):
             rows = slice(first, first + ROWS)
@@ -236,7 +236,7 @@ class DeformableSystem(System):
     def _sample_orientations(
         self, rng: np.random.Generator, count: int, is_moving: np.ndarray
     ) -> Float[np.ndarray, "K 4"]:
-        """Return quaternions of any heading; any orientation at all where there is no up and down."""
+        """Return quaternions of any heading; of any orientation if there is no up and down."""
         if not self.body.has_gravity:
             quaternions = rng.normal(size=(count, 4))
             return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
@@ -247,12 +247,12 @@ class DeformableSystem(System):
 
 
 def _rows_last(rows: np.ndarray) -> Array:
-    """Return `rows` (B, ...) as the physics in JAX takes them: (..., B). Nothing is compiled."""
+    """Return `rows` (B, ...) as the physics in JAX takes them, (..., B), without compiling anything."""
     return jax.device_put(np.array(np.moveaxis(rows, 0, -1), order="C"))
 
 
 def _lanes_last(rows: np.ndarray) -> np.ndarray:
-    """Return `rows` (lanes, ...) as the C twin takes them: (..., lanes), or (...) of one body alone."""
+    """Return `rows` (lanes, ...) as the C twin takes them: (..., lanes), or (...) for a single body."""
     if len(rows) == 1:
         return rows[0]
     return np.moveaxis(rows, 0, -1)
@@ -262,7 +262,7 @@ def _lanes_last(rows: np.ndarray) -> np.ndarray:
 def _body(text: str) -> tuple[Body, tuple[Parameter, ...]]:
     """Return the checked body of the definition in JSON and its parameters.
 
-    It is always the same body, as what is compiled for it is kept.
+    It is always the same object, as its compiled code is kept.
     """
     definition = BodyDefinition.model_validate_json(text)
     body = body_of(definition)
@@ -274,13 +274,13 @@ def _body(text: str) -> tuple[Body, tuple[Parameter, ...]]:
 
 @lru_cache(maxsize=MAX_TWINS)
 def _double_twin(body: Body, lanes: int) -> CTwin | None:
-    """Return the C twin in float64, `lanes` bodies at a time; None where there is no C compiler."""
+    """Return the C twin in float64, `lanes` bodies at a time; None without a C compiler."""
     return c_twin(body, np.float64, lanes)
 
 
 @lru_cache(maxsize=MAX_RUNNERS)
 def _runner(body: Body, scheme: Scheme, steps: int) -> Any:
-    """Return the compiled `trajectory` of `steps` physics steps per control, of bodies with the parameters given last."""
+    """Return the compiled `trajectory` of `steps` physics steps per control, whose last argument is the bodies' parameters."""
 
     def run(start: BodyState, controls: Array, parameters: Float[Array, "Q B"]) -> BodyState:
         of_parameters = body_at(body, parameters)
@@ -290,7 +290,7 @@ def _runner(body: Body, scheme: Scheme, steps: int) -> Any:
 
 
 def _goes_on(is_so: Bool[np.ndarray, "B T"], count: int) -> Bool[np.ndarray, " B"]:
-    """Return True for each run with `count` successive states that are so."""
+    """Return whether each run has `count` successive True entries."""
     if is_so.shape[1] < count:
         return np.zeros(len(is_so), bool)
     windows = sliding_window_view(is_so, count, axis=-1)

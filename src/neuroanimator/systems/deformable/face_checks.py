@@ -1,4 +1,4 @@
-"""Checks of a deformable body's faces, which refuse those without area and those that look into the body."""
+"""Checks of a deformable body's faces, which refuse faces without area and those that face inward."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from neuroanimator.errors import ArgumentError
 
 MIN_FACE_AREA = 1e-12
-"""Minimum area of a face [m²]: a smaller one has no direction to look in."""
+"""Minimum area of a face [m²]: a smaller one has no normal."""
 
 
 def check_faces(
@@ -19,10 +19,10 @@ def check_faces(
     positions: Float[np.ndarray, "N 3"],
     corners: Int[np.ndarray, "F 4"],
 ) -> None:
-    """Refuse faces without area, neighbours that look to opposite sides, and a skin that looks into the body.
+    """Refuse faces without area, neighbours that face opposite sides, and a skin that faces inward.
 
-    A face that is there from both sides is a fin's and may look anywhere. `faces` are the corners as
-    written down, for the message; `corners` the same as numbers of mass points.
+    A two-sided face is a fin's and may face anywhere. `faces` are the corners by name, for the message; `corners` the
+    same as numbers of mass points.
     """
     p = positions[corners]
     areas = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]) / 2
@@ -38,7 +38,7 @@ def check_faces(
     for face in single:
         ring = rings[face]
         for edge in zip(ring, ring[1:] + ring[:1], strict=True):
-            # Faces that look to the same side run along their common edge in opposite directions.
+            # Faces to the same side run along their common edge in opposite directions.
             other = face_of.setdefault(edge, face)
             if other != face:
                 raise ArgumentError(

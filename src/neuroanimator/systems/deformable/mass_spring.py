@@ -3,9 +3,9 @@
     m ẍ + ρ ẋ - w = f        (the seminar paper's eq. 2)
 
 w is the force of the springs, f that of water, weight, ground and external forces. Arrays are
-(N, 3, ...): what comes after mass points and axes is a batch, so that the same number of many bodies
-lies side by side (eight times faster than body after body). The numbers of a body may have such a batch, too, as
-`body_parameters.body_at` makes them. Springs and water after Tu, PhD thesis, 1996.
+(N, 3, ...): axes after mass points and coordinates are a batch, so that the same number of many bodies
+lies side by side (eight times faster than body after body). The numbers of a body may have such a batch, too: see
+`body_parameters.body_at`. Springs and water after Tu, PhD thesis, 1996.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems.deformable.body import GRAVITY, Body, point_forces, wetness
 
 MIN_LENGTH = 1e-12
-"""Springs are never taken as shorter [m] nor faces as smaller [m²], so that no direction is 0/0."""
+"""Minimum length of springs [m] and area of faces [m²] in divisions, so that no direction is 0/0."""
 
 MIN_VOLUME = 1e-6
-"""Least determinant of Σ r rᵀ over the springs at a mass point, as a share of its cubed trace, at which they span a volume."""
+"""Minimum determinant of Σ r rᵀ over the springs at a mass point, over its cubed trace, for them to span a volume."""
 
 Seconds = float | Float[Array, ""]
-"""A time [s], or one that JAX traces."""
+"""A time [s], also one traced by JAX."""
 
 
 class BodyState(NamedTuple):
@@ -40,7 +40,7 @@ class BodyState(NamedTuple):
     velocities: Float[Array, "N 3 ..."]
     """Velocities of the mass points [m/s]."""
     activations: Float[Array, "M ..."]
-    """Activations of the muscles, from -1 to 1: a muscle as short as it gets."""
+    """Activations of the muscles, from -1 to 1, where a muscle is shortest."""
 
 
 def spring_stiffness(
@@ -111,7 +111,7 @@ def face_forces(
     `right` and `up` are the diagonals of the faces [m], `velocities` and `wet` the means of their corners.
     """
     assert body.water is not None
-    normals = _cross(right, up)  # twice as long as the area
+    normals = _cross(right, up)  # of twice the area's length
     length = jnp.sqrt(_dot(normals, normals) + MIN_LENGTH**2)
     outward_speed = jnp.maximum(_dot(normals, velocities), 0) / length
     push = (-body.water.face_drag / 2) * outward_speed * wet
@@ -129,7 +129,7 @@ def energy(body: Body, state: BodyState) -> Array:
 
 
 def internal_energy(body: Body, state: BodyState) -> Array:
-    """Return (...) kinetic and elastic energy [J]: what does not depend on where the body is."""
+    """Return (...) kinetic and elastic energy [J], which do not depend on the body's position."""
     positions, velocities, activations = state
     masses = _along(body.masses, velocities)
     kinetic = jnp.sum(masses * velocities * velocities, axis=(0, 1)) / 2
@@ -142,7 +142,7 @@ def internal_energy(body: Body, state: BodyState) -> Array:
 
 
 def strains(body: Body, positions: Float[AnyArray, "N 3 ..."]) -> Float[AnyArray, "P ..."]:
-    """Return every spring's relative change of length; of NumPy's `positions` by NumPy."""
+    """Return every spring's relative change of length, computed by NumPy for NumPy's `positions`."""
     first, second = body.springs.T
     extent = positions[second] - positions[first]
     length = positions.__array_namespace__().sqrt(_dot(extent, extent))
@@ -150,10 +150,10 @@ def strains(body: Body, positions: Float[AnyArray, "N 3 ..."]) -> Float[AnyArray
 
 
 def is_inside_out(body: Body, positions: Float[np.ndarray, "*B N 3"]) -> Bool[np.ndarray, " *B"]:
-    """Return whether the body is turned inside out around any mass point: a face has passed through another one.
+    """Return whether the body is inside out at any mass point: a face has passed through another one.
 
-    The deformation gradient F at a mass point is fitted to the springs that meet there (Müller et al., SCA 2004), and its
-    determinant is negative. Shapes at rest that differ by a stretch along an axis give the same sign. Mass points
+    The deformation gradient F at a mass point is fitted to the springs that meet there (Müller et al., SCA 2004): its
+    determinant is then negative. The sign does not depend on stretches of the shape at rest along an axis. Mass points
     whose springs span no volume are left out.
     """
     first, second = body.springs.T
@@ -173,7 +173,7 @@ def _spring_products(
     extents: Float[np.ndarray, "*B P 3"],
     extents_at_rest: Float[np.ndarray, "P 3"],
 ) -> Float[np.ndarray, "*B K 3 3"]:
-    """Return the sum of r r₀ᵀ over the springs that meet at each of K mass points: F times the positive one at rest."""
+    """Return the sum of r r₀ᵀ over the springs that meet at each of K mass points: F times the positive sum at rest."""
     products = extents[..., :, None] * extents_at_rest[:, None, :]
     sums = meets @ products.reshape(*products.shape[:-2], 9)
     return sums.reshape(*sums.shape[:-1], 3, 3)
@@ -182,7 +182,7 @@ def _spring_products(
 def _rest_lengths(
     body: Body, activations: Float[Array, "M ..."], lengths: Float[Array, "P ..."]
 ) -> Float[Array, "P ..."]:
-    """Return the length without force of every spring [m], as its muscles shorten it; in the precision of `lengths`."""
+    """Return the length without force of every spring [m], shortened by its muscles, in the precision of `lengths`."""
     shortening = jnp.tensordot(body.muscles.astype(lengths.dtype), activations, 1)
     return _along(body.lengths, lengths) * (1 - shortening)
 
@@ -203,7 +203,7 @@ def _water_forces(
 
 
 def _along(numbers: Float[AnyArray, "N ..."], like: AnyArray) -> AnyArray:
-    """Return `numbers` (N,), or (N, B...) where bodies differ, as an array that multiplies `like` (N, ..., B...)."""
+    """Return `numbers` (N,), or (N, B...) if bodies differ, as an array that multiplies `like` (N, ..., B...)."""
     xp = like.__array_namespace__()
     count, *batch = numbers.shape
     between = (1,) * (like.ndim - numbers.ndim)
@@ -223,7 +223,7 @@ def _cross(
 
 
 def _sum_at_ends(body: Body, pulls: Float[Array, "P 3 ..."]) -> Float[Array, "N 3 ..."]:
-    """Return the sum of the springs' `pulls` at every mass point: at a spring's second end they are reversed."""
+    """Return the sum of the springs' `pulls` at every mass point, reversed at a spring's second end."""
     first, second = body.springs.T
     zeros = jnp.zeros((len(body.masses), *pulls.shape[1:]), pulls.dtype)
     return zeros.at[first].add(pulls).at[second].add(-pulls)
@@ -235,7 +235,7 @@ def _activations_after(
     controls: Float[Array, "C ..."],
     seconds: Seconds,
 ) -> Float[Array, "M ..."]:
-    """Return the activations after `seconds` of held controls, to which they tend exponentially."""
+    """Return the activations after `seconds` of held controls, which they approach exponentially."""
     if not activations.shape[0]:
         return activations
     if body.time_constant <= 0:
@@ -266,8 +266,8 @@ def semi_implicit_step(
 ) -> BodyState:
     """Return the state after one step of Tu's scheme, order 1: velocities first, from a linear system.
 
-    (M/δt + δt K) v' = M/δt v + f, with the springs' effective stiffness in K. In compression it is negative
-    and would take the matrix its positive definiteness, and the motion its energy bound: there it is left out.
+    (M/δt + δt K) v' = M/δt v + f, with the springs' effective stiffness in K. In compression it is negative:
+    there it is left out, or the matrix would not be positive definite, nor the energy bounded.
     """
     stiffness, extent = spring_stiffness(body, *state)
     inner = _sum_at_ends(body, stiffness[:, None] * extent)
@@ -315,13 +315,13 @@ def _solve_one(matrix: Array, columns: Array) -> Array:
 def rk4_step(
     body: Body, state: BodyState, controls: Float[Array, "C ..."], dt: Seconds
 ) -> BodyState:
-    """Return the state after one step of the classical Runge-Kutta scheme, order 4 where forces are smooth."""
+    """Return the state after one step of the classical Runge-Kutta scheme, of order 4 for smooth forces."""
     positions, velocities, activations = state
     middle = _activations_after(body, activations, controls, 0.5 * dt)
     last = _activations_after(body, activations, controls, 1.0 * dt)
 
     def slopes(x_slope: Array, v_slope: Array, share: float, held: Array) -> tuple[Array, Array]:
-        """Return the slopes of positions and velocities a `share` of the step along the slopes before."""
+        """Return the derivatives of positions and velocities, a `share` of the step along the given ones."""
         v = velocities + share * dt * v_slope
         x = positions + share * dt * x_slope
         return v, _acceleration(body, BodyState(x, v, held), controls)
@@ -341,7 +341,7 @@ STEPPERS: dict[str, Stepper] = {
     "semi-implicit": semi_implicit_step,
     "rk4": rk4_step,
 }
-"""One physics step of every integrator, by the name a definition gives it."""
+"""Step functions of the integrators, by their names in definitions."""
 
 
 def advance(

@@ -1,4 +1,4 @@
-"""Left and right of a deformable body: partners as its definition pairs them, and whether they are mirror images."""
+"""Left and right of a deformable body: the partners in its definition, and a check that they are mirror images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuroanimator.systems.deformable.body import Body
 from neuroanimator.text import listed
 
 TOLERANCE = 1e-9
-"""Relative tolerance within which left and right are the same: rounding."""
+"""Relative tolerance of differences between left and right, for rounding."""
 
 REVERSE_Y = np.array([1.0, -1.0, 1.0])
 """Factors by which the mirror multiplies a vector, axis by axis."""
@@ -26,9 +26,9 @@ Numbers = dict[str, list[float]]
 
 
 def mirror_of(definition: BodyDefinition, body: Body) -> Mirror | None:
-    """Return left and right of `body`; None where the definition names no partners.
+    """Return left and right of `body`; None if the definition names no partners.
 
-    Raises ArgumentError where a partner is missing, or where reversing Y does not give the same body.
+    Raises ArgumentError if a partner is missing, or if reversing Y does not give the same body.
     """
     if not definition.mirror:
         return None
@@ -88,7 +88,7 @@ def _check_mirror(
     mass_point_images: Numbers = {}
     for i, name in enumerate(body.names):
         mass_points[name] = [*body.positions[i], body.masses[i]]
-        image = body.positions[i] * REVERSE_Y + 0.0  # no minus before a zero
+        image = body.positions[i] * REVERSE_Y + 0.0  # no negative zero
         mass_point_images[body.names[int(nodes[i])]] = [*image, body.masses[i]]
     _refuse_difference("node", "position [m] and mass [kg]", mass_points, mass_point_images)
     springs: Numbers = {}
@@ -117,7 +117,7 @@ def _check_mirror(
 
 
 def _refuse_difference(noun: str, meaning: str, parts: Numbers, images: Numbers) -> None:
-    """Refuse a body whose parts have other numbers than its mirror image's, or lack one of these."""
+    """Refuse a body whose parts have other numbers than those of its mirror image, or that lacks one of them."""
     if not parts:
         return
     scale = np.abs(np.array(list(parts.values()))).max(axis=0)
@@ -141,7 +141,7 @@ def _pair(body: Body, ends: Int[np.ndarray, " 2"]) -> str:
 
 
 def _ring(body: Body, corners: Int[np.ndarray, " 4"]) -> tuple[str, ...]:
-    """Return the names of the corners, in the same sense, from the first in the alphabet on."""
+    """Return the names of the corners, in the same sense, starting with the alphabetically first."""
     ring = list(dict.fromkeys(body.names[i] for i in corners))
     first = ring.index(min(ring))
     return tuple(ring[first:] + ring[:first])

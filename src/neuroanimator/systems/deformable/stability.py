@@ -15,10 +15,10 @@ from neuroanimator.systems.deformable.body import Body, length_jacobian
 def largest_stable_step(body: Body) -> float:
     """Return the largest step δt [s] at which symplectic Euler is stable for small vibrations about rest.
 
-    Of ẍ + D ẋ + K x = 0 that is where 4 - 2 δt D - δt² K stops being positive definite. Its roots
+    For ẍ + D ẋ + K x = 0 it is where 4 - 2 δt D - δt² K stops being positive definite. Its roots
     μ = 1/δt, of μ² - μ D/2 - K/4, are the eigenvalues of a symmetric matrix twice as large. Springs,
-    water and ground all push at once. Tu's semi-implicit scheme has the same limit: at rest its
-    springs' effective stiffness is zero. Raises ArgumentError for a body without stiff springs.
+    water and ground are assumed to act all at once. Tu's semi-implicit scheme has the same limit: at
+    rest its springs' effective stiffness is zero. Raises ArgumentError for a body without stiff springs.
     """
     jacobian = length_jacobian(body) / _mass_roots(body)
     spring_stiffness = jacobian.T @ (body.stiffness[:, None] * jacobian)
@@ -58,5 +58,5 @@ def _water_damping(body: Body) -> Float[np.ndarray, "X X"]:
 
 
 def _mass_roots(body: Body) -> Float[np.ndarray, " X"]:
-    """Return the root of the mass each coordinate moves."""
+    """Return the square root of each coordinate's mass."""
     return np.sqrt(np.repeat(body.masses, 3))

@@ -1,4 +1,4 @@
-"""The meaning of a deformable body's state vector: its named slices, and the structure an emulator may exploit."""
+"""The meaning of a deformable body's state vector: its named slices, and the structure an emulator may use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuroanimator.systems.deformable.mirror import mirror_of
 def state_layout(
     definition: BodyDefinition, body: Body, parameters: tuple[Parameter, ...]
 ) -> Layout:
-    """Return the state's slices: every mass point's position, then every velocity, the muscles' activations, parameters."""
+    """Return the state's slices: positions of all mass points, their velocities, muscle activations, parameters."""
     muscles = control_names(definition)[: body.muscles.shape[1]]
     positions = [Slice(name, 3, "m") for name in body.names]
     velocities = [Slice(f"{name}.velocity", 3, "m/s") for name in body.names]
@@ -31,7 +31,7 @@ def state_layout(
 def structure_of(
     definition: BodyDefinition, body: Body, parameters: tuple[Parameter, ...]
 ) -> Structure:
-    """Return what an emulator may exploit; ArgumentError for groups or a mirror that are none."""
+    """Return the structure an emulator may use; ArgumentError for invalid groups or an invalid mirror."""
     size = 3 * len(body.masses)
     muscles = body.muscles.shape[1]
     segments: list[Segment] = [Points(size=size, rate=size), PointVelocities(size=size)]
@@ -55,7 +55,7 @@ def structure_of(
 
 
 def _cloud(body: Body, parameters: tuple[Parameter, ...]) -> Cloud:
-    """Return the mass points at rest, and how their places depend on the parameters: in proportion."""
+    """Return the mass points at rest, and the derivatives of their positions by the parameters."""
     nominal = nominal_values(parameters)
     cloud = Cloud.of(body_at(body, nominal).positions, body.masses)
     slopes = []
@@ -72,7 +72,7 @@ def _cloud(body: Body, parameters: tuple[Parameter, ...]) -> Cloud:
 
 
 def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
-    """Return the probes from the centroid; what is there as a radius is the height of the surface."""
+    """Return the probes relative to the centroid; their radii stand for the height of the surface."""
     centre = body.masses @ body.positions / body.masses.sum()
     level = 0.0
     if body.water is not None and body.water.surface is not None:
@@ -82,7 +82,7 @@ def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
 
 
 def _groups(definition: BodyDefinition, body: Body) -> tuple[Group, ...]:
-    """Return the groups of mass points, each with the muscles that have an end in it."""
+    """Return the groups of mass points, each with the muscles that end in it."""
     shortens = np.abs(body.muscles) > 0
     groups = []
     for name, points in group_numbers(definition).items():
@@ -93,7 +93,7 @@ def _groups(definition: BodyDefinition, body: Body) -> tuple[Group, ...]:
 
 
 def _external_forces(body: Body) -> tuple[tuple[float, ...], ...]:
-    """Return the force per control, axis by axis; nothing where no control is such a force."""
+    """Return the force per control, axis by axis; empty if controls are not such forces."""
     if not body.external_forces.any():
         return ()
     return tuple(tuple(row) for row in body.external_forces.tolist())

@@ -1,4 +1,4 @@
-"""A system whose physics is a Python function of the user's."""
+"""A system whose physics is the user's Python function."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ from neuroanimator.systems.system import Scheme, System
 from neuroanimator.text import quoted
 
 WHOLE_TURN = 2 * np.pi
-"""An angle may jump by this [rad] and be the same."""
+"""Jump of an angle that leaves it the same [rad]."""
 
 FUNCTION = "function"
-"""The only integrator there is: the function itself, called with a smaller or a larger dt."""
+"""Name of the only integrator: the function itself, called with a smaller or a larger dt."""
 
 
 class PythonSystem(System):
-    """The user's `step`, called again and again.
+    """The user's `step`, called repeatedly.
 
-    The definition holds the file's name and sha256 and no code. The file is run when the first step
-    is taken, and only if the user allowed that: see `loading.trust_files`.
+    The definition holds the file's name and sha256 but no code. The file is run at the first step, and only if the user
+    has allowed it: see `loading.trust_files`.
     """
 
     is_self_contained = False
@@ -52,7 +52,7 @@ class PythonSystem(System):
     def __init__(
         self, definition: PythonDefinition, files: dict[str, Any], definition_text: str = ""
     ):
-        """`files` holds the name and the sha256 of the step file; `definition_text` is what both were read from."""
+        """`files` holds the name and the sha256 of the step file; `definition_text` is the text of both."""
         self.name = definition.name
         self.definition_text = definition_text
         self.file: str = files["name"]
@@ -84,7 +84,7 @@ class PythonSystem(System):
 
     @property
     def function(self) -> StepFunction:
-        """The user's function; BadFileError unless the user allowed its file to be run."""
+        """The user's function; BadFileError unless the user has allowed its file to run."""
         return run_file(self.sha256, self.file).step
 
     def _simulate(
@@ -103,7 +103,7 @@ class PythonSystem(System):
             states[:, super_step + 1] = current
 
     def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
-        """Return True for each run with a state that is not finite or too large for a dataset."""
+        """Return whether each run has a state that is not finite or too large for a dataset."""
         return np.asarray(are_too_large(states).any(axis=1))
 
     def _advance(
@@ -113,9 +113,9 @@ class PythonSystem(System):
         controls: Float[np.ndarray, "B C"],
         dt: float,
     ) -> None:
-        """Take one step of all `states` in place; those that have diverged stay as they are.
+        """Take one step of all `states` in place, except diverged ones.
 
-        An angle goes on where the function has it jump from pi to -pi: a jump is no motion.
+        Angles are unwrapped where the function makes them jump from pi to -pi.
         """
         alive = np.flatnonzero(~are_too_large(states))
         before = states[:, self._angles]
@@ -125,7 +125,7 @@ class PythonSystem(System):
             for row in alive:
                 states[row] = self._next(function, states[row], controls[row], dt)
         if self._angles:
-            with np.errstate(invalid="ignore"):  # of states that have diverged
+            with np.errstate(invalid="ignore"):  # diverged states
                 change = states[:, self._angles] - before
             is_jump = np.isfinite(change) & (np.abs(change) > WHOLE_TURN / 2)
             turns = np.round(np.where(is_jump, change, 0.0) / WHOLE_TURN)
@@ -134,7 +134,7 @@ class PythonSystem(System):
     def next_state(
         self, state: Float[np.ndarray, " S *B"], control: Float[np.ndarray, " C *B"], dt: float
     ) -> Float[np.ndarray, " S *B"]:
-        """Return what the function itself says to one state, or to a batch of them."""
+        """Return the function's own result for one state, or for a batch."""
         return self._next(self.function, state, control, dt)
 
     def _next(
@@ -150,7 +150,7 @@ class PythonSystem(System):
         return np.concatenate([following, state[self.parameter_entries]])
 
     def arguments_of(self, state: Float[np.ndarray, " S *B"]) -> dict[str, Any]:
-        """Return the function's further arguments, by name: the parameters of the body or bodies in `state`."""
+        """Return the function's further arguments by name: the parameters of the body or bodies in `state`."""
         values = state[self.parameter_entries]
         return dict(zip(self._arguments, values, strict=True))
 
@@ -180,6 +180,6 @@ def _parameter(name: str, table: ParameterTable) -> Parameter:
 
 
 def are_too_large(states: Float[np.ndarray, "*B S"]) -> Bool[np.ndarray, "*B"]:
-    """Return True for each state that is not finite or too large for a dataset: it has diverged."""
-    fits = np.abs(states) < MAX_MAGNITUDE  # false for NaN too
+    """Return whether each state has diverged: it is not finite or too large for a dataset."""
+    fits = np.abs(states) < MAX_MAGNITUDE  # False for NaN
     return np.asarray(~fits.all(axis=-1))

@@ -1,6 +1,6 @@
-"""The user's own `step(state, control, dt)`: run, called, and its errors told in one line.
+"""The user's own `step(state, control, dt)`: how it is run and called, with its errors in one line.
 
-A step file is all of this; what comes after CONTROL may be left out:
+A step file looks like this; declarations after CONTROL may be left out:
 
     import numpy as np
 
@@ -13,7 +13,7 @@ A step file is all of this; what comes after CONTROL may be left out:
     SPREAD = {"angle": 3.14, "speed": 4.0}            # random starts are rest ± spread
     BATCHED = True                                    # step takes (S, B) and (C, B) arrays too: much faster
     ODE = True                                        # step integrates an equation: finer dt are its reference
-    PARAMETERS = {"length": ("m", 0.5, 2.0)}          # further arguments of step: what varies from body to body
+    PARAMETERS = {"length": ("m", 0.5, 2.0)}          # further arguments of step, which vary from body to body
 
     def step(state, control, dt):
         speed = state[1] + dt * (control[0] - 9.81 * np.sin(state[0]))
@@ -40,23 +40,23 @@ StepFunction = Callable[..., np.ndarray]
 """The user's function: (state, control, dt [s]), and parameters by name, to the next state."""
 
 DIGEST_SHOWN = 16
-"""Number of digits of a file's sha256 that tell its module from others in a process."""
+"""Number of digits of a file's sha256 that distinguish its module in a process."""
 
 NO_REAL_NUMBERS = "cOSUVmM"
-"""NumPy's letters for complex numbers, objects, texts, records and times."""
+"""NumPy's kinds of complex numbers, objects, texts, records and times."""
 
 MAX_PARTS = 5
-"""Maximum number of parts named in an error, of what a function returned."""
+"""Maximum number of parts of a function's result named in an error."""
 
 MAX_SHOWN = 200
-"""Maximum number of characters shown in an error, of what the user's function raised."""
+"""Maximum number of characters shown of an error of the user's function."""
 
 
 @lru_cache(maxsize=16)
 def run_file(digest: str, name: str) -> ModuleType:
-    """Return the module in the given file with this sha256: this runs it.
+    """Return the module in the file with this sha256, running it.
 
-    Only a file the user allowed is ever run; see `loading.trust_files`.
+    Only files that the user has allowed are ever run; see `loading.trust_files`.
     """
     source = trusted_file(
         digest,
@@ -66,7 +66,7 @@ def run_file(digest: str, name: str) -> ModuleType:
     )
     module = ModuleType(f"neuroanimator_step_{digest[:DIGEST_SHOWN]}")
     module.__file__ = name
-    sys.modules[module.__name__] = module  # dataclasses look their module up there
+    sys.modules[module.__name__] = module  # dataclasses look up their module there
     try:
         exec(compile(source, name, "exec"), module.__dict__)
     except SyntaxError as error:
@@ -92,7 +92,7 @@ def call_step(
 ) -> Float[np.ndarray, " S *B"]:
     """Return the user's next state, given further `arguments` by name.
 
-    Whatever the function raises becomes a BadFileError of one line.
+    Any exception of the function becomes a BadFileError of one line.
     """
     try:
         with np.errstate(all="ignore"):
@@ -110,7 +110,7 @@ def call_step(
 
 
 def _as_numbers(answer: object) -> Float[np.ndarray, " ..."] | None:
-    """Return what a function returned as real numbers; None if it is none."""
+    """Return a function's result as real numbers; None if it is anything else."""
     try:
         array = np.asarray(answer)
         if array.dtype.kind in NO_REAL_NUMBERS:
@@ -121,7 +121,7 @@ def _as_numbers(answer: object) -> Float[np.ndarray, " ..."] | None:
 
 
 def _form(answer: object) -> str:
-    """Return what kind of thing a function returned, in few words."""
+    """Return a short description of a function's result."""
     if answer is None:
         return "nothing"
     numbers = _as_numbers(answer)
@@ -136,7 +136,7 @@ def _form(answer: object) -> str:
 
 
 def fault(error: BaseException, name: str) -> BadFileError:
-    """Return a BadFileError of one line saying where in the user's file `error` came up."""
+    """Return a BadFileError of one line that says where in the user's file `error` arose."""
     where = name
     for frame in traceback.extract_tb(error.__traceback__):
         if frame.filename == name:

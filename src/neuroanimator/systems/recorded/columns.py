@@ -1,4 +1,4 @@
-"""What every recording holds, whatever its format, and how its columns are named."""
+"""The contents of a recording in any format, and the names of its columns."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from neuroanimator.state.units import known_unit
 from neuroanimator.text import quoted
 
 MAX_COLUMNS = 514
-"""A recording may have so many columns: 256 parts of the state and 256 of the control, as many as a definition
-has room for, a run and a time."""
+"""Maximum number of columns: 256 parts of the state and 256 of the control, as in a definition, a run and a time."""
 
 MAX_MAGNITUDE = 1e30
-"""Every number in a recording is smaller than this: beyond it, sums and differences in single precision overflow."""
+"""Bound on the magnitude of numbers in a recording: beyond it, sums and differences in single precision overflow."""
 
 MAX_SHOWN = 40
 """Maximum number of characters of a wrong cell shown in an error."""
@@ -29,39 +28,39 @@ class Samples:
     """The rows of a recording, in the file's order."""
 
     run: Shaped[np.ndarray, " N"]
-    """The label of the run each row belongs to, of any type."""
+    """Label of the run of each row, of any type."""
     time: Float[np.ndarray, " N"]
-    """The time of each row [s]."""
+    """Time of each row [s]."""
     states: Float[np.ndarray, "N S"]
-    """The state in each row."""
+    """State in each row."""
     controls: Float[np.ndarray, "N C"]
-    """The control in each row."""
+    """Control in each row."""
     state: tuple[tuple[str, str], ...]
     """(name, unit) of each state entry."""
     control: tuple[tuple[str, str], ...]
     """(name, unit) of each control entry."""
     lines: Int[np.ndarray, " N"] | None = None
-    """The line number of each row, if the file is text."""
+    """Line number of each row, if the file is text."""
 
     def where(self, row: int) -> str:
-        """Return where in the file a row lies, for people."""
+        """Return the place of a row in the file, in words."""
         return where_in_file(self.lines, row)
 
 
 def where_in_file(lines: Int[np.ndarray, " N"] | None, row: int) -> str:
-    """Return where in the file a row lies, for people; `lines` are the rows' line numbers if it is text."""
+    """Return the place of a row in the file, in words; `lines` are the rows' line numbers if it is text."""
     if lines is None:
         return f"row {row}"
     return f"line {lines[row]}"
 
 
 def without_brackets(text: str) -> str:
-    """Return `angle rad` for `angle [rad]` and `angle (rad)`, as many programs write it; any other text as it is."""
+    """Return `angle rad` for `angle [rad]` and `angle (rad)`, as many programs write it; any other text unchanged."""
     return re.sub(r"\s*[\[(]([^\[\]()]+)[\])]$", r" \1", text.strip())
 
 
 def name_and_unit(text: str, where: str) -> tuple[str, str]:
-    """Return (name, unit) of a column called `angle rad`; BadFileError says `where` it is not."""
+    """Return (name, unit) of a column called like `angle rad`; BadFileError says `where` it is not."""
     name, _, unit = without_brackets(text).partition(" ")
     if not re.fullmatch(PART_PATTERN, name) or not unit.strip():
         raise BadFileError(

@@ -1,6 +1,6 @@
 """Recordings as CSV: a header of names and units, then a line for each sample.
 
-Cells may be parted by semicolons or tabs, too; numbers may then have decimal commas.
+Cells may be separated by semicolons or tabs, too; numbers may then have decimal commas.
 """
 
 from __future__ import annotations
@@ -28,35 +28,35 @@ from neuroanimator.systems.recorded.columns import (
 )
 
 HEADER = "run,time s,state.angle rad,state.velocity rad/s,control.torque N·m"
-"""The example of a header that errors show."""
+"""Example of a header shown in errors."""
 
 RUN = "run"
-"""What the column of runs' labels is called."""
+"""Name of the column of runs' labels."""
 
 TIME = "time s"
-"""What the column of times is called."""
+"""Name of the column of times."""
 
 DELIMITERS = (",", ";", "\t")
-"""What cells may be parted by: the first of these with which the header has a column of times."""
+"""Separators of cells: the first of these with which the header has a column of times is used."""
 
 REMARK = "#"
-"""Lines before the header that begin so are left out, and empty ones."""
+"""Prefix of remarks: lines before the header that begin with it, and empty ones, are skipped."""
 
 MAX_REMARKS = 1000
-"""No more lines than these are left out: a file of nothing but line breaks is refused at once."""
+"""Maximum number of skipped lines, so that a file of only line breaks is refused at once."""
 
 
 @dataclass(frozen=True)
 class _Header:
-    """Which column of the file holds what."""
+    """The meaning of the file's columns."""
 
     cells: list[str]
     has_decimal_commas: bool
-    """Whether a comma in a number stands for a point: it cannot where commas part the cells."""
+    """Whether numbers have decimal commas, which is impossible if commas separate the cells."""
     run: int | None
-    """The column of the run's label, if there is one."""
+    """Column of the run's label, if there is one."""
     time: int
-    """The column of the time."""
+    """Column of the time."""
     states: dict[int, tuple[str, str]]
     """(name, unit) by the column of each state entry."""
     controls: dict[int, tuple[str, str]]
@@ -76,7 +76,7 @@ def read_csv(content: bytes, name: str) -> Samples:
 
 
 def _delimiter(content: bytes, name: str) -> str:
-    """Return what parts the cells of the header; a comma if none of `DELIMITERS` gives a column of times."""
+    """Return the separator of the header's cells; a comma if none of `DELIMITERS` gives a column of times."""
     for delimiter in DELIMITERS:
         _, cells = _first(csv_rows(content, delimiter), name)
         if TIME in cells:
@@ -100,7 +100,7 @@ def _first(rows: Iterator[tuple[int, list[str]]], name: str) -> tuple[int, list[
 def _samples(header: _Header, rows: Iterator[tuple[int, list[str]]], name: str) -> Samples:
     columns = [header.time, *header.states, *header.controls]
     labels: dict[str, int] = {}
-    # Arrays of machine numbers: lists of Python's would take five times the memory.
+    # Typed arrays: Python's lists would take five times the memory.
     runs = array("q")
     lines = array("q")
     numbers = array("d")
@@ -127,7 +127,7 @@ def _samples(header: _Header, rows: Iterator[tuple[int, list[str]]], name: str) 
 
 
 def _header(cells: list[str], delimiter: str, place: str) -> _Header:
-    """Return which column holds what; BadFileError begins with `place`, the header's file and line."""
+    """Return the meaning of the columns; BadFileError begins with `place`, the header's file and line."""
     if len(cells) > MAX_COLUMNS:
         raise BadFileError(
             f"{place}: {len(cells):,} columns; wanted at most {MAX_COLUMNS}. Leave some out."
@@ -183,7 +183,7 @@ def _number(cell: str, where: str) -> float:
         value = number_in(cell)
     except ValueError:
         value = math.nan
-    if not abs(value) < MAX_MAGNITUDE:  # true for NaN too
+    if not abs(value) < MAX_MAGNITUDE:  # True for NaN
         raise BadFileError(
             f"{where}: wanted a finite number, came {cell[:MAX_SHOWN]!r}. Fill it in, or begin a new run after it."
         )

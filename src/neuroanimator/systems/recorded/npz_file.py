@@ -1,4 +1,4 @@
-"""Recordings as NumPy's NPZ: an array each of times, states, controls, and the names of their columns."""
+"""Recordings as NumPy's NPZ: arrays of times, states, controls, and the names of their columns."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from neuroanimator.systems.recorded.columns import (
 )
 
 NEEDED = ("time", "states", "state_names")
-"""The arrays every recording has."""
+"""Names of the arrays every recording has."""
 
 OPTIONAL = ("controls", "control_names", "run")
-"""Arrays that may be left out: those of a control, where nothing drives what is recorded, and `run`."""
+"""Names of optional arrays: those of a control, if nothing drives the recorded system, and `run`."""
 
 DIMENSIONS = {"time": 1, "states": 2, "controls": 2, "run": 1}
-"""How many dimensions an array has; its first are the samples."""
+"""Number of dimensions of each array; the first is the samples."""
 
 
 def read_npz(content: bytes, name: str) -> Samples:
@@ -74,9 +74,9 @@ def _numbers(array: np.ndarray, key: str, name: str) -> Float[np.ndarray, " ..."
     """Return an array of any shape in double precision; BadFileError if one of its numbers is not finite."""
     if array.dtype.kind not in "fiu":
         raise BadFileError(f"{name}: {key} holds {array.dtype}; wanted numbers.")
-    with np.errstate(over="ignore"):  # of long doubles; infinite numbers are refused below
+    with np.errstate(over="ignore"):  # large long doubles; infinite numbers are refused below
         array = array.astype(float, copy=False)
-    usable = np.abs(array) < MAX_MAGNITUDE  # false for NaN too
+    usable = np.abs(array) < MAX_MAGNITUDE  # False for NaN
     if not usable.all():
         index = np.argwhere(~usable)[0].tolist()
         row = 0
@@ -96,7 +96,7 @@ def _names(array: np.ndarray, key: str, name: str) -> list[tuple[str, str]]:
         raise BadFileError(f"{name}: {key}_names: wanted a list of texts such as 'angle rad'.")
     try:
         texts = array.tolist()
-    except (ValueError, SystemError) as error:  # numbers that are no characters
+    except (ValueError, SystemError) as error:  # numbers that are not characters
         raise BadFileError(
             f"{name}: {key}_names holds no texts: {error}. Save them again."
         ) from error

@@ -1,4 +1,4 @@
-"""A system known from recordings alone: it has a layout and a sampling interval, and no physics to simulate."""
+"""A system known from recordings alone: it has a layout and a sampling interval, but no physics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuroanimator.systems.system import Scheme, SystemWithoutPhysics
 
 
 class RecordedSystem(SystemWithoutPhysics):
-    """Recordings as the pipeline sees them. Their file is read when its samples are needed, if the user allowed that."""
+    """Recordings as a system. Their file is read when its samples are needed, if the user has allowed it."""
 
     is_self_contained = False
     has_ground = True
@@ -27,7 +27,7 @@ class RecordedSystem(SystemWithoutPhysics):
     def __init__(
         self, definition: RecordedDefinition, files: dict[str, Any], definition_text: str = ""
     ):
-        """`files` holds the name, the sha256 and the runs of the recordings; `definition_text` is what both were read from."""
+        """`files` holds the name, the sha256 and the runs of the recordings; `definition_text` is the text of both."""
         self.name = definition.name
         self.definition_text = definition_text
         self.state = layout_of_state(definition.state)

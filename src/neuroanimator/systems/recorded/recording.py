@@ -1,13 +1,13 @@
 """Recorded runs: samples of state and control at a constant interval, from a CSV or an NPZ file.
 
-A CSV begins with a header of names and units; `run` may be left out, a new run then starts where
-time goes back:
+A CSV begins with a header of names and units; without `run`, a new run starts where time goes
+back:
 
     run,time s,state.angle rad,state.velocity rad/s,control.torque N·m
     1,0.00,0.1,0.0,0.5
 
 An NPZ holds the same as arrays: time (N,) [s], states (N, S), controls (N, C), state_names and
-control_names such as "angle rad", and perhaps run (N,). The control in a row acts until the next one.
+control_names such as "angle rad", and optionally run (N,). The control in a row acts until the next one.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from neuroanimator.systems.trusted_files import MAX_FILE, trusted_file
 from neuroanimator.text import printable
 
 READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz": read_npz}
-"""By the end of a file's name, what makes samples of its bytes and its name."""
+"""Readers of samples from a file's bytes and name, by suffix."""
 
 INTERVAL_TOLERANCE = 1e-3
-"""The sampling interval may vary by this share of itself; clocks are better than that."""
+"""Relative tolerance of sampling intervals; clocks are better than that."""
 
 DRIFTING_SHARE = 0.05
-"""If more than this share of the intervals are off, it is the clock, not a gap."""
+"""Share of wrong intervals above which the clock is at fault, not a gap."""
 
 FEW_GAPS = 3
-"""As few as this are gaps, whatever share of a short recording they are."""
+"""Number of wrong intervals up to which they count as gaps, also in a short recording."""
 
 INTERVAL_DIGITS = 6
 """Number of significant digits to which the sampling interval is rounded: times in a file are rounded too."""
@@ -53,30 +53,30 @@ class Recording:
     """All runs of one file."""
 
     file: str
-    """The file's name."""
+    """Name of the file."""
     state: tuple[tuple[str, str], ...]
     """(name, unit) of each state entry."""
     control: tuple[tuple[str, str], ...]
     """(name, unit) of each control entry."""
     step: float
-    """The sampling interval [s]."""
+    """Sampling interval [s]."""
     states: tuple[Float[np.ndarray, "_ S"], ...]
-    """The states of each run, which may have a length of its own."""
+    """States of each run, of various lengths."""
     controls: tuple[Float[np.ndarray, "_ C"], ...]
-    """The controls of each run: row k acts from sample k to sample k+1."""
+    """Controls of each run: row k acts from sample k to sample k+1."""
     origins: tuple[str, ...]
-    """Where in the file each run begins."""
+    """Start of each run in the file, in words."""
     lines: Int[np.ndarray, " N"] | None = None
-    """The line number of each row of all runs, if the file is text."""
+    """Line number of each row of all runs, if the file is text."""
 
     def where(self, row: int) -> str:
-        """Return where in the file a row of all runs lies, for people."""
+        """Return the place in the file of a row of all runs, in words."""
         return where_in_file(self.lines, row)
 
 
 @lru_cache(maxsize=4)
 def read_recording(digest: str, name: str) -> Recording:
-    """Return what the given file with this sha256 holds; BadFileError names the line and the fix."""
+    """Return the recording in the file with this sha256; BadFileError names the line and the fix."""
     content = trusted_file(
         digest,
         f"It was made from {printable(name)}, recordings that are opened only if you say so: give the TOML file beside "
@@ -89,7 +89,7 @@ def read_recording(digest: str, name: str) -> Recording:
 
 
 def open_recording(path: Path) -> Recording:
-    """Return what the file at `path`, which a user names, holds; BadFileError names the line and the fix."""
+    """Return the recording in the file at `path`, which a user names; BadFileError names the line and the fix."""
     read = READERS.get(path.suffix)
     if read is None:
         raise BadFileError(f"{path}: recordings end in {', '.join(READERS)}.")
@@ -103,7 +103,7 @@ def cut_runs(samples: Samples, name: str) -> Recording:
     gaps = np.diff(samples.time)
     is_relabelled = samples.run[1:] != samples.run[:-1]
     begins = np.flatnonzero(is_relabelled | (gaps < 0)) + 1
-    is_inside = np.ones(len(gaps), bool)  # of a run, not between two
+    is_inside = np.ones(len(gaps), bool)  # within a run, not between two
     is_inside[begins - 1] = False
     if not is_inside.any():
         raise BadFileError(
@@ -129,7 +129,7 @@ def _interval(
     gaps: Float[np.ndarray, " G"],
     is_inside: Bool[np.ndarray, " G"],
 ) -> float:
-    """Return the sampling interval [s]; `gaps` are the times between rows, `is_inside` says which are in one run."""
+    """Return the sampling interval [s]; `gaps` are the times between rows, `is_inside` whether both are in one run."""
     usual = float(np.median(gaps[is_inside]))
     is_unusual = np.abs(gaps - usual) > INTERVAL_TOLERANCE * usual
     wrong = np.flatnonzero(is_inside & is_unusual)

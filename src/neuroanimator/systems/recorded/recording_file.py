@@ -1,4 +1,4 @@
-"""The file of recordings a system is known from, and what its definition says is in there."""
+"""The file of recordings from which a system is known, and its contents according to the definition."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from neuroanimator.state.layout import Layout
 from neuroanimator.systems.recorded.recording import Recording, read_recording
 
 STEP_TOLERANCE = 1e-6
-"""The sampling interval may differ by this share from the one the TOML file says: both are rounded."""
+"""Relative tolerance of the sampling interval against the one in the TOML file: both are rounded."""
 
 
 @dataclass(frozen=True)
 class RecordingFile:
-    """Recordings by the name and the bytes of their file, and what they must hold."""
+    """Recordings by the name and the hash of their file, and their expected contents."""
 
     name: str
-    """The file's name."""
+    """Name of the file."""
     sha256: str
-    """The digest of the file's bytes, by which it is found among those the user allowed."""
+    """Hash of the file's bytes, by which it is found among those the user has allowed."""
     rows: tuple[int, ...]
-    """The number of samples in each run."""
+    """Number of samples in each run."""
     origins: tuple[str, ...]
-    """Where in the file each run begins."""
+    """Start of each run in the file, in words."""
     state: Layout
     control: Layout
     step: float
-    """The sampling interval [s]."""
+    """Sampling interval [s]."""
     angles: tuple[int, ...]
-    """The state entries that are angles: they jump by 2π where a recording wraps them."""
+    """State entries that are angles: they jump by 2π where a recording wraps them."""
 
     def read(self) -> Recording:
-        """Return the recordings as they are in the file.
+        """Return the recordings in the file.
 
-        Raises BadFileError unless the user allowed the file (`trust_files`) and it holds the runs
-        its definition says, ArgumentError if its columns or its step are others.
+        Raises BadFileError unless the user has allowed the file (`trust_files`) and it holds the runs of its
+        definition, ArgumentError if its columns or its step differ.
         """
         recording = read_recording(self.sha256, self.name)
         _check_columns(recording, "state", self.state, recording.state)

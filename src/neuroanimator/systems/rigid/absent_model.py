@@ -1,4 +1,4 @@
-"""A system whose model is not at hand: its states and goals are known by its emulator, its physics is not."""
+"""A system whose model is missing: its emulator gives its states and goals, but not its physics."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from neuroanimator.systems.system import SystemWithoutPhysics
 
 
 class AbsentModel(SystemWithoutPhysics):
-    """The system an emulator is of, without physics; goals at a site of the model are left out."""
+    """The system of an emulator, without physics; goals at a site of the model are left out."""
 
     has_ground = True
 
     def __init__(self, spec: EmulatorSpec, structure: Structure, missing: str):
-        """Make the system of an emulator's `spec` and the `structure` of its states; `missing` says what is not there."""
+        """Make the system of an emulator's `spec` and the `structure` of its states; `missing` says what is missing."""
         definition = read_definition_text(spec.definition).definition
         self.name = spec.system
         self.definition_text = spec.definition
@@ -37,7 +37,7 @@ class AbsentModel(SystemWithoutPhysics):
         self.goals = self.goals_of({name: table for name, table in tables if not table.site})
 
     def goal(self, name: str, table: GoalTable) -> Goal:
-        """Return the goal that `table` describes; ArgumentError names `name` and the part that is wrong."""
+        """Return the goal that `table` describes; ArgumentError names `name` and the part at fault."""
         return model_goal(self.state, name, table, {})
 
     @property

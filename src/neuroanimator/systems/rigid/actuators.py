@@ -13,11 +13,11 @@ from neuroanimator.files.names import model_name
 from neuroanimator.state.layout import Bounds, Layout, Slice
 
 MUSCLE = (0.0, 1.0)
-"""A muscle is excited within this range, whatever it is told."""
+"""Range of a muscle's excitation, to which controls are clipped."""
 
 
 def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
-    """Return what an actuator is called; `actuator_3` if the model does not say."""
+    """Return the name of an actuator; `actuator_3` if it has none."""
     return model_name(model.actuator(actuator).name, f"actuator_{actuator}")
 
 
@@ -47,9 +47,9 @@ def bounds_of_actuators(
     given: Mapping[str, tuple[float, float]],
     holding: Mapping[str, float],
 ) -> Bounds:
-    """Return the bounds of all actuators: those `given` by name, else the model's own; `holding` by name what holds it.
+    """Return the bounds of all actuators: those `given` by name, else the model's own; `holding` are holding controls by name.
 
-    Raises ArgumentError for a name that is no actuator's, for bounds that are missing or empty, and for a control beyond.
+    Raises ArgumentError for an unknown name, for bounds that are missing or empty, and for a holding control beyond them.
     """
     names = [actuator_name(model, i) for i in range(model.nu)]
     for table, keys in (("control", given), ("holding", holding)):
@@ -77,7 +77,7 @@ def bounds_of_actuators(
 
 
 def control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] | None:
-    """Return the least and largest control the model allows, or None if it does not say; a muscle's are `MUSCLE`."""
+    """Return the smallest and largest control in the model, or None without a range; a muscle's are `MUSCLE`."""
     if not model.actuator_ctrllimited[actuator]:
         is_muscle = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_MUSCLE
         return MUSCLE if is_muscle else None
@@ -86,7 +86,7 @@ def control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] |
 
 
 def control_unit(model: mujoco.MjModel, actuator: int) -> str:
-    """Return the unit of a control where it is certain, else 1."""
+    """Return the unit of a control if it is certain, else 1."""
     if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
         return "1"
     joint = model.actuator_trnid[actuator][0]

@@ -1,4 +1,4 @@
-"""The skeleton of a MuJoCo model: what its viewer would draw, without MuJoCo."""
+"""The skeleton of a MuJoCo model: what MuJoCo's viewer would draw, without MuJoCo."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from neuroanimator.systems.rigid.skins import skin_of
 from neuroanimator.systems.rigid.visuals import colour_of, is_shown
 
 MAX_GROUND = 20.0
-"""An infinite plane is drawn as a square whose half side is this [m]: large beside any body that moves on it."""
+"""Half side of the square drawn for an infinite plane [m]: large beside any body that moves on it."""
 
 GROUND_THICKNESS = 0.01
-"""A plane is drawn as a slab of half this thickness [m] (sizes of boxes are halves), its top where the plane is."""
+"""Half the thickness of the slab drawn for a plane [m] (sizes of boxes are halves), with its top at the plane."""
 
 DECIMALS = 9
-"""Number of decimals of a skeleton's numbers, well below what is visible: files stay small."""
+"""Number of decimals of a skeleton's numbers, well below what is visible, to keep files small."""
 
 SizedShape = tuple[str, tuple[float, ...]]
-"""What a shape is, and its half sizes [m]."""
+"""Kind of a shape, and its half sizes [m]."""
 
 JOINT_NAMES = {
     int(mujoco.mjtJoint.mjJNT_FREE): "free",
@@ -32,7 +32,7 @@ JOINT_NAMES = {
     int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
     int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
 }
-"""The name of each of MuJoCo's types of joint."""
+"""Names of MuJoCo's types of joints."""
 
 
 def skeleton_of(model: mujoco.MjModel) -> Skeleton:
@@ -93,7 +93,7 @@ def is_drawn(model: mujoco.MjModel, geom: int) -> bool:
 
 
 def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
-    """Return what is drawn of a geom, in the frame of its body."""
+    """Return the shape drawn for a geom, in the frame of its body."""
     geom_type = int(model.geom_type[geom])
     sized_shape = SHAPES.get(geom_type, _bounding_box)
     kind, size = sized_shape(model, geom)
@@ -110,7 +110,7 @@ def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
 
 
 def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], SizedShape]:
-    """Return what makes the shape of a geom whose sizes mean the same to MuJoCo and to us."""
+    """Return the function that makes the shape of a geom whose sizes MuJoCo defines as we do."""
 
     def sized_shape(model: mujoco.MjModel, geom: int) -> SizedShape:
         return kind, _numbers(model.geom_size[geom])
@@ -119,14 +119,14 @@ def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], SizedShape]:
 
 
 def _plane(model: mujoco.MjModel, geom: int) -> SizedShape:
-    """Return the slab a plane is drawn as; MuJoCo writes an infinite side as 0."""
+    """Return the slab drawn for a plane; MuJoCo writes an infinite side as 0."""
     width = float(model.geom_size[geom][0]) or MAX_GROUND
     depth = float(model.geom_size[geom][1]) or MAX_GROUND
     return "box", (min(width, MAX_GROUND), min(depth, MAX_GROUND), GROUND_THICKNESS)
 
 
 def _bounding_box(model: mujoco.MjModel, geom: int) -> SizedShape:
-    """Return the bounding box of a geom: meshes and height fields are drawn so, to keep emulator files small."""
+    """Return the bounding box of a geom, drawn for meshes and height fields to keep emulator files small."""
     return "box", _numbers(model.geom_aabb[geom][3:])
 
 
@@ -138,7 +138,7 @@ SHAPES = {
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _as_is("ellipsoid"),
     int(mujoco.mjtGeom.mjGEOM_BOX): _as_is("box"),
 }
-"""What makes the shape of each of MuJoCo's types of geom; any other is drawn as its bounding box."""
+"""Functions that make the shapes of MuJoCo's types of geoms; any other is drawn as its bounding box."""
 
 
 def _numbers(values: Float[np.ndarray, " N"]) -> tuple[float, ...]:

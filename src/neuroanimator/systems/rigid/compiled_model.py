@@ -1,4 +1,4 @@
-"""A user's model, compiled and tried by a process with limits that can open no file."""
+"""A user's model, compiled and tried in a process with limits that can open no file."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from neuroanimator.systems.rigid.urdf import add_what_moves
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
 MAX_MESSAGE = 300
-"""Maximum number of characters shown in an error, of what MuJoCo says."""
+"""Maximum number of characters of MuJoCo's message shown in an error."""
 
 COMPILING = ProcessLimits(memory=2 * 2**30, seconds=60)
 """Limits of the process that compiles a model."""
 
 OUT_OF_MEMORY = ("Could not allocate memory", "unknown exception")
-"""Parts of what MuJoCo says where it gets no memory."""
+"""Parts of MuJoCo's messages when it is out of memory."""
 
 COMPILED = "compiled.mjb"
 """Name under which MuJoCo finds a compiled model in memory."""
 
 COMPILED_KEPT = 4
-"""Number of compiled models kept: a user's own is loaded more than once."""
+"""Number of compiled models kept, as a user's model is loaded more than once."""
 
 ADVICE = {
     "no decoder found": "MuJoCo reads STL, OBJ and MSH: convert the mesh, or put a primitive shape in its place",
@@ -44,19 +44,19 @@ ADVICE = {
     "mjMINVAL": 'Give the body a mass, or add <compiler boundmass="1e-4" boundinertia="1e-7"/> (in a URDF inside of <mujoco>)',
     "mujocoinclude": "It is a part of other models: name one that includes it",
 }
-"""Advice on some of MuJoCo's refusals, by a part of what it says."""
+"""Advice on some of MuJoCo's refusals, by a part of its message."""
 
 
 class ModelRequest(NamedTuple):
-    """A model to be compiled."""
+    """A model to compile."""
 
     name: str
-    """The name errors give the file that describes it."""
+    """Name of the model's main file in errors."""
     documents: Documents
     base: Literal["fixed", "free"] = "fixed"
-    """How a URDF's root stands."""
+    """Whether a URDF's root is fixed or free."""
     passive: tuple[str, ...] = ()
-    """Joints of a URDF that get no motor."""
+    """Joints of a URDF without a motor."""
 
 
 def compile_model(
@@ -66,13 +66,12 @@ def compile_model(
 ) -> mujoco.MjModel:
     """Return the compiled model, with MuJoCo's silent resets of NaN states off.
 
-    It was compiled, and tried for a moment, by a process of its own that a crash or a lack of memory ends instead of
-    this one, and that has the model's files in memory and can open no other. MuJoCo's working memory is as large as any
-    model's may be: memory that nothing touches costs nothing.
-    A URDF gets its motors, but for joints that are `passive`, and its root stands fixed or free as `base` says; see `urdf`.
-    Raises BadFileError naming the file and the fault: all that `read_model_files` refuses, what MuJoCo
-    refuses, no joints, a time step outside (0, 0.1] s, an infinite number or NaN in the compiled model,
-    more bodies, freedoms, memory or time than supported, or what MuJoCo cannot simulate.
+    It was compiled, and tried for a moment, in a process of its own, which a crash or a lack of memory ends instead of
+    this one, and which has the model's files in memory and can open no other. MuJoCo's working memory has the maximum
+    size: untouched memory costs nothing. A URDF gets motors, except on `passive` joints, and a root that is fixed or
+    free by `base`; see `urdf`. Raises BadFileError naming the file and the fault: all that `read_model_files` or MuJoCo
+    refuses, no joints, a time step outside (0, 0.1] s, an infinite number or NaN in the compiled model, more bodies,
+    degrees of freedom, memory or time than supported, or a model that MuJoCo cannot simulate.
     """
     content = _compiled(files, base, passive)
     return mujoco.MjModel.from_binary_path(COMPILED, {COMPILED: content})
@@ -80,7 +79,7 @@ def compile_model(
 
 @lru_cache(COMPILED_KEPT)
 def _compiled(files: ModelFiles, base: Literal["fixed", "free"], passive: tuple[str, ...]) -> bytes:
-    """Return the compiled model as MuJoCo writes it, made within limits."""
+    """Return the compiled model in MuJoCo's format, made within limits."""
     request = ModelRequest(files.main, files.documents(), base, passive)
     try:
         return call_limited(compile_here, request, COMPILING)
@@ -91,7 +90,7 @@ def _compiled(files: ModelFiles, base: Literal["fixed", "free"], passive: tuple[
 
 
 def compile_here(request: ModelRequest) -> bytes:
-    """Return the compiled model as MuJoCo writes it, made in this very process."""
+    """Return the compiled model in MuJoCo's format, made in this process."""
     with _faults_named(request.name):
         model = _compiled_spec(request)
     check_model(request.name, model)
@@ -108,13 +107,13 @@ def compile_here(request: ModelRequest) -> bytes:
 
 @contextmanager
 def _faults_named(main: str) -> Iterator[None]:
-    """Raise what MuJoCo raises as a BadFileError about the file `main`."""
+    """Turn MuJoCo's errors into a BadFileError about the file `main`."""
     try:
         yield
     except NeuroAnimatorError:
         raise
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        # MuJoCo's line numbers count in the text it got, so they would mislead.
+        # MuJoCo's line numbers refer to the text it was given, so they would mislead.
         line = " ".join(str(error).split())
         message = re.sub(r",? ?\(?line =? ?\d+\)?", "", line)[:MAX_MESSAGE]
         if any(part in message for part in OUT_OF_MEMORY):
@@ -127,7 +126,7 @@ def _faults_named(main: str) -> Iterator[None]:
 
 
 def _compiled_spec(request: ModelRequest) -> mujoco.MjModel:
-    """Return the model MuJoCo makes of a request."""
+    """Return the model MuJoCo compiles from a request."""
     documents = request.documents
     with _quiet():
         # The mesh of a flexcomp is read with the XML, all others when the model is compiled.
@@ -137,7 +136,7 @@ def _compiled_spec(request: ModelRequest) -> mujoco.MjModel:
             assets=documents.assets,
         )
         spec.memory = MEMORY_LIMIT
-        # Threads, or the cache, wait for ever for a lock of one that got no memory.
+        # Threads, or the cache, would wait for ever for the lock of a thread without memory.
         spec.compiler.usethread = False
         mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
         if documents.is_urdf:

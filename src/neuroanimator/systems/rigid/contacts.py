@@ -18,27 +18,27 @@ from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.touching import is_limited, touching_geoms
 
 MOST_POINTS = 24
-"""Maximum number of points shown: more cost more than they tell."""
+"""Maximum number of points: more cost more than they help."""
 
 POSES = 16
-"""Poses in which points are looked at, drawn from `SEED`."""
+"""Number of poses in which points are examined, drawn from `SEED`."""
 
 SEED = 0
 
 POSE_SPREAD = 0.7
-"""How far from the reference pose those are [rad or m]."""
+"""Spread of these poses about the reference pose [rad or m]."""
 
 LEAST_MOVED = 1e-6
-"""A point that moves less in all poses does not move [m]."""
+"""Motion over all poses below which a point does not move [m]."""
 
 LEAST_RADIUS = 1e-3
-"""Points nearer to each other than this, or than their radius, in all poses are one [m]."""
+"""Distance, unless a radius is larger, within which points in all poses are one [m]."""
 
 RIM = 4
 """Number of points of a cylinder's rim."""
 
 PLACELESS = ("cyclic", "planar")
-"""Joints represented so may stand anywhere."""
+"""Features of joints whose position does not matter."""
 
 Balls = list[tuple[Float[np.ndarray, " 3"], float]]
 """Centres in the frame of a geom [m], and radii [m]."""
@@ -51,9 +51,10 @@ def contacts_of(
     rates: tuple[tuple[int, int], ...],
     segments: tuple[Segment, ...],
 ) -> Contacts | None:
-    """Return what of the model, whose skeleton has these `bones`, may touch fixed planes or reach a stop; None if nothing may.
+    """Return the possible contacts of the model, whose skeleton has these `bones`, with fixed planes and stops; None if there
+    are none.
 
-    Of points that always move together one is enough, and what never comes nearer to the ground is left out.
+    Of points that always move together only one is kept, and points whose height never changes are left out.
     """
     has_world = len(bones) == model.nbody
     kinematics = Kinematics(
@@ -77,7 +78,7 @@ def contacts_of(
 
 
 def _planes(model: mujoco.MjModel) -> list[Plane]:
-    """Return the planes that do not move and that something can touch."""
+    """Return the fixed planes that something can touch."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     planes = []
@@ -117,7 +118,7 @@ def _points(model: mujoco.MjModel, first_body: int) -> list[ContactPoint]:
 
 
 def _balls(model: mujoco.MjModel, geom: int) -> Balls:
-    """Return balls that lie where a geom would touch a plane."""
+    """Return balls at the places where a geom would touch a plane."""
     of_type = BALLS.get(int(model.geom_type[geom]), _corners)
     return of_type(model, geom)
 
@@ -155,7 +156,7 @@ def _mesh(model: mujoco.MjModel, geom: int) -> Balls:
 
 
 def _corners(model: mujoco.MjModel, geom: int) -> Balls:
-    """Return the corners of the geom's bounding box: of a box itself."""
+    """Return the corners of the geom's bounding box, or of a box itself."""
     centre, half = np.array(model.geom_aabb[geom], float).reshape(2, 3)
     return [(centre + half * signs, 0.0) for signs in product((-1, 1), repeat=3)]
 
@@ -167,7 +168,7 @@ BALLS: dict[int, Callable[[mujoco.MjModel, int], Balls]] = {
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _ellipsoid,
     int(mujoco.mjtGeom.mjGEOM_MESH): _mesh,
 }
-"""What touches a plane, by MuJoCo's type of geom; of any other the corners of its bounding box."""
+"""Functions that return the balls that touch a plane, by MuJoCo's type of geom; for others the corners of the bounding box."""
 
 
 def _stops(model: mujoco.MjModel, views: list[JointView]) -> list[Stop]:
@@ -182,7 +183,7 @@ def _stops(model: mujoco.MjModel, views: list[JointView]) -> list[Stop]:
 
 
 def _placeless(views: list[JointView], planes: list[Plane]) -> list[int]:
-    """Return the state entries that tell where the body is, which does not matter: of free joints unless there are walls."""
+    """Return the state entries of positions that do not matter: those of free joints unless there are walls."""
     is_level = all(plane.z == 1 for plane in planes)
     entries = []
     for view in views:
@@ -206,7 +207,7 @@ def _poses(model: mujoco.MjModel) -> Float[np.ndarray, "N S"]:
 
 
 def _without_what_never_moves(contacts: Contacts, poses: Float[np.ndarray, "N S"]) -> Contacts:
-    """Return `contacts` without points that stay at one height or are where others are, and axes along which none moves."""
+    """Return `contacts` without points of constant height, duplicate points, and axes along which none moves."""
     centres = contacts.centres(poses)
     heights = contacts.heights(centres).reshape(len(poses), len(contacts.planes), -1)
     moves = (np.ptp(heights, axis=0) > LEAST_MOVED).any(axis=0)
@@ -222,7 +223,7 @@ def _without_what_never_moves(contacts: Contacts, poses: Float[np.ndarray, "N S"
 def _distinct(
     contacts: Contacts, centres: Float[np.ndarray, "N 3 P"], moves: Bool[np.ndarray, " P"]
 ) -> list[int]:
-    """Return the points that move and are not always where another is, the outermost ones first."""
+    """Return the points that move and do not always coincide with another, the outermost first."""
     left = [int(point) for point in np.flatnonzero(moves)]
     kept: list[int] = []
     while left and len(kept) < MOST_POINTS:
@@ -235,7 +236,7 @@ def _distinct(
 
 
 def _distance(centres: Float[np.ndarray, "N 3 P"], point: int, others: list[int]) -> float:
-    """Return how far a point is from the nearest of `others` in the pose in which it is the farthest from that one [m]."""
+    """Return the distance of a point from the nearest of `others`, each in the pose of the largest distance [m]."""
     if not others:
         middle = centres.mean(axis=2)
         return float(np.linalg.norm(centres[:, :, point] - middle, axis=1).max())

@@ -9,14 +9,14 @@ from jaxtyping import Float
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
 VERTICAL = 1 - 1e-6
-"""A slide is vertical if its axis and the vertical have at least this product."""
+"""Smallest dot product of a slide's axis and the vertical for it to be vertical."""
 
 LIFTS = 3
-"""Maximum number of times a start is lifted: what is out of one obstacle may be in another."""
+"""Maximum number of times a start is lifted: out of one obstacle, it may be in another."""
 
 
 def height_entry(model: mujoco.MjModel) -> int | None:
-    """Return the state entry that is the height of the first root, of a free joint or an upright slide; None if none is."""
+    """Return the state entry of the first root's height, of a free joint or an upright slide; None if there is none."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     root = model.body_rootid[model.jnt_bodyid[0]]
@@ -33,7 +33,7 @@ def height_entry(model: mujoco.MjModel) -> int | None:
 
 
 def lift_out(model: mujoco.MjModel, entry: int, states: Float[np.ndarray, "B S"]) -> None:
-    """Raise the height in state entry `entry` of each state in which a body lies in something that does not move."""
+    """Raise the height in state entry `entry` of each state in which a body lies in something fixed."""
     data = mujoco.MjData(model)
     with warnings_counted:
         for state in states:
@@ -48,7 +48,7 @@ def lift_out(model: mujoco.MjModel, entry: int, states: Float[np.ndarray, "B S"]
 
 
 def depth_in_ground(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Return how deep the deepest contact with something fixed is [m]; 0 if nothing lies in it."""
+    """Return the depth of the deepest contact with something fixed [m]; 0 if there is none."""
     if not data.ncon:
         return 0.0
     bodies = model.body_weldid[model.geom_bodyid[data.contact.geom]]

@@ -1,4 +1,4 @@
-"""The joints of a MuJoCo model: the state layout they make, and the structure an emulator may exploit."""
+"""The joints of a MuJoCo model: their state layout, and the structure an emulator may use."""
 
 from __future__ import annotations
 
@@ -33,41 +33,41 @@ FEATURES = {
     "ball": ("ball",),
     "free": ("free", "placed"),
 }
-"""The features each kind of joint may be represented by, the proposed one first.
+"""Possible features of each kind of joint, the proposed one first.
 
-Where a `free` joint stands, and its heading, do not matter; where a `placed` one stands does, as there is something else.
+Position and heading of a `free` joint do not matter; those of a `placed` one do, as other things stand around.
 """
 
 
 @dataclass(frozen=True)
 class JointView:
-    """One joint, where it is in the state, and by what it is represented."""
+    """One joint, its entries in the state, and its feature."""
 
     index: int
-    """The joint's number in the model."""
+    """Number of the joint in the model."""
     name: str
     kind: str
-    """What MuJoCo calls its type: hinge, slide, ball or free."""
+    """MuJoCo's name of its type: hinge, slide, ball or free."""
     feature: str
-    """What represents it to a network: one of `FEATURES` of its kind."""
+    """Its feature for a network: one of `FEATURES` of its kind."""
     position_entry: int
-    """The state entry where its position begins."""
+    """First state entry of its position."""
     velocity_entry: int
-    """The state entry where its velocity begins."""
+    """First state entry of its velocity."""
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
-    """Return what a joint is called; `joint_3` if the model does not say."""
+    """Return the name of a joint; `joint_3` if it has none."""
     return model_name(model.joint(joint).name, f"joint_{joint}")
 
 
 def sensor_name(model: mujoco.MjModel, sensor: int) -> str:
-    """Return what a sensor is called; empty if the model does not say, for then it cannot be asked for."""
+    """Return the name of a sensor; empty if it has none, in which case it cannot be requested."""
     return model_name(model.sensor(sensor).name, "")
 
 
 def sensor_numbers(model: mujoco.MjModel, names: tuple[str, ...]) -> list[int]:
-    """Return the numbers in the model of the sensors called `names`; ArgumentError lists those there are."""
+    """Return the numbers in the model of the sensors called `names`; ArgumentError lists the existing ones."""
     known = [sensor_name(model, i) for i in range(model.nsensor)]
     for name in names:
         if name not in known:
@@ -81,8 +81,8 @@ def joint_views(
 ) -> list[JointView]:
     """Return the joints in the model's order.
 
-    `features` says by a joint's name what represents it; a joint that is not there takes the first of its
-    kind's `FEATURES`, a free one that is not alone `placed`. `planar` names the three joints of a root in the plane.
+    `features` gives features by joint name; other joints take the first of their kind's `FEATURES`, a free one that is
+    not alone `placed`. `planar` names the three joints of a root in the plane.
     Raises ArgumentError for a feature a joint cannot have, an unknown joint, and planar joints out of order.
     """
     views = []
@@ -200,7 +200,7 @@ def structure_of(
     size: int,
     parameters: int = 0,
 ) -> Structure:
-    """Return what an emulator of `model` with states of `size` entries, the last of them parameters, may exploit.
+    """Return the structure for an emulator of `model` with states of `size` entries, the last of them parameters.
 
     Raises ArgumentError for a rotational symmetry of a body that has more joints than a free one.
     """
@@ -225,10 +225,10 @@ def structure_of(
 
 
 def _rates(views: list[JointView]) -> list[tuple[int, int]]:
-    """Return the pairs of state entries of which the second is the first's rate of change."""
+    """Return the pairs of state entries in which the second is the rate of change of the first."""
     pairs: list[tuple[int, int]] = []
     for view in views:
-        if view.kind == "ball":  # an orientation's rate of change is no entry of the state
+        if view.kind == "ball":  # an orientation's rate of change is not a state entry
             continue
         count = 1
         if view.kind == "free":
@@ -239,7 +239,7 @@ def _rates(views: list[JointView]) -> list[tuple[int, int]]:
 
 
 def _plain_entries(model: mujoco.MjModel, views: list[JointView], has_ground: bool) -> list[int]:
-    """Return the state entries a network is given as they are; a free root's velocity comes along its own axes instead."""
+    """Return the state entries that are features themselves; a free root's velocity is given along its own axes instead."""
     entries = [view.position_entry for view in views if view.feature == "plain"]
     if views[0].feature == "free" and has_ground:
         height = views[0].position_entry + 2
@@ -261,7 +261,7 @@ def _plain_entries(model: mujoco.MjModel, views: list[JointView], has_ground: bo
 
 
 def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> list[tuple[int, ...]]:
-    """Return as rows of `size` factors each sine hinge's angle, and its sum with those of parallel hinges above it.
+    """Return, as rows of `size` factors, each sine hinge's angle, and its sum with those of parallel hinges above it.
 
     Gravity acts on the sum.
     """
@@ -275,13 +275,13 @@ def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> lis
             chain[above.position_entry] = 1
         rows.append(tuple(alone.tolist()))
         rows.append(tuple(chain.tolist()))
-    return list(dict.fromkeys(rows))  # without the second of two that are equal
+    return list(dict.fromkeys(rows))  # without duplicates
 
 
 def _parallel_above(
     model: mujoco.MjModel, view: JointView, hinges: dict[int, JointView]
 ) -> list[JointView]:
-    """Return the hinges on the bodies above that of `view` which turn about an axis parallel to its own."""
+    """Return the hinges on the bodies above that of `view` with an axis parallel to its own."""
     axis = model.jnt_axis[view.index]
     parallel: list[JointView] = []
     body = int(model.body_parentid[model.jnt_bodyid[view.index]])
@@ -297,7 +297,7 @@ def _parallel_above(
 def _segments(
     views: list[JointView], planar: tuple[str, ...], size: int, parameters: int
 ) -> tuple[Segment, ...]:
-    """Return how the state changes, in order; empty if it is plain all through."""
+    """Return the segments of the state, in order; empty for a state of plain numbers."""
     has_plain_joints_only = all(view.kind in ("hinge", "slide") for view in views)
     if has_plain_joints_only and not planar and not parameters:
         return ()
@@ -350,7 +350,7 @@ def _velocity_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment
 
 
 def _merged(parts: list[Segment]) -> list[Segment]:
-    """Return `parts` with neighbouring plain segments joined: fewer pieces, fewer copies at every step."""
+    """Return `parts` with neighbouring plain segments joined, for fewer copies at every step."""
     joined: list[Segment] = []
     for part in parts:
         if joined and isinstance(part, Plain) and isinstance(joined[-1], Plain):

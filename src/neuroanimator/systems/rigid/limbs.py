@@ -1,4 +1,4 @@
-"""Groups of a MuJoCo model's joints, such as limbs, each of which a hierarchy gives a network of its own."""
+"""Groups of a MuJoCo model's joints, such as limbs, each with its own network in a hierarchy."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.text import listed
 
 POSE_SEED = 0
-"""The pose in which muscles are examined is drawn from this seed."""
+"""Seed of the pose in which muscles are examined."""
 
 POSE_SPREAD = 0.1
-"""Distance from the reference pose at which muscles are examined [rad or m], where none pulls through a joint's axis."""
+"""Spread about the reference pose at which muscles are examined [rad or m], so that none pulls through a joint's axis."""
 
 ENTRIES = {"free": (7, 6), "ball": (4, 3), "slide": (1, 1), "hinge": (1, 1)}
-"""How many state entries the position of a joint takes, and how many its velocity."""
+"""Numbers of state entries of the position and of the velocity of each kind of joint."""
 
 
 def groups_of(
     model: mujoco.MjModel, views: list[JointView], groups: dict[str, tuple[str, ...]]
 ) -> tuple[Group, ...]:
-    """Return what each group of joints has of the state and which controls act on it.
+    """Return each group of joints with its state entries and the controls that act on it.
 
-    Raises ArgumentError for a group without joints, an unknown or repeated joint, and for the root's.
+    Raises ArgumentError for a group without joints, an unknown or repeated joint, and for the root's joint.
     """
     if not groups:
         return ()

@@ -16,10 +16,10 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.rigid.model_xml import MAX_FILE, Documents, Source, gather, refuse
 
 PACKAGE_FILE = "package.xml"
-"""Name of the file by which a folder is known as a ROS package."""
+"""Name of the file that marks a folder as a ROS package."""
 
 PACKAGE_DEPTH = 4
-"""Maximum depth at which a model may lie in its package, the package's own folder counted."""
+"""Maximum depth of a model in its package, counting the package's own folder."""
 
 MAX_NAME = 255
 """Maximum number of characters of a file's name, as on most file systems."""
@@ -33,22 +33,22 @@ class ModelFiles:
     """A model with every file it needs, as (path relative to its folder, bytes), sorted by path."""
 
     main: str
-    """The path of the file that describes the model."""
+    """Path of the model's main file."""
     files: tuple[tuple[str, bytes], ...]
     """(path, bytes) of each file, the main one among them."""
 
     @cached_property
     def digests(self) -> dict[str, str]:
-        """The sha256 of each file, by its path."""
+        """The sha256 of each file, by path."""
         return {name: hashlib.sha256(content).hexdigest() for name, content in self.files}
 
     def differences(self, digests: Mapping[str, str]) -> list[str]:
-        """Return which files are not among both, or have another sha256 in `digests`."""
+        """Return the files that only one side has, or whose sha256 differs in `digests`."""
         every = sorted({*digests, *self.digests})
         return [name for name in every if digests.get(name) != self.digests.get(name)]
 
     def documents(self) -> Documents:
-        """Return the model as MuJoCo gets it; BadFileError for whatever `read_model_files` refuses."""
+        """Return the model as given to MuJoCo; BadFileError for what `read_model_files` refuses."""
         return gather(self.main, Source(dict(self.files).get))
 
     def to_json(self) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class ModelFiles:
 
     @classmethod
     def from_json(cls, value: Any) -> ModelFiles:
-        """Return the files a dataset holds, or an emulator of an older version; raises BadFileError if they are damaged."""
+        """Return the files in a dataset, or in an emulator of an older version; BadFileError if they are damaged."""
         if not _is_main_and_files(value):
             raise BadFileError("The model's files are not {main, files}. Generate and train again.")
         main = value["main"]
@@ -86,7 +86,7 @@ def _is_main_and_files(value: Any) -> bool:
 def read_model_files(path: Path, tree: Path | None = None) -> ModelFiles:
     """Return the model at `path` with every file it refers to, all from the folder `tree`.
 
-    Without `tree` that is the model's own folder, or the ROS package it lies in.
+    Without `tree` it is the model's own folder, or its ROS package.
 
     Raises ArgumentError if the model does not lie in `tree`; BadFileError naming the file and the fault: a path or link
     out of the folder, a missing file, a document type, or anything beyond the limits in `model_xml`.
@@ -105,17 +105,17 @@ def read_model_files(path: Path, tree: Path | None = None) -> ModelFiles:
 
 @contextmanager
 def _reading_named(name: str) -> Iterator[None]:
-    """Raise what keeps a model's files from being read as a BadFileError about the file `name`."""
+    """Turn errors of reading a model's files into a BadFileError about the file `name`."""
     try:
         yield
-    except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a circle of links
+    except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a loop of links
         raise BadFileError(f"{name}: could not read it: {error}. Check the file.") from error
 
 
 def _folder_of(path: Path) -> Path:
-    """Return the folder a model's files are read from: its own, or that of the ROS package it lies in.
+    """Return the folder from which a model's files are read: its own, or that of its ROS package.
 
-    `package://NAME/` stands for it; only a folder with a `package.xml` counts, so that no model can name any other.
+    `package://NAME/` stands for it; only a folder with a `package.xml` counts, so that no model can name another.
     """
     folder = path.parent.resolve()
     for above in (folder, *folder.parents)[:PACKAGE_DEPTH]:
@@ -135,15 +135,15 @@ def _checked_tree(path: Path, tree: Path) -> Path:
 
 
 def _folder_with(folder: Path, name: str) -> str:
-    """Return the folder that holds `folder` and the file `name` outside of it; empty if there is no such file.
+    """Return the folder that holds `folder` and the file `name` outside it; empty if there is no such file.
 
-    Empty, too, if that were the user's home or a folder above it: nobody should be told to open that to a model.
+    Empty, too, for the user's home or a folder above it: nobody should be advised to open that to a model.
     """
     path = (folder / name).resolve()
     if not path.is_file():
         return ""
     common = Path(os.path.commonpath([folder, path]))
-    if common == folder:  # the path leaves the folder and comes back by its name
+    if common == folder:  # the path leaves the folder and returns by its name
         common = folder.parent
     if Path.home().is_relative_to(common):
         return ""
@@ -151,7 +151,7 @@ def _folder_with(folder: Path, name: str) -> str:
 
 
 def _read(folder: Path, name: str) -> bytes | None:
-    """Return the bytes of a file in `folder`, one more than allowed at most; None if there is no such file."""
+    """Return the bytes of a file in `folder`, at most one more than allowed; None if there is no such file."""
     path = (folder / name).resolve()
     if not path.is_relative_to(folder):
         refuse(name, "", "a link that leaves the model's folder. Put the file itself there")

@@ -1,8 +1,8 @@
 """Parameters of a MuJoCo model: attributes of its elements, set in the compiled model.
 
-`body/forearm/mass` is the attribute `mass` of the body `forearm`; `geom/foot/friction` and `body/shin/pos[2]` are like
-it; `geom/friction` is the friction of all geoms, which must have the same. Names of elements and attributes are those of
-MJCF, units are MuJoCo's.
+`body/forearm/mass` is the attribute `mass` of the body `forearm`; others are `geom/foot/friction` and `body/shin/pos[2]`;
+`geom/friction` is the friction of all geoms, which must be the same. Names of elements and attributes are those of MJCF,
+units are MuJoCo's.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from neuroanimator.systems.parameter_tables import parameter_from_table
 from neuroanimator.text import did_you_mean, listed, quoted
 
 OPTION = "option"
-"""Element that a model has once and without a name: gravity, wind, and the medium."""
+"""The only element without a name: gravity, wind, and the medium."""
 
 OBJECTS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
@@ -38,7 +38,7 @@ OBJECTS = {
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "pair": mujoco.mjtObj.mjOBJ_PAIR,
 }
-"""MuJoCo's kind of object for each element that has a name."""
+"""MuJoCo's object types of named elements."""
 
 COUNTS = {
     "body": "nbody",
@@ -53,50 +53,50 @@ COUNTS = {
 PATTERN = re.compile(
     r"(?:(?P<element>\w+)/)(?:(?P<name>.+)/)?(?P<attribute>\w+)(?:\[(?P<index>\d)\])?"
 )
-"""Pattern of what a parameter sets: element/name/attribute[index]."""
+"""Pattern of a parameter's target: element/name/attribute[index]."""
 
 SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 
 LEAST = 1e-9
-"""Least mass, inertia or length of a body, in SI units."""
+"""Minimum mass, inertia or length of a body, in SI units."""
 
 MAX_KEPT = 1024
-"""Maximum number of models of bodies that are kept."""
+"""Maximum number of bodies' models kept."""
 
 KEPT_BYTES = 2**27
-"""Maximum number of bytes of theirs."""
+"""Maximum total size of these models [bytes]."""
 
 MAX_CORNERS = 10
 """Maximum number of parameters of one element whose ends are tried in all combinations."""
 
 MAX_MESSAGE = 200
-"""Maximum number of characters shown of what MuJoCo says."""
+"""Maximum number of characters shown of MuJoCo's message."""
 
 TRIANGLE_TOLERANCE = 1e-6
-"""Share by which the largest moment of inertia may exceed the sum of the others: rounding."""
+"""Relative tolerance of the largest moment of inertia above the sum of the others, for rounding."""
 
 
 class Attribute(NamedTuple):
-    """An attribute of an element, as a compiled model holds it."""
+    """An attribute of an element in a compiled model."""
 
     unit: str
-    """Its unit; of a joint that of one that turns."""
+    """Its unit; for a joint, that of a hinge."""
     least: float
-    """Least value with which there can be such a body."""
+    """Smallest possible value."""
     numbers: int
     """Number of its numbers."""
     default: int | None
-    """Index where none is given; None if one must be given."""
+    """Default index; None if one must be given."""
     read: Callable[[mujoco.MjModel, int, int], float]
-    """Returns its value in (model, number of the element, index)."""
+    """Returns its value, given (model, number of the element, index)."""
     write: Callable[[mujoco.MjModel, int, int, float], None]
-    """Sets it in (model, number of the element, index) to a value."""
+    """Sets its value, given (model, number of the element, index, value)."""
     sliding_unit: str = ""
-    """Its unit in a joint that slides."""
+    """Its unit for a slide."""
 
 
 class Target(NamedTuple):
-    """An attribute of one element of a model, or of all of a kind, which have the same value."""
+    """An attribute of one element of a model, or of all of a kind, with the same value."""
 
     element: str
     numbers: tuple[int, ...]
@@ -137,7 +137,7 @@ def _field(
 
 
 def _of_joint(field: str, unit: str, sliding_unit: str) -> Attribute:
-    """Return the attribute of a joint that `field` holds for each of its degrees of freedom: the same of them all."""
+    """Return the attribute of a joint that `field` holds for each of its degrees of freedom, the same for all."""
 
     def read(model: mujoco.MjModel, number: int, index: int) -> float:
         return float(getattr(model, field)[model.jnt_dofadr[number]])
@@ -170,7 +170,7 @@ def _read_mass(model: mujoco.MjModel, number: int, index: int) -> float:
 
 
 def _write_mass(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
-    """Set the mass of a body of the same shape: its moments of inertia grow with it."""
+    """Set the mass of a body at the same shape: its moments of inertia scale with it."""
     model.body_inertia[number] *= value / model.body_mass[number]
     model.body_mass[number] = value
 
@@ -188,7 +188,7 @@ def _read_kp(model: mujoco.MjModel, number: int, index: int) -> float:
 
 
 def _write_kp(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
-    """Set the gain; of a position servo that of its feedback, too."""
+    """Set the gain; for a position servo that of its feedback, too."""
     if model.actuator_biasprm[number, 1] == -model.actuator_gainprm[number, 0]:
         model.actuator_biasprm[number, 1] = -value
     model.actuator_gainprm[number, 0] = value
@@ -203,7 +203,7 @@ def _write_kv(model: mujoco.MjModel, number: int, index: int, value: float) -> N
 
 
 def _write_pair_friction(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
-    """Set how a pair slides in both directions."""
+    """Set a pair's sliding friction in both directions."""
     model.pair_friction[number, :2] = value
 
 
@@ -212,7 +212,7 @@ def _read_pair_friction(model: mujoco.MjModel, number: int, index: int) -> float
 
 
 def _write_scale(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
-    """Scale all lengths of a body and of those below it, at the same densities."""
+    """Scale all lengths of a body and of those below it, at constant density."""
     below = _subtree(model, number)
     deeper = [body for body in below if body != number]
     model.body_pos[deeper] *= value
@@ -287,14 +287,14 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
 """Attributes that can be parameters, by element."""
 
 ORDER = ("scale", "mass", "inertia_factor")
-"""Attributes that are set before all others, as they change others as well."""
+"""Attributes that are set before all others, as they change those, too."""
 
 
 class Family:
     """A model and its parameters: it makes the model of any body of the family."""
 
     def __init__(self, model: mujoco.MjModel, tables: Mapping[str, ParameterTable]):
-        """Raises ArgumentError for an element or attribute that is not there, and for ends that make no possible body."""
+        """Raises ArgumentError for a missing element or attribute, and for ends that make an impossible body."""
         self.model = model
         self._kept: dict[tuple[bytes, float, int], mujoco.MjModel] = {}
         self._data = mujoco.MjData(model)
@@ -313,9 +313,9 @@ class Family:
     def model_at(
         self, values: Float[np.ndarray, " P"], like: mujoco.MjModel | None = None
     ) -> mujoco.MjModel:
-        """Return a copy of the model, or of one `like` it but for its step, in which parameters have these values.
+        """Return a copy of the model, or of one `like` it except for its step, with these parameters.
 
-        Nothing may be changed in it: it is kept for the next time, as bodies of an episode are asked for at every step.
+        It must not be changed: it is kept for reuse, as bodies of an episode are needed at every step.
         """
         model = like or self.model
         key = (values.tobytes(), model.opt.timestep, model.opt.integrator)
@@ -339,9 +339,9 @@ class Family:
         return ORDER.index(name) if name in ORDER else len(ORDER)
 
     def _refuse_impossible(self) -> None:
-        """Raise ArgumentError where the ends of ranges, in some combination, make a body that cannot be.
+        """Raise ArgumentError if some combination of the ends of ranges makes an impossible body.
 
-        Only parameters of the same element are combined: masses and moments of inertia, or both ends of a joint's range.
+        Only parameters of the same element are combined, such as mass and moments of inertia, or both ends of a range.
         """
         nominal = nominal_values(self.parameters)
         elements = {
@@ -366,7 +366,7 @@ class Family:
                     raise ArgumentError(f"parameters: with {names} {fault}. Narrow the range.")
 
     def _fault(self, values: Float[np.ndarray, " P"], element: str, number: int) -> str:
-        """Return why there can be no body with these values; empty if there can."""
+        """Return why a body with these values is impossible; empty if it is possible."""
         try:
             model = self.model_at(values)
         except mujoco.FatalError as error:
@@ -376,7 +376,7 @@ class Family:
 
 
 def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Target:
-    """Return what the parameter called `name` sets; ArgumentError says what is not there, and what is."""
+    """Return the target of the parameter called `name`; ArgumentError says what is missing, and lists what exists."""
     where = f"parameters.{name}.sets"
     match = PATTERN.fullmatch(table.sets)
     if match is None or match["element"] not in ATTRIBUTES:
@@ -409,7 +409,7 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
 def _find_elements(
     model: mujoco.MjModel, where: str, element: str, name: str | None
 ) -> tuple[int, ...]:
-    """Return the number of the element called `name`, or those of all of its kind, other than bodies, without one."""
+    """Return the number of the element called `name`; without a name, those of all of its kind, except bodies."""
     if element == OPTION:
         return (0,)
     names = [
@@ -427,8 +427,8 @@ def _find_elements(
 
 
 def _refuse_unfit(model: mujoco.MjModel, where: str, target: Target, table: ParameterTable) -> None:
-    """Raise ArgumentError for values below the least, for elements that differ, for a body without mass, and for lengths of
-    what cannot be scaled."""
+    """Raise ArgumentError for values that are too small, for elements that differ, for a body without mass, and for a body
+    that cannot be scaled."""
     low = table.range[0]
     least = target.attribute.least
     if low < least:
@@ -458,7 +458,7 @@ def _refuse_unfit(model: mujoco.MjModel, where: str, target: Target, table: Para
 
 
 def _impossible(model: mujoco.MjModel, element: str, number: int) -> str:
-    """Return why there can be no such body or joint; empty if there can."""
+    """Return why such a body or joint is impossible; empty if it is possible."""
     if element == "body":
         moments = np.sort(model.body_inertia[number])
         if moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE_TOLERANCE):

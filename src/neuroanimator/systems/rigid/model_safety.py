@@ -17,7 +17,7 @@ FREEDOM_LIMIT = 200
 """Maximum number of a model's degrees of freedom."""
 
 STEP_LIMIT = 0.1
-"""Maximum of a model's time step [s]."""
+"""Maximum time step of a model [s]."""
 
 NUMBER_LIMIT = 10_000
 """Maximum number of a model's sensor readings, and of its activations."""
@@ -36,9 +36,9 @@ LARGEST = {
     "sensor readings": ("nsensordata", NUMBER_LIMIT, "Write a smaller model"),
     "activations": ("na", NUMBER_LIMIT, "Write a smaller model"),
 }
-"""MuJoCo's name of each number that is limited, the limit, and what to do about a model that has more.
+"""MuJoCo's name of each limited number, its limit, and advice on a model that has more.
 
-Each node of a soft body may be a body of its own, with three degrees of freedom.
+Each node of a soft body may be a separate body, with three degrees of freedom.
 """
 
 

@@ -1,4 +1,4 @@
-"""A system made from a definition and a MuJoCo model: ours and anybody's own."""
+"""A system made from a definition and a MuJoCo model: a shipped one or a user's."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ from neuroanimator.systems.schemes import schemes_of
 from neuroanimator.text import listed, quoted
 
 HOME = "home"
-"""The keyframe of this name is the state of rest, if the model has one."""
+"""Name of the keyframe that is the state of rest, if the model has one."""
 
 RATE_SIZES = {"free": 6, "ball": 3}
-"""How many numbers the velocity of a joint of this kind has; of any other kind one."""
+"""Number of velocities of each kind of joint; one for any other kind."""
 
 
 class ModelSystem(MujocoSystem):
-    """A MuJoCo model as its definition says it should be represented, driven and sampled."""
+    """A MuJoCo model, represented, driven and sampled by its definition."""
 
     def __init__(self, definition: Definition, model: mujoco.MjModel, definition_text: str = ""):
         """Make the system of a compiled `model`.
 
-        `definition_text` is what the system can be made from again; it is empty for one that comes
-        with the package. Raises ArgumentError, which names the table and the name that is wrong.
+        `definition_text` is the text from which the system can be made again; empty for a shipped one. Raises
+        ArgumentError, which names the table and the name at fault.
         """
         self.name = definition.name
         self.definition_text = definition_text
@@ -95,13 +95,13 @@ class ModelSystem(MujocoSystem):
     def symmetries(
         self, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
     ) -> tuple[Symmetry, ...]:
-        """Return the model's symmetries, if its definition says that it has some; see `symmetries_of`."""
+        """Return the model's symmetries, if its definition declares any; see `symmetries_of`."""
         if not self.has_symmetries:
             return ()
         return tuple(symmetries_of(self, states, controls))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        """Return random starts: some near rest, the others as far from it as the sampling table says."""
+        """Return random starts: some near rest, the others spread by the sampling table."""
         is_near_rest = rng.random(count) < self.sampling.rest_share
         spread = np.where(is_near_rest, self.sampling.rest_spread, 1.0)[:, None]
         starts = np.repeat(self.rest[None], count, axis=0)
@@ -113,7 +113,7 @@ class ModelSystem(MujocoSystem):
         return self.with_sensors(starts[:, : self.physical_size], parameters)
 
     def sample_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        """Return the state of rest and those of keyframes in random order, with `reset_noise`, as Gymnasium resets."""
+        """Return the state of rest and those of keyframes in random order, with `reset_noise`, as in Gymnasium's resets."""
         starts = self.resets[rng.integers(0, len(self.resets), count)]
         noise = self.sampling.reset_noise
         positions = starts[:, : self.model.nq]
@@ -125,7 +125,7 @@ class ModelSystem(MujocoSystem):
         return self.with_sensors(starts, draw_parameters(self.parameters, rng, count))
 
     def _height_entry(self) -> int:
-        """Return the state entry that is the root's height, of a free joint or of a vertical slide."""
+        """Return the state entry of the root's height, of a free joint or of a vertical slide."""
         entry = height_entry(self.model)
         if entry is None:
             raise ArgumentError(
@@ -134,7 +134,7 @@ class ModelSystem(MujocoSystem):
         return entry
 
     def start_at(self, parts: Start) -> Float[np.ndarray, " S"]:
-        """Return the start `parts` name, with what the sensors say in it."""
+        """Return the start that `parts` describe, with its sensor readings."""
         start = super().start_at(parts)
         parameters = start[self.parameter_entries]
         return self.with_sensors(start[None, : self.physical_size], parameters[None])[0]
@@ -144,9 +144,9 @@ class ModelSystem(MujocoSystem):
         physics_states: Float[np.ndarray, "B P"],
         parameters: Float[np.ndarray, "B Q"] | None = None,
     ) -> Float[np.ndarray, "B S"]:
-        """Return the states whose physical part is `physics_states`, with what the sensors say in them.
+        """Return the states whose physical part is `physics_states`, with their sensor readings.
 
-        Bodies have these `parameters`, or the nominal ones.
+        Bodies have these `parameters`, by default the nominal ones.
         """
         if parameters is None:
             nominal = nominal_values(self.parameters)
@@ -168,7 +168,7 @@ class ModelSystem(MujocoSystem):
     def _scatter(
         self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator
     ) -> None:
-        """Scatter what `starts` (B, S) say of one joint, by the share `spread` (B, 1) of the sampling table."""
+        """Scatter one joint in `starts` (B, S), by the share `spread` (B, 1) of the sampling table."""
         sizes = np.array(self.sampling.velocity.get(view.name, ()))
         drawn = rng.normal(size=(len(starts), len(sizes))) * sizes * spread
         if view.kind == "free":
@@ -183,7 +183,7 @@ class ModelSystem(MujocoSystem):
             increment = rng.normal(size=(len(starts), 3)) * width * spread
             starts[:, orientation] = rotated_by(starts[:, orientation], increment)
         elif isinstance(width, tuple):
-            # Near rest, each start is that share of the way from rest to where it was drawn.
+            # Near rest, each start is that share of the way from rest to the drawn position.
             offset = rng.uniform(*width, len(starts)) - self.rest[view.position_entry]
             starts[:, view.position_entry] += offset * spread[:, 0]
         else:
@@ -199,12 +199,12 @@ class ModelSystem(MujocoSystem):
         drawn: np.ndarray,
         rng: np.random.Generator,
     ) -> None:
-        """Scatter a free root: any heading, some tilt and height, and the velocities `drawn` in its own axes."""
+        """Scatter a free root: any heading, some tilt and height, and the velocities `drawn` along its own axes."""
         count = len(starts)
         height = view.position_entry + 2
         orientation = slice(view.position_entry + 3, view.position_entry + 7)
         heading = facing(rng.uniform(-np.pi, np.pi, count))
-        # Tilted about the level axes alone: the heading is drawn by itself.
+        # Tilted about the level axes alone: the heading is drawn separately.
         tilt = rng.normal(size=(count, 3)) * [1, 1, 0] * self.sampling.tilt * spread
         tilted = rotated_by(starts[:, orientation], tilt)
         starts[:, orientation] = multiply(heading, tilted)
@@ -220,7 +220,7 @@ class ModelSystem(MujocoSystem):
         drawn: np.ndarray,
         rng: np.random.Generator,
     ) -> None:
-        """Scatter a free body that is not the root: over the level plane, with any heading, so that it stays on what it is on."""
+        """Scatter a free body that is not the root: over the level plane, with any heading, so that it keeps its support."""
         orientation = slice(view.position_entry + 3, view.position_entry + 7)
         angles = rng.uniform(-np.pi, np.pi, len(starts)) * spread[:, 0]
         starts[:, orientation] = multiply(facing(angles), starts[:, orientation])
@@ -230,7 +230,7 @@ class ModelSystem(MujocoSystem):
     def _scatter_level(
         self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator
     ) -> None:
-        """Scatter a free body along x and y, if the sampling table says how far: for most it does not matter."""
+        """Scatter a free body along x and y, if the sampling table gives a distance: for most bodies it does not matter."""
         width = self.sampling.position.get(view.name, 0.0)
         if width:
             level = slice(view.position_entry, view.position_entry + 2)
@@ -246,7 +246,7 @@ class ModelSystem(MujocoSystem):
             starts[:, angular_velocity] = drawn[:, 3:]
 
     def _check_sampling(self) -> None:
-        """Refuse sampling of joints that are not there, and velocities of another size than the joint's."""
+        """Refuse sampling of missing joints, and velocities of another size than the joint's."""
         sizes = {view.name: RATE_SIZES.get(view.kind, 1) for view in self.views}
         kinds = {view.name: view.kind for view in self.views}
         if self.sampling.above_ground:
@@ -263,12 +263,12 @@ class ModelSystem(MujocoSystem):
                 )
 
     def goal(self, name: str, table: GoalTable) -> Goal:
-        """Return the goal that `table` describes; ArgumentError names `name` and the part that is wrong."""
+        """Return the goal that `table` describes; ArgumentError names `name` and the part at fault."""
         at_site = self._at_site(name, table.site) if table.site else {}
         return model_goal(self.state, name, table, at_site)
 
     def _at_site(self, name: str, site: str) -> dict[str, np.ndarray]:
-        """Return the parts of the state that have the root at rest at `site`, oriented as the site is."""
+        """Return the parts of the state with the root at rest at `site`, with the site's orientation."""
         sites = [self.model.site(i).name for i in range(self.model.nsite)]
         if self.views[0].kind != "free" or site not in sites:
             raise ArgumentError(
@@ -290,9 +290,9 @@ class ModelSystem(MujocoSystem):
 def model_goal(
     layout: Layout, name: str, table: GoalTable, at_site: Mapping[str, np.ndarray]
 ) -> Goal:
-    """Return the goal that `table` describes in the state `layout` of a model; `at_site` holds the parts that its site says.
+    """Return the goal that `table` describes in the state `layout` of a model; `at_site` holds the parts given by its site.
 
-    Raises ArgumentError, which names the goal and the part that is wrong.
+    Raises ArgumentError, which names the goal and the part at fault.
     """
     reach = {part: np.array(values, float) for part, values in table.reach.items()}
     reach |= at_site
@@ -316,7 +316,7 @@ def _target(
 
 
 def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the entries of MuJoCo's sensor data the sensors called `names` fill."""
+    """Return the entries of MuJoCo's sensor data of the sensors called `names`."""
     entries: list[int] = []
     for sensor in sensor_numbers(model, names):
         first = int(model.sensor_adr[sensor])
@@ -325,7 +325,7 @@ def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, 
 
 
 def _check_ends(name: str, ends: tuple[float, float], kind: str) -> None:
-    """Refuse two ends of a spread that are none, or of a joint that has no such ends."""
+    """Refuse invalid ends of a spread, or ends for a joint that cannot have them."""
     if kind not in ("hinge", "slide"):
         raise ArgumentError(
             f"sampling.position.{name}: wanted one number, as it is a {kind} joint; came two."
@@ -344,15 +344,15 @@ def _check_joint(table: str, name: str, sizes: Mapping[str, int]) -> None:
 
 
 def keyframe_name(model: mujoco.MjModel, keyframe: int) -> str:
-    """Return what a keyframe is called; `key_2` if the model does not say."""
+    """Return the name of a keyframe; `key_2` if it has none."""
     return model_name(model.key(keyframe).name, f"key_{keyframe}")
 
 
 def _rest(model: mujoco.MjModel, keyframe: str) -> Float[np.ndarray, " P"]:
-    """Return the keyframe of that name, standing still or not.
+    """Return the keyframe of that name, with its velocities.
 
-    If none is named it is the one called `home`, or the model's reference pose, standing still. Raises ArgumentError
-    for a keyframe that is not there.
+    Without a name it is the one called `home`, or the model's reference pose at zero velocity. Raises ArgumentError for
+    a missing keyframe.
     """
     data = mujoco.MjData(model)
     names = [keyframe_name(model, i) for i in range(model.nkey)]

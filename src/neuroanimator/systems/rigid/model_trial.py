@@ -1,4 +1,4 @@
-"""A short simulation of a model, by which it is known early that MuJoCo cannot simulate it."""
+"""A short simulation of a model, to find out early if MuJoCo cannot simulate it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import time
 
 import mujoco
 import numpy as np
-from numpy.random import (  # by name: the process that tries a model opens no file later on
+from numpy.random import (  # by name: the process that tries a model cannot open files later
     Generator,
     default_rng,
 )
 
 STARTS = 8
-"""Number of states a model is tried from: its reference pose, then random ones."""
+"""Number of states from which a model is tried: its reference pose, then random ones."""
 
 STEPS = 50
 """Number of physics steps from each state."""
 
 HOLD = 10
-"""Number of steps each random control is held."""
+"""Number of steps for which each random control is held."""
 
 LONGEST = 1.0
 """Processor time after which a trial ends [s]: one step of some models takes a tenth of a second."""
@@ -31,11 +31,11 @@ def try_model(model: mujoco.MjModel) -> None:
     until = time.process_time() + LONGEST
     starts = STARTS
     if model.nflex:
-        starts = 1  # its nodes anywhere are no soft body any more
+        starts = 1  # a soft body with scattered nodes is none
     for start in range(starts):
         mujoco.mj_resetData(model, data)
         if start:
-            # Along the velocities' axes, so that orientations stay unit quaternions.
+            # In the space of velocities, so that orientations stay unit quaternions.
             mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
             data.qvel[:] = rng.normal(size=model.nv)
         for step in range(STEPS):
@@ -47,7 +47,7 @@ def try_model(model: mujoco.MjModel) -> None:
 
 
 def _random_controls(model: mujoco.MjModel, rng: Generator) -> np.ndarray:
-    """Return controls anywhere in their ranges, or about 0 where there are none."""
+    """Return random controls in their ranges, or about 0 without a range."""
     low, high = model.actuator_ctrlrange.T
     is_limited = model.actuator_ctrllimited.astype(bool)
     return np.where(is_limited, rng.uniform(low, high), rng.normal(size=model.nu))

@@ -1,4 +1,4 @@
-"""The XML files of a model, as far as they name other files; MuJoCo reads all the rest."""
+"""The XML files of a model, as far as they name other files; MuJoCo reads the rest."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from xml.parsers import expat
 from neuroanimator.errors import BadFileError
 
 ELEMENT_LIMIT = 10_000
-"""Maximum number of elements in a model's files, counted while they are read: each takes far more memory than its text."""
+"""Maximum number of elements in a model's files, counted during reading: each takes far more memory than its text."""
 
 ATTRIBUTE_LIMIT = 100
-"""Maximum number of an element's attributes: MuJoCo compares each with all the others, 49 s for 150,000."""
+"""Maximum number of an element's attributes: MuJoCo compares all pairs, which takes 49 s for 150,000."""
 
 DEPTH_LIMIT = 100
-"""Maximum number of elements around an element: they are written again by recursion."""
+"""Maximum depth of nested elements: they are written recursively."""
 
 NODE_LIMIT = 10_000
-"""Maximum number of nodes of a model's soft bodies: a step of one so large takes tens of milliseconds."""
+"""Maximum number of nodes of a model's soft bodies: a step of so large a body takes tens of milliseconds."""
 
 MAX_FILE = 64 * 2**20
 """Maximum size of a model's file [bytes]."""
@@ -36,13 +36,13 @@ MAX_TOTAL = 256 * 2**20
 """Maximum size of all files of a model together [bytes]."""
 
 MAX_UP = 4
-"""Number of folders upwards, itself among them, in which a missing file is looked for, to tell where it is."""
+"""Number of folders upwards, including its own, in which a missing file is searched for, to name its place."""
 
 PATH_PARTS = 12
-"""Maximum number of last parts tried of the path of a URDF's mesh."""
+"""Maximum number of trailing parts of the path of a URDF's mesh that are tried."""
 
 MAX_DIGITS = 10
-"""Number of digits that no count of nodes has."""
+"""Number of digits beyond any count of nodes."""
 
 MAX_TAG = 40
 """Maximum number of characters of an element's tag shown in an error."""
@@ -51,7 +51,7 @@ MAX_SHOWN = 80
 """Maximum number of characters of an attribute shown in an error."""
 
 MACRO = "xacro:"
-"""Beginning of the tags of xacro, the language most URDFs are made with."""
+"""Prefix of the tags of xacro, the language in which most URDFs are written."""
 
 COLOR_SIZE = 4
 """Number of values of a colour: red, green, blue and opacity."""
@@ -60,7 +60,7 @@ URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """Elements of a URDF that MuJoCo reads; the rest, such as <gazebo>, is dropped."""
 
 FOLDER_SETTINGS = ("assetdir", "meshdir", "texturedir", "strippath")
-"""Attributes of <compiler> that say where files lie."""
+"""Attributes of <compiler> that define where files lie."""
 
 FLATTEN = (
     'models inside models are not supported. Write one model: python -c "import mujoco; s = mujoco.MjSpec.from_file('
@@ -77,10 +77,10 @@ REFUSED = {
 
 
 class Element(ET.Element):
-    """An XML element that knows where it stands."""
+    """An XML element with its place in a file."""
 
     origin: tuple[str, int] = ("", 0)
-    """The file the element stands in, and its line there."""
+    """File and line of the element."""
 
     def children(self) -> list[Element]:
         """Return the elements directly inside."""
@@ -91,7 +91,7 @@ class Element(ET.Element):
         return cast("list[Element]", list(self.iter()))
 
     def file_attributes(self) -> list[str]:
-        """Return the attributes that name files: `file`, URDF's `filename`, a sky's `fileleft` and so on."""
+        """Return the attributes that name files: `file`, URDF's `filename`, a skybox's `fileleft` and so on."""
         return [name for name in self.attrib if name.startswith("file")]
 
 
@@ -103,7 +103,7 @@ def refuse(file: str, where: str, fault: str) -> NoReturn:
 
 
 def refuse_at(element: Element, attribute: str, fault: str) -> NoReturn:
-    """Raise BadFileError naming the element, its line, and `attribute` where it has it."""
+    """Raise BadFileError naming the element, its line, and its `attribute` if it has it."""
     where = element.tag[:MAX_TAG]
     if "name" in element.attrib:
         where += f" {_shown(element.attrib['name'])}"
@@ -121,19 +121,19 @@ def _shown(text: str) -> str:
 
 @dataclass
 class Source:
-    """The place a model's files come from; each is taken once, and nothing beyond the limits."""
+    """The source of a model's files; each is read once, and nothing beyond the limits."""
 
     load: Callable[[str], bytes | None]
     """Returns the bytes of a file by its path in the model's folder, or None if there is no such file."""
 
     taken: dict[str, bytes] = field(default_factory=dict)
-    """The bytes of every file read up to now, by its path."""
+    """Bytes of every file read so far, by path."""
 
     elements: int = 0
-    """Number of elements read up to now, in all files."""
+    """Number of elements read so far, in all files."""
 
     where_outside: Callable[[str], str] = lambda _: ""
-    """Returns the folder that holds both the model and a path outside its tree, `../a.stl`, as words; empty if none may."""
+    """Returns the folder that holds both the model and a path outside its tree, such as `../a.stl`; empty if none may."""
 
     def take(self, name: str) -> bytes | None:
         """Return the bytes of `name`, or None if there is no such file; BadFileError beyond the limits."""
@@ -173,7 +173,7 @@ class Source:
 
 
 def _advice(folders: list[str]) -> str:
-    """Return what to do about a file that is not in the model's tree but may be in one of `folders`."""
+    """Return advice on a file that is not in the model's tree but may be in one of `folders`."""
     for folder in folders:
         if folder:
             return f"If the model may read files there, say 'new --tree {quote(folder)}'"
@@ -183,10 +183,10 @@ def _advice(folders: list[str]) -> str:
 def _candidates(
     element: Element, attribute: str, folders: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Return the paths where a file may be, inside the model's tree and outside of it (`../a.stl`), each once.
+    """Return the possible paths of a file, inside the model's tree and outside it (`../a.stl`), without duplicates.
 
-    `package://name/` counts as the tree. A URDF's folder may be any part of its package, so that a path may begin too
-    high up: its ends are tried, too. Paths that are absolute, or no plain ones, are refused.
+    `package://name/` counts as the tree. A URDF may lie anywhere in its package, so that a path may begin too high up: its
+    ends are tried, too. Absolute and unusual paths are refused.
     """
     written = element.attrib[attribute].replace("\\", "/")
     text = written
@@ -219,7 +219,7 @@ def _candidates(
 
 
 def parse(source: Source, name: str, content: bytes) -> Element:
-    """Return the root element; refuses document types, which can define entities that explode."""
+    """Return the root element; refuses document types, which can define exploding entities."""
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
@@ -258,19 +258,19 @@ def parse(source: Source, name: str, content: bytes) -> Element:
 
 @dataclass(frozen=True)
 class Documents:
-    """The XML of a model and the files it names, as MuJoCo gets them: from memory, by names no two files share."""
+    """The XML of a model and the files it names, as given to MuJoCo: from memory, by unique names."""
 
     main: str
-    """The text of the file that describes the model."""
+    """Text of the model's main file."""
     is_urdf: bool
     includes: dict[str, bytes]
-    """The other XML files, by the names the XML gives them now."""
+    """The other XML files, by their new names in the XML."""
     assets: dict[str, bytes]
-    """The meshes and pictures, likewise."""
+    """The meshes and pictures, by their new names."""
 
 
 def gather(main: str, source: Source) -> Documents:
-    """Return the model in the file `main` and every file it names, all of them taken from `source`.
+    """Return the model in the file `main` and every file it names, all from `source`.
 
     Raises BadFileError naming the file and the element: a path out of the model's folder, a missing file, a document
     type, or more than the limits.
@@ -299,13 +299,13 @@ def gather(main: str, source: Source) -> Documents:
 
 
 def _key(source: Source, name: str) -> str:
-    """Return the name MuJoCo knows a file by: two folders may hold files of one name."""
+    """Return a unique name of a file for MuJoCo: two folders may hold files of one name."""
     number = list(source.taken).index(name)
     return f"{number}-{PurePosixPath(name).name}"
 
 
 def _includes(source: Source, root: Element, main: str) -> list[tuple[str, bytes]]:
-    """Return (name, bytes) of each XML file that one includes, and point it to the name MuJoCo knows."""
+    """Return (name, bytes) of each included XML file, and point the include to its new name."""
     found = []
     for element in root.descendants():
         if element.tag != "include":
@@ -320,7 +320,7 @@ def _includes(source: Source, root: Element, main: str) -> list[tuple[str, bytes
 
 
 def _take_settings(roots: list[Element]) -> dict[str, str]:
-    """Return what the <compiler> elements set; what they say of paths is removed, as `_attach_files` follows it."""
+    """Return the settings of the <compiler> elements; those of paths are removed, as `_attach_files` applies them."""
     settings: dict[str, str] = {}
     for root in roots:
         for compiler in root.iter("compiler"):
@@ -333,9 +333,9 @@ def _take_settings(roots: list[Element]) -> dict[str, str]:
 def _attach_files(
     source: Source, main: str, root: Element, settings: dict[str, str]
 ) -> dict[str, bytes]:
-    """Return the meshes and pictures that XML names, and point its attributes to the names MuJoCo knows.
+    """Return the meshes and pictures named in the XML, and point its attributes to their new names.
 
-    Paths begin at the folder of the file `main`, or at that of the file the attribute stands in.
+    Paths begin at the folder of the file `main`, or at that of the attribute's file.
     """
     files: dict[str, bytes] = {}
     for element in root.descendants():
@@ -356,7 +356,7 @@ def _attach_files(
 
 
 def _check_count(element: Element) -> None:
-    """Refuse a grid of more nodes than supported before MuJoCo makes them; what is no numbers it refuses itself."""
+    """Refuse a grid of too many nodes before MuJoCo makes them; MuJoCo itself refuses invalid numbers."""
     nodes = 1
     for text in element.get("count", "").split():
         nodes *= int(text) if text.isascii() and text.isdigit() and len(text) < MAX_DIGITS else 1
@@ -369,7 +369,7 @@ def _check_count(element: Element) -> None:
 
 
 def _folders(element: Element, attribute: str, settings: dict[str, str], main: str) -> list[str]:
-    """Return where the file an attribute names may be, after removing the path MuJoCo would strip from it."""
+    """Return the possible folders of the file an attribute names, after removing the path MuJoCo would strip from it."""
     if settings.get("strippath") == "true" and attribute != "filename":
         element.set(attribute, re.split(r"[/\\]", element.attrib[attribute])[-1])
     setting = "meshdir"
@@ -378,7 +378,7 @@ def _folders(element: Element, attribute: str, settings: dict[str, str], main: s
     folder = settings.get(setting, settings.get("assetdir", ""))
     beside_main = PurePosixPath(main).parent
     beside_file = PurePosixPath(element.origin[0]).parent
-    # Older models say it the other way round.
+    # Older models have the opposite order.
     folders = [beside_main / folder, beside_file / folder, PurePosixPath(folder) / beside_file]
     if attribute == "filename":
         folders.append(PurePosixPath(folder))  # a URDF's paths may begin at its package
@@ -386,7 +386,7 @@ def _folders(element: Element, attribute: str, settings: dict[str, str], main: s
 
 
 def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
-    """Remove what MuJoCo does not read of a URDF, so that it needs no files for it; macros of xacro are refused."""
+    """Remove the parts of a URDF that MuJoCo does not read, so that their files are not needed; xacro macros are refused."""
     for element in root.descendants():
         if element.tag.startswith(MACRO):
             refuse_at(
@@ -398,7 +398,7 @@ def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
     for texture in root.iter("texture"):
         texture.attrib.clear()
     for material in root.descendants():
-        # A colour of three numbers, or of five, is no reason to refuse a robot.
+        # A colour of three or five numbers is no reason to refuse a robot.
         if material.tag == "material":
             material[:] = [child for child in material if _is_color(child)]
     if settings.get("discardvisual", "true") == "true":
@@ -407,5 +407,5 @@ def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
 
 
 def _is_color(element: ET.Element) -> bool:
-    """Return whether an element of a material is anything but a colour that is not four numbers."""
+    """Return whether an element of a material is anything other than a colour without exactly four numbers."""
     return element.tag != "color" or len(element.get("rgba", "").split()) == COLOR_SIZE

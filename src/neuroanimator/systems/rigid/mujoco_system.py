@@ -1,4 +1,4 @@
-"""Rigid bodies: a System whose physics is MuJoCo's."""
+"""Rigid bodies: a System with MuJoCo's physics."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ INTEGRATORS = {
 }
 
 DIVERGED_VELOCITY = 1e3
-"""A motion with a joint faster than this has diverged [rad/s or m/s]: it is a hundred times what starts and motors give."""
+"""Joint velocity above which a motion has diverged [rad/s or m/s]: a hundred times that of starts and motors."""
 
 STEPS_IN_PART = 128
-"""Least number of physics steps in a part, if there are as many: each costs some tenths of a millisecond of its own."""
+"""Minimum number of physics steps in a part, if there are enough: each part costs some tenths of a millisecond."""
 
 STEPS_IN_MEMORY = 2_000_000
-"""Maximum number of physics steps kept at once while simulating; that bounds memory to about 150 MB."""
+"""Maximum number of physics steps kept at once while simulating, which bounds memory to about 150 MB."""
 
 MODELS_IN_MEMORY = 2**29
-"""Maximum number of bytes of models kept at once while bodies of a family are simulated."""
+"""Maximum total size of models kept at once while bodies of a family are simulated [bytes]."""
 
 ARENA_KEPT = 2**24
-"""Largest part of MuJoCo's working memory that was used where it is kept for other runs [bytes]."""
+"""Maximum used part of MuJoCo's working memory with which it is kept for other runs [bytes]."""
 
 PARTS = 4
-"""Number of parts each thread computes of many runs: some take longer than others."""
+"""Number of parts per thread for many runs: some take longer than others."""
 
 
 def load_model(file_name: str) -> mujoco.MjModel:
-    """Return the model of an MJCF file shipped in the package."""
+    """Return the model of a shipped MJCF file."""
     with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
         return mujoco.MjModel.from_xml_path(str(folder / file_name))
 
@@ -49,11 +49,11 @@ def load_model(file_name: str) -> mujoco.MjModel:
 class MujocoSystem(System):
     """A MuJoCo model whose state is (qpos, qvel, act, sensors, parameters), driven by motors or by forces on its bodies.
 
-    Sensors are what MuJoCo reports at the last physics step. They are emulated like the rest, but nothing
-    follows from them. Parameters stay as they are.
+    Sensors are MuJoCo's readings at the last physics step. They are emulated like the rest, but do not affect
+    the motion. Parameters stay constant.
 
     Subclasses set the fields of `System`, `model`, and `external_forces`: per control a (body, axis) pair
-    naming the world-frame force it is [N]; empty where the controls are the model's own actuators.
+    naming the world-frame force it is [N]; empty if the controls are the model's own actuators.
     """
 
     model: mujoco.MjModel
@@ -61,11 +61,11 @@ class MujocoSystem(System):
     sensors: tuple[int, ...] = ()
     """Entries of MuJoCo's sensor data that belong to the state."""
     family: Family | None = None
-    """The models of bodies that differ in parameters; None of a single body."""
+    """The models of bodies that differ in parameters; None for a single body."""
 
     @cached_property
     def _idle(self) -> list[mujoco.MjData]:
-        """Working memory that no thread uses at present: to get some costs the system more than to step a few bodies."""
+        """Working memory not in use: allocating it takes longer than stepping a few bodies."""
         return []
 
     @property
@@ -74,7 +74,7 @@ class MujocoSystem(System):
         return self.model.nq + self.model.nv + self.model.na
 
     def model_of(self, state: np.ndarray, like: mujoco.MjModel | None = None) -> mujoco.MjModel:
-        """Return the model, or a copy of one `like` it, of the body whose state (S,) is given: it has its parameters."""
+        """Return the model, or a copy of one `like` it, with the parameters in the `state` (S,)."""
         model = like or self.model
         if self.family is None:
             return model
@@ -111,12 +111,12 @@ class MujocoSystem(System):
             for part in parts:
                 fill(part)
             return
-        # Python's threads, for MuJoCo's own end the process where it raises a FatalError in these.
+        # Python's threads: a FatalError in MuJoCo's own threads would end the process.
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(fill, parts))
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) True for each run (B, T+1, S) that is not finite or impossibly fast."""
+        """Return whether each run (B, T+1, S) is not finite or impossibly fast."""
         velocities = np.abs(states[..., self.model.nq : self.model.nq + self.model.nv])
         is_finite = np.isfinite(states).all(axis=(1, 2))
         is_slow = (velocities < DIVERGED_VELOCITY).all(axis=(1, 2))
@@ -147,7 +147,7 @@ class MujocoSystem(System):
         return counts
 
     def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
-        """Make `state` (S,) the state of `data`."""
+        """Set the state of `data` to `state` (S,)."""
         mujoco.mj_resetData(self.model, data)
         velocities = self.model.nq
         activations = self.model.nq + self.model.nv
@@ -164,14 +164,14 @@ class MujocoSystem(System):
     ) -> np.ndarray:
         """Return the states (B, T, S) after each of `controls` (B, T, C), by steps of `model`."""
         physics_states = starts[:, : self.physical_size]
-        time = np.zeros((len(starts), 1))  # MuJoCo's state leads with time
+        time = np.zeros((len(starts), 1))  # MuJoCo's state begins with time
         initial = np.concatenate([time, physics_states], axis=1)
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
         models: mujoco.MjModel | list[mujoco.MjModel] = model
         if self.family is not None:
             models = self._models_of(starts, model)
-        # Nothing of what it was used for before matters: MuJoCo's rollouts set all of the state.
+        # Its earlier use does not matter: MuJoCo's rollouts set the whole state.
         data = self._taken(model)
         with warnings_counted:
             physics, readings = rollout.rollout(
@@ -194,14 +194,14 @@ class MujocoSystem(System):
             return mujoco.MjData(model)
 
     def _models_of(self, starts: np.ndarray, model: mujoco.MjModel) -> list[mujoco.MjModel]:
-        """Return the model of each of `starts` (B, S), a copy of `model`: one for all that are of the same body."""
+        """Return the model of each of `starts` (B, S), a copy of `model`, shared by starts of the same body."""
         values = starts[:, self.parameter_entries]
         _, firsts, bodies = np.unique(values, axis=0, return_index=True, return_inverse=True)
         models = [self.model_of(starts[first], model) for first in firsts]
         return [models[body] for body in bodies.reshape(-1)]
 
     def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
-        """Return which part of MuJoCo's input the controls are, and their values there."""
+        """Return the part of MuJoCo's input that the controls set, and its values."""
         if not self.external_forces:
             return mujoco.mjtState.mjSTATE_CTRL, controls
         wrenches = np.zeros((*controls.shape[:2], self.model.nbody, 6))

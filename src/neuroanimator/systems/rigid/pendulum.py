@@ -15,34 +15,34 @@ from neuroanimator.systems.rigid.mujoco_system import MujocoSystem, load_model
 from neuroanimator.systems.system import Scheme
 
 STATE = Layout((Slice("angle", 3, "rad"), Slice("velocity", 3, "rad/s")))
-"""The state of the pendulum: the angle of each link relative to the one above, and its rate of change."""
+"""State of the pendulum: the angle of each link relative to the one above, and its rate of change."""
 
 MOTOR_TORQUE = (30.0, 14.0, 4.0)
-"""The largest torques of the motors [N·m], about 1.4 times what holding the arm out level needs (22.1, 9.8, 2.5):
-the arm can lift itself, slowly."""
+"""Largest torques of the motors [N·m], about 1.4 times those that hold the arm level (22.1, 9.8, 2.5): the arm can lift
+itself, slowly."""
 
 WEAK_MOTOR_TORQUE = (10.0, 5.0, 1.5)
-"""The largest torques of weak motors [N·m], about half of what holding the arm level needs: they must pump
-like a child on a swing."""
+"""Largest torques of weak motors [N·m], about half of those that hold the arm level: they must pump like a child on a
+swing."""
 
 MOTOR_DAMPING = (1.5, 0.75, 0.2)
-"""The damping by motors [N·m·s/rad], of friction and back-EMF: the largest torque over it is a motor's no-load
-speed, 20 rad/s."""
+"""Damping by motors [N·m·s/rad], of friction and back-EMF: the largest torque over it is a motor's no-load speed, 20
+rad/s."""
 
 BEARING_DAMPING = (0.15, 0.075, 0.02)
-"""The damping by bearings alone [N·m·s/rad], a tenth of the above: the passive arm swings for many seconds."""
+"""Damping by bearings alone [N·m·s/rad], a tenth of the above: the passive arm swings for many seconds."""
 
 PUSH_FORCE = (10.0, 10.0, 10.0)
-"""The largest external forces [N], horizontal and at the middle of each link: each about a link's own weight, a firm shove."""
+"""Largest external forces [N], horizontal and at the middle of each link: about a link's own weight, a firm shove."""
 
 START_VELOCITY = (2.0, 3.0, 4.0)
-"""The standard deviation of the joints' velocities at random starts [rad/s]; free fall reaches two to three times it."""
+"""Standard deviation of the joints' velocities at random starts [rad/s]; free fall reaches two to three times it."""
 
 REST_SHARE = 0.3
-"""This share of random starts is near hanging and nearly at rest, where most motions begin."""
+"""Share of random starts near hanging and nearly at rest, where most motions begin."""
 
 REST_SPREAD = 0.15
-"""The angles and velocities of a start near rest are this share of the random ones."""
+"""Angles and velocities of a start near rest, as a share of the random ones."""
 
 ANGLES = (
     (1, 0, 0, 0, 0, 0),
@@ -52,24 +52,24 @@ ANGLES = (
     (0, 0, 1, 0, 0, 0),
     (0, 1, 1, 0, 0, 0),
 )
-"""The angles of the links as sums of state entries: first against the vertical, on which gravity acts, then
-against each other, on which inertia depends."""
+"""Angles of the links as sums of state entries: first against the vertical, on which gravity acts, then against each
+other, on which inertia depends."""
 
 
 UPRIGHT_ANGLE_ERROR = 0.1
-"""An angle error of this size counts as one in a cost [rad]: about half of the 10° that still count as upright."""
+"""Angle error that counts as 1 in a cost [rad]: about half of the 10° that still count as upright."""
 
 UPRIGHT_VELOCITY_ERROR = 0.5
-"""A velocity error of this size counts as one in a cost [rad/s]: half of what still counts as at rest."""
+"""Velocity error that counts as 1 in a cost [rad/s]: half of what still counts as at rest."""
 
 UPRIGHT_WITHIN = math.radians(10.0)
-"""Each link may lean this much and still count as upright [rad]."""
+"""Largest lean of a link that counts as upright [rad]."""
 
 STILL_WITHIN = 1.0
-"""Each link may turn this fast and still count as still [rad/s]."""
+"""Largest turn rate of a link that counts as still [rad/s]."""
 
 SWING_UP_SECONDS = 1.5
-"""A swing-up takes as long as a quick human arm does [s]; the motors could do it in one second."""
+"""Duration of a swing-up [s], that of a quick human arm; the motors could do it in one second."""
 
 UPRIGHT = Goal(
     values=((0, math.pi), (1, 0.0), (2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0)),
@@ -85,7 +85,7 @@ UPRIGHT = Goal(
     ),
     scales=(UPRIGHT_ANGLE_ERROR,) * 3 + (UPRIGHT_VELOCITY_ERROR,) * 3,
 )
-"""All three links point up and stand still: angles and velocities against the vertical, not against the link above."""
+"""Goal with all three links up and still: angles and velocities against the vertical, not against the link above."""
 
 
 class Pendulum(MujocoSystem):

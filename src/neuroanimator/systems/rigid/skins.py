@@ -1,4 +1,4 @@
-"""The skins of a MuJoCo model, as far as a skeleton carries them."""
+"""The skins of a MuJoCo model for a skeleton."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from neuroanimator.files.names import model_name
 from neuroanimator.systems.rigid.visuals import colour_of, is_shown
 
 SAME_POSE = 1e-5
-"""Two poses that differ by less are the same [m, components of a quaternion]."""
+"""Difference below which two poses are the same [m, components of a quaternion]."""
 
 
 def skin_of(model: mujoco.MjModel, first: int) -> MeshSkin | None:
     """Return the skins of `model` that a viewer would draw, as one, each a part of one colour; None if there are none.
 
-    `first` is the body that is bone 0. None, too, of skins too large for a file, and of those that bind one body in two poses.
-    A vertex follows the four bodies that it follows most.
+    `first` is the body that is bone 0. None, too, for skins too large for a file, and for those that bind one body in two
+    poses. A vertex follows the four bodies of the largest weights.
     """
     drawn = []
     for number in range(model.nskin):
@@ -62,7 +62,7 @@ def skin_of(model: mujoco.MjModel, first: int) -> MeshSkin | None:
 
 
 def _part(model: mujoco.MjModel, number: int, taken: list[str]) -> SkinPart:
-    """Return the name, none of `taken`, and colour of a skin."""
+    """Return the name, not among `taken`, and the colour of a skin."""
     colour = colour_of(model, int(model.skin_matid[number]), model.skin_rgba[number])
     red, green, blue = (round(float(channel), 6) for channel in colour[:3])
     return SkinPart(
@@ -99,7 +99,7 @@ def _is_same(one: BoundBone, other: BoundBone) -> bool:
 
 
 def _arrays(model: mujoco.MjModel, number: int, first: int) -> SkinArrays:
-    """Return one skin's arrays; vertices that nothing is drawn of are left out."""
+    """Return one skin's arrays, without vertices that are not drawn."""
     start = int(model.skin_vertadr[number])
     vertices = model.skin_vert[start : start + int(model.skin_vertnum[number])].astype(float)
     start = int(model.skin_faceadr[number])

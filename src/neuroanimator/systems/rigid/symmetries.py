@@ -1,4 +1,4 @@
-"""The symmetries of a MuJoCo model: guessed from its bodies at the reference pose, kept if its physics has them too."""
+"""The symmetries of a MuJoCo model: guessed from its bodies at the reference pose, kept if its physics has them."""
 
 from __future__ import annotations
 
@@ -20,20 +20,19 @@ if TYPE_CHECKING:
     from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 CLOSE = 3e-3
-"""Numbers of like bodies differ at most by this share, or by as many metres."""
+"""Relative tolerance, or absolute in metres, of the numbers of matching bodies."""
 
 MAX_BODIES = 100
-"""Models of more bodies are not looked at: they are ropes and heaps."""
+"""Maximum number of bodies: larger models, such as ropes and heaps, are skipped."""
 
 MAX_TRIED = 64
-"""Maximum number of ways of pairing a model's bodies looked at: a heap of equal boxes has very many."""
+"""Maximum number of pairings of a model's bodies tried: a heap of equal boxes has very many."""
 
 MAX_COMPARED = 5000
-"""Maximum number of pairs of bodies compared in a mirror: where many are alike but for something deep below, ways without end
-come to nothing."""
+"""Maximum number of pairs of bodies compared in a mirror: if many differ only far below, endless pairings fail."""
 
 TRIED = 64
-"""Approximate number of motions on which each symmetry is tried."""
+"""Approximate number of motions on which each symmetry is tested."""
 
 MAX_KEPT = 8
 """Maximum number of symmetries kept."""
@@ -42,23 +41,23 @@ STEPS = 10
 """Number of physics steps after which motions are compared."""
 
 MAX_DISCREPANCY = 0.03
-"""Two motions that should be the same may differ by this share of how much states usually change, rms: far less than emulators
-of bodies so rich err. Gymnasium's humanoid differs by nearly as much, as its left knee is stiffer than the right."""
+"""Maximum rms difference of two motions that should be the same, over the states' usual change: far below the errors of
+emulators of such bodies. Gymnasium's humanoid differs by nearly as much, as its left knee is stiffer than the right."""
 
 SMALL_CHANGE = 1e-6
-"""What changes less than this is measured by it [rad, m, rad/s or m/s]."""
+"""Minimum change by which differences are divided [rad, m, rad/s or m/s]."""
 
 Pairing = dict[int, int]
-"""Per body or joint, which takes its place."""
+"""Partner of each body or joint."""
 
 
 def symmetries_of(
     system: MujocoSystem, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
 ) -> dict[Symmetry, float]:
-    """Return the symmetries of `system` and the `discrepancy` of each, tried from some of `states` under `controls`.
+    """Return the symmetries of `system` and the `discrepancy` of each, tested from some of `states` under `controls`.
 
-    The identity is left out.
-    Found are mirrors at the planes of the world's axes, half turns about them, and exchanges of like limbs.
+    They are mirrors at the planes of the world's axes, half turns about them, and swaps of equal limbs, without the
+    identity.
     """
     if system.sensors or system.external_forces or system.parameters:
         return {}
@@ -81,10 +80,11 @@ def discrepancy(
     states: Float[np.ndarray, "N S"],
     controls: Float[np.ndarray, "N C"],
 ) -> float:
-    """Return how far what `symmetry` makes of motions is from what physics makes of where they began, over usual changes, rms.
+    """Return the rms difference between motions under `symmetry` and those of the physics from their mirrored starts, over
+    usual changes.
 
-    Motions from the very state of rest do not count: like limbs may lie in one another there, and the order of the
-    bodies decides which of them is pushed where.
+    Motions from the state of rest itself do not count: equal limbs may overlap there, and the order of the bodies
+    decides which of them is pushed where.
     """
     dt = STEPS * system.physics_dt
     is_moved = (states != system.rest).any(axis=1)
@@ -103,7 +103,7 @@ def discrepancy(
 
 
 def likely_symmetries(model: mujoco.MjModel) -> tuple[Symmetry, ...]:
-    """Return what the masses, places and joints of the bodies allow; friction, shapes and limits are not looked at."""
+    """Return the symmetries that masses, positions and joints of the bodies allow, ignoring friction, shapes and limits."""
     if model.nbody > MAX_BODIES:
         return ()
     data = mujoco.MjData(model)
@@ -120,7 +120,7 @@ def likely_symmetries(model: mujoco.MjModel) -> tuple[Symmetry, ...]:
 
 
 def _mirrors(model: mujoco.MjModel) -> Iterator[Float[np.ndarray, " 3"]]:
-    """Return the factors of X, Y and Z that leave gravity and wind as they are."""
+    """Return the factors of X, Y and Z that leave gravity and wind unchanged."""
     fields = np.array([model.opt.gravity, model.opt.wind])
     for signs in itertools.product((1.0, -1.0), repeat=3):
         if np.array_equal(fields * signs, fields):
@@ -128,15 +128,15 @@ def _mirrors(model: mujoco.MjModel) -> Iterator[Float[np.ndarray, " 3"]]:
 
 
 class _Likeness:
-    """Which bodies of a model look in a mirror like others do without it, at the reference pose."""
+    """The bodies of a model whose mirror images match others, at the reference pose."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, mirror: Float[np.ndarray, " 3"]):
-        """Look through `mirror`, the factors of X, Y and Z; `data` is at the reference pose, everything computed."""
+        """Use `mirror`, the factors of X, Y and Z; `data` is at the reference pose, fully computed."""
         self.model = model
         self.data = data
         self.mirror = mirror
         self.turn = mirror * mirror.prod()
-        """The same of angular velocities and of the vector part of quaternions."""
+        """The same for angular velocities and the vector part of quaternions."""
         self.compared = 0
         """Number of pairs of bodies compared."""
         self.children: list[list[int]] = [[] for _ in range(model.nbody)]
@@ -144,7 +144,7 @@ class _Likeness:
             self.children[model.body_parentid[body]].append(body)
 
     def pairings(self, body: int, other: int) -> Iterator[Pairing]:
-        """Return every way to pair `body` and what hangs on it with `other` and what hangs on that."""
+        """Return every pairing of `body` and its descendants with `other` and its descendants."""
         if self._is_alike(body, other):
             for below in self._pairings_of(self.children[body], self.children[other]):
                 yield {body: other} | below
@@ -183,7 +183,7 @@ class _Likeness:
         return axes * self.model.body_inertia[body] @ axes.T
 
     def symmetry(self, bodies: Pairing) -> Symmetry | None:
-        """Return what pairing the bodies does to states and controls; None if their joints or actuators do not fit."""
+        """Return the symmetry of states and controls by a pairing of bodies; None if their joints or actuators do not match."""
         model = self.model
         state = _Places(model.nq + model.nv + model.na)
         for body, other in bodies.items():
@@ -215,7 +215,7 @@ class _Likeness:
         )
 
     def _pair_joints(self, state: _Places, joint: int, other: int) -> bool:
-        """Let `other` move as `joint` looks in the mirror; False if it cannot."""
+        """Let `other` move as the mirror image of `joint`; False if it cannot."""
         model = self.model
         kind = JOINT_NAMES[int(model.jnt_type[joint])]
         if JOINT_NAMES[int(model.jnt_type[other])] != kind:
@@ -245,31 +245,31 @@ class _Likeness:
         return True
 
     def _is_level(self, joint: int) -> bool:
-        """Return whether the axes of a ball's or free joint's body are the world's, so that a mirror only changes signs."""
+        """Return whether the axes of a ball's or free joint's body are the world's, so that a mirror only flips signs."""
         body = self.model.jnt_bodyid[joint]
         return _is_close(self.data.xmat[body].reshape(3, 3), np.eye(3))
 
 
 class _Places:
-    """What comes to stand at each of a row of numbers, as far as it is known."""
+    """A signed permutation of numbers, as far as it is known."""
 
     def __init__(self, size: int):
-        """Begin with `size` places at which nothing stands."""
+        """Begin with `size` empty places."""
         self.sources = [-1] * size
         self.signs = [1] * size
 
     @property
     def is_full(self) -> bool:
-        """Whether something stands at every place."""
+        """Whether every place is filled."""
         return -1 not in self.sources
 
     def put(self, place: int, source: int, sign: float) -> None:
-        """Put what stands at `source`, times `sign`, at `place`."""
+        """Move the number at `source`, times `sign`, to `place`."""
         self.sources[place] = source
         self.signs[place] = int(sign)
 
     def put_all(self, place: int, source: int, signs: Float[np.ndarray, " K"]) -> None:
-        """Put neighbours at neighbouring places."""
+        """Move neighbours to neighbouring places."""
         for offset, sign in enumerate(signs):
             self.put(place + offset, source + offset, sign)
 
@@ -281,7 +281,7 @@ def _pair_actuators(
     mirrored: Float[np.ndarray, " V"],
     moments: Float[np.ndarray, "U V"],
 ) -> bool:
-    """Let an actuator that nothing drives yet do what `actuator` does, whose `mirrored` moment it has; False if there is none."""
+    """Pair `actuator` with a free one that has its `mirrored` moment; False if there is none."""
     for other in range(model.nu):
         sign = _sign(mirrored, moments[other])
         if controls.sources[other] < 0 and sign and _is_like_actuator(model, actuator, other, sign):
@@ -291,7 +291,7 @@ def _pair_actuators(
 
 
 def _is_like_actuator(model: mujoco.MjModel, actuator: int, other: int, sign: int) -> bool:
-    """Return whether `other`, driven by `sign` times the control, pushes as hard as `actuator` and within the same bounds."""
+    """Return whether `other`, driven by `sign` times the control, is as strong as `actuator` and has the same bounds."""
     numbers = (
         model.actuator_gaintype,
         model.actuator_biastype,

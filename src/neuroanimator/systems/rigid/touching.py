@@ -1,4 +1,4 @@
-"""What in a MuJoCo model can touch what, and what its flags turn off."""
+"""Which parts of a MuJoCo model can touch, and the features its flags turn off."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 FLAT = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
-"""Geoms of these kinds never touch one another."""
+"""Types of geoms that never touch one another."""
 
 
 def is_disabled(model: mujoco.MjModel, *flags: mujoco.mjtDisableBit) -> bool:
@@ -16,7 +16,7 @@ def is_disabled(model: mujoco.MjModel, *flags: mujoco.mjtDisableBit) -> bool:
 
 
 def is_limited(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether a joint's range holds it: the model's flags may turn all ranges off."""
+    """Return whether a joint's range is enforced: the model's flags may turn all ranges off."""
     off = is_disabled(
         model, mujoco.mjtDisableBit.mjDSBL_LIMIT, mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     )
@@ -24,7 +24,7 @@ def is_limited(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def touching_geoms(model: mujoco.MjModel) -> Int[np.ndarray, "P 2"]:
-    """Return the pairs of geoms that MuJoCo would let collide, wherever they are ("Collision detection")."""
+    """Return the pairs of geoms that MuJoCo would let collide in any pose ("Collision detection")."""
     nothing = np.zeros((0, 2), int)
     if is_disabled(
         model, mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -43,13 +43,13 @@ def touching_geoms(model: mujoco.MjModel) -> Int[np.ndarray, "P 2"]:
 
 
 def _are_one_body(model: mujoco.MjModel) -> Bool[np.ndarray, "G G"]:
-    """Return which geoms MuJoCo never lets collide as they move together, or hang on one another."""
+    """Return which geoms MuJoCo never lets collide, as they move together or belong to parent and child."""
     body = model.body_weldid[model.geom_bodyid]
     parent = model.body_weldid[model.body_parentid[body]]
     is_same = body[:, None] == body[None]
     if is_disabled(model, mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
         return np.asarray(is_same)
-    # What hangs on the world may touch it.
+    # Children of the world may touch it.
     hangs_on = (parent[:, None] == body[None]) & (body[None] != 0)
     return np.asarray(is_same | hangs_on | hangs_on.T)
 

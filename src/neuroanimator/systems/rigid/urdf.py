@@ -1,4 +1,4 @@
-"""A URDF as a model that moves: a motor for each joint with an effort, a base that is fixed or free."""
+"""A URDF as a model that moves: with a motor for each joint with an effort, and a fixed or free base."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FLOOR = "floor"
 """Name of the ground under a free base."""
 
 FLOOR_SIZE = (5.0, 5.0, 0.1)
-"""Distance to which the ground is drawn to either side, and the size of its squares [m]; it has no end."""
+"""Distance to which the infinite ground is drawn to either side, and the size of its squares [m]."""
 
 ROOT = "root"
 """Name of the free joint of a base."""
@@ -32,12 +32,11 @@ def add_what_moves(
     base: Literal["fixed", "free"],
     passive: tuple[str, ...] = (),
 ) -> None:
-    """Add to the `spec` of the URDF `robot`, which `file` holds, what MuJoCo does not read of it.
+    """Add to the `spec` of the URDF `robot` in `file` the parts that MuJoCo does not read.
 
     Each joint with `<limit effort>` above 0 that is not among the `passive` ones gets a motor of its name, from minus to
-    plus that effort. `<limit velocity>` is no physics, so nothing is made of it. `<mimic>` becomes an equality. With a
-    free base, there is a floor, which it just touches.
-    Raises BadFileError for a number that is none, ArgumentError for a passive joint that is not there.
+    plus that effort. `<limit velocity>` is not physics and is ignored. `<mimic>` becomes an equality. A free base gets a
+    floor, which it just touches. Raises BadFileError for an invalid number, ArgumentError for a missing passive joint.
     """
     joints = {joint.name: joint for joint in spec.joints}
     for name in passive:
@@ -57,7 +56,7 @@ def add_what_moves(
 
 
 def _add_motor(spec: mujoco.MjSpec, file: str, joint: mujoco.MjsJoint, element: ET.Element) -> None:
-    """Add the motor of a joint that has an effort and follows no other one."""
+    """Add the motor of a joint that has an effort and mimics no other."""
     effort = _number(file, element, "limit", "effort")
     is_single = joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     if effort <= 0 or not is_single or element.find("mimic") is not None:
@@ -75,7 +74,7 @@ def _add_mimic(
     element: ET.Element,
     joints: dict[str, mujoco.MjsJoint],
 ) -> None:
-    """Let a joint follow the one that its `<mimic>` names: offset + multiplier times that joint's position."""
+    """Let a joint follow the one named in its `<mimic>`: offset + multiplier times that joint's position."""
     mimic = element.find("mimic")
     if mimic is None:
         return
@@ -95,7 +94,7 @@ def _add_mimic(
 def _number(
     file: str, element: ET.Element, tag: str, attribute: str, otherwise: float = 0.0
 ) -> float:
-    """Return the number an element inside a joint holds; `otherwise` if it does not say."""
+    """Return the number in an element of a joint; `otherwise` if it is missing."""
     inside = element.find(tag)
     if inside is None or attribute not in inside.attrib:
         return otherwise
@@ -110,7 +109,7 @@ def _number(
 
 
 def _free_base(spec: mujoco.MjSpec, file: str) -> None:
-    """Let the root move freely, just above a floor; BadFileError if there is none, or if the file joins it to the world."""
+    """Let the root move freely, just above a floor; BadFileError if there is no root, or if the file joins it to the world."""
     root = spec.worldbody.first_body()
     if root is None or root.joints:
         refuse(
@@ -127,7 +126,7 @@ def _free_base(spec: mujoco.MjSpec, file: str) -> None:
 def lowest_point(model: mujoco.MjModel) -> float:
     """Return the height of the lowest point that can touch the ground, in the reference pose [m]; 0 if none can.
 
-    It is that of the boxes around geoms, along their own axes.
+    It is computed from the geoms' bounding boxes, along their own axes.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -1,4 +1,4 @@
-"""What MuJoCo's viewer draws of a model, and in which colour."""
+"""The parts of a model that MuJoCo's viewer draws, and their colours."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import numpy as np
 from jaxtyping import Float
 
 DRAWN_GROUPS = 3
-"""Geoms and skins of groups 0 to 2 are drawn, as in MuJoCo's own viewer; higher groups are for contact only."""
+"""Number of groups of geoms and skins that are drawn, from 0, as in MuJoCo's own viewer; others are for contact only."""
 
 
 def is_shown(group: int, rgba: Float[np.ndarray, " 4"]) -> bool:
-    """Return whether a viewer draws what has this group and colour."""
+    """Return whether a viewer draws things of this group and colour."""
     return bool(group < DRAWN_GROUPS and rgba[3] > 0)
 
 
 def colour_of(
     model: mujoco.MjModel, material: int, rgba: Float[np.ndarray, " 4"]
 ) -> Float[np.ndarray, " 4"]:
-    """Return the red, green, blue and opacity, 0 to 1, of what has this `material`, or `rgba` if that is -1.
+    """Return red, green, blue and opacity, 0 to 1, of a `material`, or `rgba` if it is -1.
 
-    Of a texture they are the mean, for triangles have none.
+    A texture counts by its mean, as triangles have no textures.
     """
     if material < 0:
         return np.clip(rgba, 0, 1)
@@ -32,7 +32,7 @@ def colour_of(
 
 
 def _mean_texel(model: mujoco.MjModel, texture: int) -> Float[np.ndarray, " 3"]:
-    """Return the mean colour of a texture, 0 to 1; of a texture with fewer than three channels the mean grey."""
+    """Return the mean colour of a texture, 0 to 1; with fewer than three channels the mean grey."""
     channels = int(model.tex_nchannel[texture])
     size = int(model.tex_height[texture]) * int(model.tex_width[texture])
     first = int(model.tex_adr[texture])

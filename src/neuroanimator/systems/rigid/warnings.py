@@ -1,4 +1,4 @@
-"""What MuJoCo complains of: warnings are counted, and kept out of a MUJOCO_LOG.TXT; fatal errors are raised as ours."""
+"""MuJoCo's warnings, which are counted and kept out of a MUJOCO_LOG.TXT, and its fatal errors, raised as ours."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ MAX_WARNING = 160
 """Maximum number of characters kept of a warning: some repeat a model's names, which may be long."""
 
 MAX_KINDS = 100
-"""Maximum number of different warnings counted apart, all others as one: names in them could make any number."""
+"""Maximum number of different warnings counted separately; others count as one, as names could make any number."""
 
 OTHERS = "other warnings"
-"""What warnings beyond the first `MAX_KINDS` are counted as."""
+"""Name of the count of warnings beyond the first `MAX_KINDS`."""
 
 CROWDED = "more touches at once than fits into memory: let fewer geoms collide, by their contype and conaffinity"
-"""What to do about a model whose contacts outgrow MuJoCo's working memory."""
+"""Advice on a model whose contacts outgrow MuJoCo's working memory."""
 
 ADVICE = {
     "arena": CROWDED,
@@ -33,16 +33,16 @@ ADVICE = {
     ),
     "Inertia matrix": "a body or a joint has next to no inertia: give it some armature or mass",
 }
-"""What helps against some complaints, by a part of their text."""
+"""Advice on some warnings, by a part of their text."""
 
 CALMER = "a smaller step, or narrower control bounds, would keep them"
-"""What helps against the other warnings: they come of numbers that grow."""
+"""Advice on the other warnings, which are due to growing numbers."""
 
 _heard: Counter[str] = Counter()
 
 
 class _Handler:
-    """MuJoCo's one warning handler, ours while anybody counts; the one that was there before returns afterwards."""
+    """MuJoCo's only warning handler, ours while anyone counts; afterwards the previous one is restored."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -68,28 +68,28 @@ class _Handler:
 warnings_counted = _Handler()
 """`with warnings_counted:` counts MuJoCo's warnings, in all threads, instead of printing and logging them.
 
-A fatal error of MuJoCo's becomes a BadFileError: it comes of the model.
+A fatal error of MuJoCo becomes a BadFileError: it is due to the model.
 """
 
 
 def fatal_line(error: mujoco.FatalError) -> str:
-    """Return one line about what keeps MuJoCo from simulating a model."""
+    """Return one line about why MuJoCo cannot simulate a model."""
     said = shortened(str(error).partition("\n")[0])
     return f"MuJoCo cannot simulate this model: {said}; {_advice(said, 'correct the model')}."
 
 
 def warnings_heard() -> Counter[str]:
-    """Return how often MuJoCo has given each warning to this process; the time within the run is left out."""
+    """Return how often MuJoCo has given each warning in this process, without the time in the run."""
     return Counter(_heard)
 
 
 def also_heard(warnings: Counter[str]) -> None:
-    """Count what MuJoCo warned another process of that works for this one."""
+    """Count MuJoCo's warnings in another process that works for this one."""
     _heard.update(warnings)
 
 
 def warning_line() -> str:
-    """Return one line that says how often MuJoCo warned this process, of what and what became of it; empty if never."""
+    """Return one line on MuJoCo's warnings in this process: their number, subject and consequence; empty if none."""
     if not _heard:
         return ""
     count = sum(_heard.values())
@@ -107,7 +107,7 @@ def warning_line() -> str:
 
 
 def _advice(complaint: str, otherwise: str) -> str:
-    """Return what helps against a complaint; `otherwise` against one that `ADVICE` does not know."""
+    """Return the advice on a warning; `otherwise` for one that is not in `ADVICE`."""
     for part, advice in ADVICE.items():
         if part in complaint:
             return advice
@@ -123,7 +123,7 @@ def _hear(text: str) -> None:
 
 
 def shortened(text: str) -> str:
-    """Return a warning without what differs from run to run: its time and joint, and the advice that always follows."""
+    """Return a warning without what differs from run to run (its time and joint), and without its standard advice."""
     line = " ".join(str(text).split())
     line = line.replace("The simulation is unstable.", "")
     line = re.sub(r"Time = \S+| at (DOF|actuator) \d+", "", line)

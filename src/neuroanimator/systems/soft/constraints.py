@@ -4,9 +4,9 @@ A constraint C(x) = 0 of compliance α pulls its nodes by
 
     Δx = w ∇C λ,    λ = -(C + γ ∇C·Δ) / ((1 + γ) Σ w |∇C|² + α/h²),    γ = α β / h
 
-where w are inverse masses, Δ how far the nodes have moved in this small step h, and β the damping (Macklin, Müller
-and Chentanez, XPBD, 2016; one pass a small step: Macklin et al., Small Steps in Physics Simulation, 2019). As h
-falls this converges to springs of stiffness 1/α. Numbers are (1,) and vectors (1, 3), as `c_formula` takes them.
+where w are inverse masses, Δ the displacement of the nodes in this small step h, and β the damping (Macklin, Müller and
+Chentanez, XPBD, 2016; one pass per small step: Macklin et al., Small Steps in Physics Simulation, 2019). As h falls
+this converges to springs of stiffness 1/α. Numbers are (1,) and vectors (1, 3), as `c_formula` takes them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 TINY = 1e-18
-"""Added to squares of lengths [m²] before their root is divided by."""
+"""Square of a length [m²] added under square roots that are divided by."""
 
 Number = Float[Array, " 1"]
 Vector = Float[Array, "1 3"]
@@ -31,8 +31,8 @@ def distance_push(
 ) -> Vector:
     """Return λ∇C of a spring between two nodes, towards the second [kg·m].
 
-    `extent` leads from the first to the second [m], `parting` is what it has changed by in this small step [m];
-    `inverse_mass` is both nodes' together [1/kg], `softness` is α/h² [1/kg], `damping` is γ.
+    `extent` leads from the first to the second [m], `parting` is its change in this small step [m]; `inverse_mass` is the
+    sum of both nodes' [1/kg], `softness` is α/h² [1/kg], `damping` is γ.
     """
     inverse = 1 / jnp.sqrt(_dot(extent, extent) + TINY)
     excess = _dot(extent, extent) * inverse - length
@@ -42,7 +42,7 @@ def distance_push(
 
 
 def volume_slope(first: Vector, second: Vector) -> Vector:
-    """Return the gradient [m²] of a tetrahedron's volume at the corner that lies outside the plane of two edges."""
+    """Return the gradient [m²] of a tetrahedron's volume at the corner outside the plane of two edges."""
     return _cross(first, second) / 6
 
 
@@ -58,7 +58,7 @@ def volume_push(
 
 
 def fall(velocity: Vector, wind: Vector, gravity: Vector, drag: Number, time: Number) -> Vector:
-    """Return the velocity [m/s] after `time` [s] of weight, and of air that takes nodes along at the rate `drag` [1/s]."""
+    """Return the velocity [m/s] after `time` [s] of weight, and of air that carries nodes along at the rate `drag` [1/s]."""
     return (velocity + time[:, None] * (gravity + drag[:, None] * wind)) / (1 + time * drag)[
         :, None
     ]
@@ -68,9 +68,9 @@ def air_push(right: Vector, up: Vector, wind: Vector, density: Number, limit: Nu
     """Return the impulse over time [N] of air on a triangle between two of its edges: along its normal alone.
 
     `wind` is the air's velocity over the triangle's [m/s], `density` half the air's times its drag coefficient
-    [kg/m³]. Pressure grows by the square of the speed; `limit` [m/s] is the speed at which it stops growing.
+    [kg/m³]. Pressure grows with the square of the speed up to `limit` [m/s].
     """
-    normal = _cross(right, up)  # twice as long as the area
+    normal = _cross(right, up)  # of twice the area's length
     inverse = 1 / jnp.sqrt(_dot(normal, normal) + TINY)
     speed = _dot(normal, wind) * inverse
     speed = jnp.clip(speed, -limit, limit)
@@ -88,10 +88,10 @@ def capsule_push(
     radius: Number,
     friction: Number,
 ) -> Vector:
-    """Return what brings a node out of a capsule, and holds it by friction [m]; nothing where it is outside.
+    """Return the displacement that moves a node out of a capsule, with friction [m]; zero for a node outside.
 
-    The capsule's axis leads from `start` by `along` [m]; a sphere's is of no length. `moved` is how far the node has
-    moved in this small step, `start_moved` and `along_moved` by how much the axis has changed.
+    The capsule's axis leads from `start` by `along` [m], zero for a sphere. `moved` is the displacement of the node in
+    this small step, `start_moved` and `along_moved` are the changes of the axis.
     """
     share = jnp.clip(_dot(position - start, along) / (_dot(along, along) + TINY), 0, 1)[:, None]
     outward = position - start - share * along
@@ -112,10 +112,10 @@ def box_push(
     margin: Number,
     friction: Number,
 ) -> Vector:
-    """Return what brings a node out of an upright box, rounded by `margin` [m]; see `capsule_push`.
+    """Return the displacement that moves a node out of an upright box, rounded by `margin` [m]; see `capsule_push`.
 
-    `half` is half its size [m], `heading` the unit vector along its first axis, which is level; `turned` [rad] by how
-    much that has turned about Z in this small step.
+    `half` is half its size [m], `heading` the unit vector along its first axis, which is level, and `turned` [rad] its
+    turn about Z in this small step.
     """
     cosine, sine = heading[:, 0], heading[:, 1]
     away = position - centre
@@ -146,13 +146,13 @@ def plane_push(
     margin: Number,
     friction: Number,
 ) -> Vector:
-    """Return what brings a node out of the half-space under a plane, `margin` [m] above it; see `capsule_push`."""
+    """Return the displacement that moves a node to `margin` [m] above a plane, if it is below; see `capsule_push`."""
     depth = jnp.maximum(margin - _dot(position - point, normal), 0)
     return _contact(depth, normal, moved - point_moved, friction)
 
 
 def _contact(depth: Number, normal: Vector, slip: Vector, friction: Number) -> Vector:
-    """Return the push out by `depth` [m] along `normal`, and friction against `slip` [m]: Coulomb's, of positions."""
+    """Return the push out by `depth` [m] along `normal`, with Coulomb friction against `slip` [m]."""
     tangent = slip - _dot(slip, normal)[:, None] * normal
     inverse = 1 / jnp.sqrt(_dot(tangent, tangent) + TINY)
     held = jnp.minimum(friction * depth * inverse, 1)

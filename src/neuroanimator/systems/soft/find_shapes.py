@@ -1,6 +1,6 @@
-"""Find the shapes of a soft body: run it under random motions of what moves it, and take what explains most.
+"""Find the shapes of a soft body: simulate it under random motions of its movers, and keep the leading singular vectors.
 
-Snapshots go through a singular value decomposition of few rows at a time: what is kept of all before, and the new ones.
+Snapshots go through a singular value decomposition of few rows at a time: the result for earlier ones, and new ones.
 """
 
 from __future__ import annotations
@@ -28,49 +28,49 @@ SEED = 0
 """Seed of the random paths of movers and of random parameters."""
 
 SETTLING = 12.0
-"""Time in which a body comes to rest under weight, if it is stopped every `BLOCK` frames [s]."""
+"""Time in which a body comes to rest under its weight, if it is stopped every `BLOCK` frames [s]."""
 
 RUN = 16.0
-"""Time of each run [s]."""
+"""Duration of each run [s]."""
 
 BLOCK = 16
 """Number of frames simulated at once."""
 
 BLOCKS = 3
-"""Number of blocks whose snapshots are taken into account at once."""
+"""Number of blocks whose snapshots are processed at once."""
 
 THROW = 3
-"""Number of blocks after which a free body is put elsewhere, at rest or thrown."""
+"""Number of blocks after which a free body is placed elsewhere, at rest or thrown."""
 
 FARTHEST = 100.0
-"""Distance over the size of the body at which a motion has diverged."""
+"""Distance, over the size of the body, at which a motion has diverged."""
 
 EVERY = 2
-"""Distance of snapshots within a run, in frames."""
+"""Number of frames between snapshots of a run."""
 
 SPARE = 32
-"""Number of shapes kept beyond those wanted while snapshots come in."""
+"""Number of additional shapes kept while snapshots are processed."""
 
 SWEEPS = 3
-"""Number of times a random subspace is brought nearer to that of the leading singular vectors."""
+"""Number of iterations that bring a random subspace closer to that of the leading singular vectors."""
 
 MIN_SQUARE = 1e-12
-"""Square of a singular value, over that of the largest, below which it is noise."""
+"""Square of a singular value, over that of the largest, below which it counts as noise."""
 
 TINY = 1e-300
-"""Added to lengths before they are divided by."""
+"""Length added to divisors."""
 
 
 class Found(NamedTuple):
-    """What is found of a body."""
+    """The shapes of a body and its state of rest."""
 
     shapes: Shapes
     rest: Float[np.ndarray, " S"]
-    """The state in which it rests, and its movers."""
+    """State of rest, including its movers."""
 
 
 def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -> Found:
-    """Return the shapes of the body of `scene`, and where it rests.
+    """Return the shapes of the body of `scene`, and its state of rest.
 
     Raises ArgumentError if the physics diverges in every run.
     """
@@ -100,7 +100,7 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
             own = scene.own_motion(positions, velocities, movers, moving, mean, motion.origin.T)
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
             away = own.positions - mean.astype(own.positions.dtype)
-            fits = (np.abs(away) < FARTHEST * scene.size).all(axis=(0, 2, 3))  # false for NaN too
+            fits = (np.abs(away) < FARTHEST * scene.size).all(axis=(0, 2, 3))  # False for NaN
             if not fits.any():
                 raise ArgumentError(
                     f"physics: the body flies apart in steps of {scene.finding_step:g} s while its movers wander. "
@@ -136,9 +136,9 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
 def _settled(
     scene: SoftScene, dt: float, steps: int, frames: int, on_frames: Callable[[int], None]
 ) -> Float[np.ndarray, "N 3"]:
-    """Return where nodes [m] are after the body has hung from movers at rest, or lain on the ground.
+    """Return the positions of nodes [m] after the body has hung from movers at rest, or lain on the ground.
 
-    `on_frames` is told the number of frames done.
+    `on_frames` is called with the number of frames done.
     """
     positions = scene.positions
     still = np.zeros_like(positions)
@@ -154,7 +154,7 @@ def _settled(
 def _random_paths(
     scene: SoftScene, rng: np.random.Generator, frames: int, dt: float
 ) -> tuple[Float[np.ndarray, "F D L"], Float[np.ndarray, "T L D"]]:
-    """Return (positions and headings of movers, from rest on; their rates)."""
+    """Return (positions and headings of movers, beginning at rest; their rates)."""
     starts = np.repeat(scene.movers.rest[None], scene.runs, axis=0)
     rates = scene.random_paths(rng, starts, np.zeros_like(starts), frames, dt)
     moved = np.cumsum(dt * rates, axis=1)
@@ -174,7 +174,7 @@ def _thrown(
     movers: Float[np.ndarray, "D L"],
     motion: Motion,
 ) -> Motion:
-    """Return the free body, lane by lane, at rest at `centre` or thrown; as in `motion` where movers leave it no room."""
+    """Return the free body, lane by lane, at rest at `centre` or thrown; as in `motion` if movers leave no room."""
     parts = [np.array(part) for part in motion]
     for lane, root in enumerate(random_roots(scene, rng, mean, centre, movers.T)):
         if root is not None:
@@ -186,15 +186,15 @@ def _thrown(
 
 
 class Sketch:
-    """The leading right singular vectors of rows that come in blocks (Brand, Fast Low-Rank Modifications, 2006)."""
+    """The leading right singular vectors of rows that arrive in blocks (Brand, Fast Low-Rank Modifications, 2006)."""
 
     def __init__(self, rank: int):
         self.rank = rank
         self._mixtures: Float[np.ndarray, "R D"] | None = None
-        """Orthonormal mixtures of all rows, which lose least of what these explain."""
+        """Orthonormal mixtures of all rows, with the smallest loss of explained variance."""
 
     def add(self, rows: Float[np.ndarray, "B D"]) -> None:
-        """Take `rows` into account."""
+        """Add `rows`."""
         if self._mixtures is not None:
             rows = np.concatenate([self._mixtures, rows])
         if len(rows) > self.rank:
@@ -203,7 +203,7 @@ class Sketch:
         self._mixtures = rows
 
     def leading(self, count: int) -> Float[np.ndarray, "K D"]:
-        """Return the first `count` singular vectors; as many as there are if there are fewer."""
+        """Return the first `count` singular vectors, or all if there are fewer."""
         assert self._mixtures is not None
         rows = self._mixtures.astype(float)
         squares, left = np.linalg.eigh(rows @ rows.T)
@@ -213,7 +213,7 @@ class Sketch:
 
 
 def _leading_subspace(matrix: Float[np.ndarray, "R R"], count: int) -> Float[np.ndarray, "R k"]:
-    """Return orthonormal vectors that span about what the leading eigenvectors of a symmetric matrix do.
+    """Return orthonormal vectors that approximately span the leading eigenvectors of a symmetric matrix.
 
     By subspace iteration from random vectors (Halko, Martinsson and Tropp, 2011).
     """
@@ -224,9 +224,9 @@ def _leading_subspace(matrix: Float[np.ndarray, "R R"], count: int) -> Float[np.
 
 
 def _orthonormal(vectors: Float[np.ndarray, "R k"]) -> Float[np.ndarray, "R k"]:
-    """Return orthonormal columns that span those of `vectors`, by Gram and Schmidt's method, modified, twice.
+    """Return orthonormal columns that span those of `vectors`, by two passes of the modified Gram-Schmidt method.
 
-    LAPACK's threads wait for each other at every column: where cores are busy it takes a hundred times as long.
+    LAPACK's threads wait for each other at every column, which takes a hundred times as long when cores are busy.
     """
     rows = np.ascontiguousarray(vectors.T)
     for _ in range(2):

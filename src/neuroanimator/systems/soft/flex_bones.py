@@ -1,4 +1,4 @@
-"""What is drawn of a model with a soft body besides that: the geoms of its movers, and of the world."""
+"""The drawn parts of a model with a soft body, apart from that: the geoms of its movers, and of the world."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 def scenery(model: mujoco.MjModel, data: mujoco.MjData) -> list[Bone]:
-    """Return the bone of the world, if anything of it is drawn."""
+    """Return the bone of the world, if any part of it is drawn."""
     shapes = shapes_below(model, data, 0)
     if not shapes:
         return []
@@ -23,7 +23,7 @@ def scenery(model: mujoco.MjModel, data: mujoco.MjData) -> list[Bone]:
 
 
 def shapes_below(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> tuple[Shape, ...]:
-    """Return the shapes of a mocap body, or of the world for 0, along the world's axes, where `data` has them at rest."""
+    """Return the shapes of a mocap body, or of the world for 0, along the world's axes, in the pose of rest in `data`."""
     shapes = []
     for geom in geoms_below(model, root):
         if not is_drawn(model, geom):

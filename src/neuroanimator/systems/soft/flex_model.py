@@ -1,7 +1,7 @@
-"""A MuJoCo model with one soft body: what its flex is made of, and what is refused by name.
+"""A MuJoCo model with one soft body: the parts of its flex, and checks that name what is refused.
 
-Each node of a flex is a body of its own with slides along fixed axes, or belongs to a body that does not move. So where
-the nodes are follows linearly from the slides, and the slides from where the nodes are:
+Each node of a flex is a separate body with slides along fixed axes, or belongs to a fixed body. So the positions of the
+nodes are linear in the slides, and the slides in the positions:
 
     x = x₀ + Σ a q,    q = a · (x - x₀)
 """
@@ -21,13 +21,13 @@ from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.text import listed
 
 ORTHONORMAL = 1e-6
-"""Largest product of two axes of a node's slides."""
+"""Maximum dot product of two axes of a node's slides."""
 
 LEVEL = 1 - 1e-6
-"""Least product of two unit vectors that count as parallel."""
+"""Minimum dot product of two unit vectors that count as parallel."""
 
 MAX_COLLIDERS = 8
-"""Maximum number of a mover's geoms that an emulator is shown: the largest."""
+"""Maximum number of a mover's geoms, the largest, with features for an emulator."""
 
 MAX_MOVERS = 8
 """Maximum number of mocap bodies."""
@@ -38,34 +38,34 @@ class FlexBody:
     """A flex of N nodes and V slides."""
 
     positions: Float[np.ndarray, "N 3"]
-    """Positions of the nodes where every slide is at its reference [m]."""
+    """Positions of the nodes with every slide at its reference [m]."""
     faces: Int[np.ndarray, "F 3"]
-    """Corners of the surface's triangles, counterclockwise from outside; none of a rope."""
+    """Corners of the surface's triangles, counterclockwise from outside; empty for a rope."""
     pairs: Int[np.ndarray, "E 2"]
-    """The two nodes of each piece of a rope; none of others."""
+    """The two nodes of each piece of a rope; empty for others."""
     masses: Float[np.ndarray, " N"]
-    """Masses of the nodes' bodies [kg]; of the world's no matter."""
+    """Masses of the nodes' bodies [kg]; those of nodes of the world do not matter."""
     margin: float
     """Distance at which nodes touch colliders: the flex's radius [m]."""
     nodes: Int[np.ndarray, " V"]
     """The node each slide moves."""
     axes: Float[np.ndarray, "V 3"]
-    """The direction in which it moves it."""
+    """Direction of each slide."""
     reference: Float[np.ndarray, " V"]
-    """Its number where the node is in its position."""
+    """Value of each slide at its node's position."""
 
     def placed(self, slides: Float[np.ndarray, " V"]) -> Float[np.ndarray, "N 3"]:
         """Return the positions of the nodes [m]."""
         return self.positions + self.moved(slides - self.reference)
 
     def moved(self, changes: Float[np.ndarray, " V"]) -> Float[np.ndarray, "N 3"]:
-        """Return how far the nodes go [m], or how fast [m/s], where slides change so."""
+        """Return the displacements of the nodes [m], or their velocities [m/s], for these changes or rates of slides."""
         away = np.zeros(self.positions.shape)
         np.add.at(away, self.nodes, changes[:, None] * self.axes)
         return away
 
     def slides(self, positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " V"]:
-        """Return the slides of nodes at `positions`: what is nearest to them."""
+        """Return the slides that bring nodes closest to `positions`."""
         return self.reference + self.rates(positions - self.positions)
 
     def rates(self, velocities: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " V"]:
@@ -74,7 +74,7 @@ class FlexBody:
 
 
 def flex_body(main: str, model: mujoco.MjModel) -> FlexBody:
-    """Return the flex of a model; BadFileError names what is not supported of the file `main`, and what to do."""
+    """Return the flex of a model; BadFileError names what is not supported in the file `main`, and what to do."""
     _check_parts(main, model)
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
@@ -114,7 +114,7 @@ def flex_body(main: str, model: mujoco.MjModel) -> FlexBody:
 
 
 def _check_parts(main: str, model: mujoco.MjModel) -> None:
-    """Refuse a model whose flex is not the only thing that moves by itself, or that is made in another way."""
+    """Refuse a model whose flex is not the only thing that moves by itself, or a flex of another kind."""
     if model.nflex != 1:
         refuse(main, "flex", f"{model.nflex} soft bodies; one is supported. Leave one in the model")
     if model.flex_rigid[0] or model.njnt == 0:
@@ -141,7 +141,7 @@ def _check_parts(main: str, model: mujoco.MjModel) -> None:
 
 
 def _check_holders(main: str, model: mujoco.MjModel, bodies: Int[np.ndarray, " N"]) -> None:
-    """Refuse nodes that move with other things than slides of their own, and joints of other things."""
+    """Refuse nodes that move other than by their own slides, and joints of other things."""
     others = np.setdiff1d(model.jnt_bodyid, bodies)
     if len(others):
         names = listed([model.body(int(body)).name or f"body {body}" for body in others[:3]])
@@ -180,7 +180,7 @@ def _name_of(model: mujoco.MjModel, node: int) -> str:
 
 
 def mover_names(model: mujoco.MjModel) -> dict[str, int]:
-    """Return the mocap bodies of a model by name; one without a name that a state may have is `mover` and a number."""
+    """Return the mocap bodies of a model by name; one without a valid name is called `mover` with a number."""
     names: dict[str, int] = {}
     for body in mocap_bodies(model):
         name = model.body(body).name
@@ -202,7 +202,7 @@ def is_pinned(model: mujoco.MjModel) -> bool:
 
 
 def tied_bodies(model: mujoco.MjModel) -> set[int]:
-    """Return the bodies that a connect or weld ties nodes to: mocap bodies, and 0 for the world."""
+    """Return the bodies to which a connect or weld ties nodes: mocap bodies, and 0 for the world."""
     nodes = set(model.flex_vertbodyid.tolist())
     tied = set()
     for equality in range(model.neq):
@@ -213,7 +213,7 @@ def tied_bodies(model: mujoco.MjModel) -> set[int]:
 
 
 def _bodies_of(model: mujoco.MjModel, equality: int) -> list[int]:
-    """Return the two bodies that a connect or weld ties together; none of another equality."""
+    """Return the two bodies that a connect or weld ties together; empty for another equality."""
     kinds = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
     if int(model.eq_type[equality]) not in kinds:
         return []
@@ -224,7 +224,7 @@ def _bodies_of(model: mujoco.MjModel, equality: int) -> list[int]:
 
 
 def geoms_below(model: mujoco.MjModel, root: int) -> list[int]:
-    """Return the geoms of a child of the world's and of what is fixed to it; of the world and what is fixed to it for 0."""
+    """Return the geoms of a child of the world and of bodies fixed to it; those of the world for 0."""
     found = []
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
@@ -238,17 +238,17 @@ def geoms_below(model: mujoco.MjModel, root: int) -> list[int]:
 
 
 def can_strike(model: mujoco.MjModel, geom: int) -> bool:
-    """Return whether a geom and the flex may touch, as their contype and conaffinity say."""
+    """Return whether a geom and the flex may touch, by their contype and conaffinity."""
     mine = int(model.geom_contype[geom]) & int(model.flex_conaffinity[0])
     other = int(model.flex_contype[0]) & int(model.geom_conaffinity[geom])
     return bool(mine or other)
 
 
 def harden(model: mujoco.MjModel, contact_time: float) -> None:
-    """Give contacts of the flex with mocap bodies, and ties to them, this time constant [s]; of 0 leave them.
+    """Set the time constant [s] of the flex's contacts with mocap bodies, and of ties to them; 0 leaves them.
 
-    To MuJoCo mocap bodies do not move: what they push trails them by about twice the constant times their speed, and what
-    a tie pulls trails them, too.
+    To MuJoCo, mocap bodies do not move: nodes they push trail them by about twice the constant times their speed, and so
+    do nodes that a tie pulls.
     """
     if contact_time == 0:
         return
@@ -262,7 +262,7 @@ def harden(model: mujoco.MjModel, contact_time: float) -> None:
 
 
 def thicknesses(model: mujoco.MjModel) -> Float[np.ndarray, " G"]:
-    """Return the least extent of the bounding box of each geom [m]."""
+    """Return the smallest extent of the bounding box of each geom [m]."""
     return 2 * np.array(model.geom_aabb)[:, 3:].min(axis=1)
 
 
@@ -279,9 +279,9 @@ def ground_height(model: mujoco.MjModel, data: mujoco.MjData) -> float | None:
 def colliders_of(
     model: mujoco.MjModel, data: mujoco.MjData, body: int, mover: int, margin: float
 ) -> list[RoundCollider | BoxCollider]:
-    """Return what of a mocap body may strike the flex, as colliders of the `mover` with this number.
+    """Return the parts of a mocap body that may strike the flex, as colliders of the `mover` with this number.
 
-    `data` has all geoms at rest. Of more than `MAX_COLLIDERS` the largest are taken.
+    `data` has all geoms at rest. At most `MAX_COLLIDERS`, the largest, are taken.
     """
     geoms = [geom for geom in geoms_below(model, body) if can_strike(model, geom)]
     geoms.sort(key=lambda geom: -float(model.geom_rbound[geom]))
@@ -294,7 +294,7 @@ def colliders_of(
 def _collider(
     model: mujoco.MjModel, data: mujoco.MjData, geom: int, mover: int, margin: float
 ) -> RoundCollider | BoxCollider:
-    """Return the sphere, capsule or box that a geom is, or its bounding box; of a tilted box the capsule around it."""
+    """Return a geom as a sphere, capsule or box, or its bounding box; for a tilted box, the capsule around it."""
     size = np.array(model.geom_size[geom])
     axes = np.reshape(data.geom_xmat[geom], (3, 3))
     root = int(model.body_rootid[model.geom_bodyid[geom]])

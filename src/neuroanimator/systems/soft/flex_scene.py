@@ -1,8 +1,8 @@
-"""A soft body of MuJoCo's and what moves: a model with a flex, made ready to be played.
+"""A MuJoCo soft body and its movers: a model with a flex, prepared for simulation.
 
-What is drawn of a cloth or a solid are its nodes. A rope has no surface: after its nodes come the edges of three crossing
+Cloths and solids are drawn by their nodes. A rope has no surface: its nodes are followed by the edges of three crossing
 ribbons, which lie r (a × t) to both sides of each node, with a the axes of the world and t along the rope.
-Ribbons, too, follow linearly from the nodes, and two of them at least are wide, whichever way the rope goes.
+Ribbons, too, are linear in the nodes, and at least two of them are wide for any direction of the rope.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.text import listed, quoted
 
 SIDES = 6
-"""Number of points drawn beside each node of a rope: two edges of three ribbons."""
+"""Number of points drawn for each node of a rope: two edges of three ribbons."""
 
 
 class Touching(NamedTuple):
-    """How a flex touches each of G geoms; those that are no mover's it does not."""
+    """Contacts of a flex with each of G geoms; zero for geoms that are not a mover's."""
 
     contacts: Int[np.ndarray, " G"]
     """Number of contacts."""
@@ -50,21 +50,21 @@ class FlexScene(SoftScene):
     """A flex among M mocap bodies; the one that carries it is its anchor, if nothing pins it to the world."""
 
     integrator = "mujoco"
-    """Whatever integrator the model says."""
+    """Name of the model's own integrator."""
     lanes = 1
     runs = 6
     has_ground = False
-    """Its planes are drawn as geoms."""
+    """False, as its planes are drawn as geoms."""
     wind = (0.0, 0.0, 0.0)
-    """What wind the model has, it has everywhere and always."""
+    """Zero, as a model's wind is the same everywhere and always."""
 
     def __init__(self, definition: FlexDefinition, main: str, model: mujoco.MjModel):
-        """Raises BadFileError for what is not supported of the model in the file `main`, ArgumentError for other movers."""
+        """Raises BadFileError for what is not supported in the model in the file `main`, ArgumentError for other movers."""
         self.body = flex_body(main, model)
         self.model = model.__copy__()
         harden(self.model, definition.physics.contact_time)
         self.finding_step = definition.physics.step
-        """The teacher's would be dear."""
+        """The user's step, as the teacher's would be slow."""
         bodies = mover_names(model)
         if set(bodies) != set(definition.movers):
             raise ArgumentError(
@@ -105,7 +105,7 @@ class FlexScene(SoftScene):
         self._models: dict[float, mujoco.MjModel] = {}
 
     def _anchor(self) -> int:
-        """Return the number of the mover that carries the flex, or what holds it instead."""
+        """Return the number of the mover that carries the flex, else `HELD` or `FREE`."""
         tied = tied_bodies(self.model)
         if is_pinned(self.model) or 0 in tied:
             return HELD
@@ -142,7 +142,7 @@ class FlexScene(SoftScene):
     def touching(
         self, positions: Float[np.ndarray, "N 3"], movers: Float[np.ndarray, " D"]
     ) -> Touching:
-        """Return how a body with its nodes there touches the geoms of the movers."""
+        """Return the contacts of a body with its nodes at `positions` with the geoms of the movers."""
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.body.slides(self._nodes(positions))
         self.put_movers(data, movers)
@@ -168,7 +168,7 @@ class FlexScene(SoftScene):
     def _play(
         self, model: mujoco.MjModel, motion: Motion, path: Float[np.ndarray, "F D"], steps: int
     ) -> tuple[Float[np.ndarray, "F-1 N 3"], Float[np.ndarray, "F-1 N 3"]]:
-        """Return what `play` does of one body; after it has diverged NaN."""
+        """Return the result of `play` for one body; NaN after it has diverged."""
         data = mujoco.MjData(model)
         data.qpos[:] = self.body.slides(self._nodes(motion.positions + motion.origin))
         data.qvel[:] = self.body.rates(self._nodes(motion.velocities))
@@ -184,13 +184,13 @@ class FlexScene(SoftScene):
                     self.put_movers(data, path[frame] + step / steps * change)
                     mujoco.mj_step(model, data)
             except mujoco.FatalError:
-                break  # what MuJoCo raises where an element is nowhere any more
+                break  # MuJoCo raises it for an element without a position
             positions[frame] = self.drawn_points(self.body.placed(data.qpos)) - motion.origin
             velocities[frame] = self.drawn_points(self.body.moved(data.qvel))
         return positions, velocities
 
     def put_movers(self, data: mujoco.MjData, entries: Float[np.ndarray, " D"]) -> None:
-        """Put the mocap bodies where movers are [m], turned by their headings [rad]."""
+        """Set the mocap bodies to the movers' positions [m] and headings [rad]."""
         for body, place in zip(self.bodies, self.movers.places, strict=True):
             number = self.model.body_mocapid[body]
             data.mocap_pos[number] = entries[place.entry : place.entry + 3]
@@ -200,11 +200,11 @@ class FlexScene(SoftScene):
                 mujoco.mju_mulQuat(data.mocap_quat[number], turned, self.model.body_quat[body])
 
     def _nodes(self, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "N 3"]:
-        """Return the nodes of what is drawn of them: the first points."""
+        """Return the nodes among the drawn points, which begin with them."""
         return points[: len(self.body.positions)]
 
     def drawn_points(self, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
-        """Return what is drawn of nodes, these first; of their velocities, those of what is drawn."""
+        """Return the points drawn for nodes, beginning with these; or the points' velocities for the nodes'."""
         if not len(self.body.pairs):
             return nodes
         return np.concatenate([nodes, _edge_points(self.body, nodes)])

@@ -17,7 +17,7 @@ MAX_FILE = 256 * 2**20
 """Maximum size of a file [bytes]."""
 
 MAX_LINES = 4_000_000
-"""Maximum number of lines of a file that is read."""
+"""Maximum number of lines of a file."""
 
 
 class Mesh(NamedTuple):
@@ -30,7 +30,7 @@ class Mesh(NamedTuple):
 
 
 def read_mesh(name: str, content: bytes) -> Mesh:
-    """Return the mesh in a file called `name`; BadFileError names what is wrong with it."""
+    """Return the mesh in a file called `name`; BadFileError names the fault."""
     is_solid = name.endswith(SOLID_ENDING)
     told = nodes_of_msh(content) if is_solid else content.count(b"\nv ")
     refuse_size(name, told)

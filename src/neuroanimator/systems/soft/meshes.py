@@ -21,10 +21,10 @@ MAX_FACES_OF_AN_EDGE = 2
 """Maximum number of triangles at an edge of a surface."""
 
 LEAST_SIZE = 1e-9
-"""Least area or volume of an element, over that of the mesh's bounding box' square or cube."""
+"""Minimum area or volume of an element, over the square or cube of the mesh's size."""
 
 BYTES_A_NODE = 60_000
-"""Memory that the shapes of a body are looked for in [bytes a node]: snapshots of sixteen bodies."""
+"""Memory for finding the shapes of a body [bytes per node]: snapshots of sixteen bodies."""
 
 SHOWN = 3
 """Maximum number of nodes or elements a message names."""
@@ -35,11 +35,11 @@ class Cloth:
     """The material of a surface."""
 
     density: float = 0.2
-    """[kg/m²]"""
+    """Density [kg/m²]."""
     stretch: float = 100.0
     """Young's modulus times thickness [N/m]."""
     bend: float = 1.0
-    """Stiffness of the springs across folds [N/m]; they hold against sharp folds, hardly against slight ones."""
+    """Stiffness of the springs across folds [N/m], which resist sharp folds, but hardly slight ones."""
     damping: float = 2e-3
     """Time constant of internal friction [s]: damping of a spring over its stiffness."""
 
@@ -49,7 +49,7 @@ class Solid:
     """The material of a body of tetrahedra."""
 
     density: float = 1000.0
-    """[kg/m³]"""
+    """Density [kg/m³]."""
     stretch: float = 2e4
     """Young's modulus [Pa]."""
     bulk: float = 2e5
@@ -77,8 +77,8 @@ def cloth_body(
 ) -> SoftBody:
     """Return the cloth of these `faces`; `surroundings` are `SoftBody`'s air, capsules, planes and margin.
 
-    Raises ArgumentError, which names what is wrong: a node that no face has, or that lies on another, a face
-    without area, an edge of three faces, faces that face opposite ways, a pin that is no node.
+    Raises ArgumentError, which names the fault: a node without a face, or at the place of another, a face without area,
+    an edge of three faces, neighbours of opposite orientation, a pin that is not a node.
     """
     _check_nodes(positions, faces, "face")
     areas = _areas(positions, faces)
@@ -112,7 +112,7 @@ def solid_body(
     pins: Int[np.ndarray, " K"],
     **surroundings: Any,
 ) -> SoftBody:
-    """Return the solid of these `tetrahedra`; see `cloth_body`. One that is inside out is refused, too."""
+    """Return the solid of these `tetrahedra`; see `cloth_body`. Inverted tetrahedra are refused, too."""
     _check_nodes(positions, tetrahedra, "tetrahedron")
     volumes = tetrahedron_volumes(positions, tetrahedra)
     inverted = np.flatnonzero(volumes < 0)
@@ -153,7 +153,7 @@ def _areas(
 
 
 def _sides(faces: Int[np.ndarray, "F 3"]) -> dict[tuple[int, int], list[tuple[int, int]]]:
-    """Return the faces at each edge, each with its corner that the edge does not have."""
+    """Return the faces at each edge, each with its corner that is not on the edge."""
     sides: dict[tuple[int, int], list[tuple[int, int]]] = {}
     directed: set[tuple[int, int]] = set()
     for face, (a, b, c) in enumerate(faces.tolist()):
@@ -173,7 +173,7 @@ def _sides(faces: Int[np.ndarray, "F 3"]) -> dict[tuple[int, int], list[tuple[in
 
 
 def _surface(tetrahedra: Int[np.ndarray, "T 4"]) -> Int[np.ndarray, "F 3"]:
-    """Return the triangles that only one tetrahedron has, counterclockwise from outside."""
+    """Return the triangles of only one tetrahedron, counterclockwise from outside."""
     a, b, c, d = tetrahedra.T
     sides = np.concatenate(
         [np.stack(side, axis=1) for side in ((a, c, b), (a, b, d), (b, c, d), (a, d, c))]
@@ -187,7 +187,7 @@ def _surface(tetrahedra: Int[np.ndarray, "T 4"]) -> Int[np.ndarray, "F 3"]:
 def _masses(
     count: int, elements: Int[np.ndarray, "E K"], masses: Float[np.ndarray, " E"]
 ) -> Float[np.ndarray, " N"]:
-    """Return the mass of each node [kg]: an equal share of each element it is a corner of."""
+    """Return the mass of each node [kg]: an equal share of each element at it."""
     corners = elements.shape[1]
     return np.bincount(elements.ravel(), np.repeat(masses / corners, corners), count)
 
@@ -238,6 +238,6 @@ def _check_pins(pins: Int[np.ndarray, " K"], count: int) -> None:
 
 
 def some(numbers: np.ndarray) -> str:
-    """Return the first few of `numbers`, and whether there are more."""
+    """Return the first few of `numbers` as text, and whether there are more."""
     shown = ", ".join(map(str, numbers[:SHOWN].tolist()))
     return shown if len(numbers) <= SHOWN else f"{shown}, …"

@@ -1,4 +1,4 @@
-"""What is moved from outside: entries of its positions, headings and rates, its limits, and random paths of it."""
+"""Movers: entries of their positions, headings and rates, their limits, and random paths."""
 
 from __future__ import annotations
 
@@ -19,48 +19,48 @@ SLOWER = 0.3
 """Lowest frequency of a path's sinusoids over the highest."""
 
 STILL_SHARE = 0.2
-"""Share of movers that hardly move in a run."""
+"""Share of movers nearly at rest in a run."""
 
 STILL = 0.05
-"""How far these move at most, over their reach."""
+"""Maximum motion of these, over their reach."""
 
 HOLDS = 0.25
-"""Share of the time in which a mover holds still."""
+"""Share of the time for which a mover holds still."""
 
 HOLDING = (0.1, 0.4)
-"""Lowest and highest frequency [Hz] at which it stops and goes on."""
+"""Lowest and highest frequency of its stops [Hz]."""
 
 RETURN = 0.5
-"""Time constant at which a mover that is off its path comes back to it [s]."""
+"""Time constant with which a mover returns to its path [s]."""
 
 
 class Pace(NamedTuple):
-    """How lively random paths are."""
+    """Speeds of random paths."""
 
     slowest: float
-    """Least of the highest frequencies of paths [Hz]."""
+    """Smallest of the highest frequencies of paths [Hz]."""
     fastest: float
-    """Largest of them [Hz]."""
+    """Largest of the highest frequencies of paths [Hz]."""
     weakest: float
-    """Least size of a path, over the largest there may be."""
+    """Smallest size of a path, over the largest possible."""
     response: float
-    """Time constant at which a mover takes up a velocity [s]."""
+    """Time constant with which a mover reaches a velocity [s]."""
 
 
 CARRYING = Pace(slowest=0.05, fastest=1.0, weakest=0.0, response=0.1)
-"""Of what holds or strikes a body."""
+"""Pace of movers that hold or strike a body."""
 
 THROWING = Pace(slowest=0.5, fastest=2.5, weakest=0.3, response=0.03)
-"""Of what a body that nothing holds lies on: slower paths seldom throw it."""
+"""Pace of movers under a body that nothing holds: slower paths seldom throw it."""
 
 
 def pace_of(anchor: int) -> Pace:
-    """Return how lively the movers of a body are that the mover `anchor` holds; `FREE` is thrown by them."""
+    """Return the pace of the movers of a body held by the mover `anchor`; with `FREE` they throw it."""
     return THROWING if anchor == FREE else CARRYING
 
 
 class Movers:
-    """M movers, whose positions and headings are D numbers; so are their rates."""
+    """M movers, with D numbers of positions and headings, and D rates."""
 
     def __init__(self, tables: dict[str, MoverTable]):
         self.tables = list(tables.values())
@@ -68,7 +68,7 @@ class Movers:
         self.turning = tuple(mover.turns for mover in self.tables)
         self.places = place_movers(self.turning)
         self.size = sum(place.size for place in self.places)
-        """D."""
+        """Number D of positions and headings."""
         self.rest = self._entries("position")
         """Positions [m] and headings [rad] at rest (D,)."""
         self.speed = self._entries("speed", "turn_speed")
@@ -77,7 +77,7 @@ class Movers:
         """Distance from rest (D,) within which random paths stay [m, rad]."""
 
     def _entries(self, name: str, turning: str = "") -> Float[np.ndarray, " D"]:
-        """Return this value of all movers, and that called `turning` of those that turn; 0 if that is empty."""
+        """Return the value `name` of all movers, and `turning` of those that turn; 0 if that is empty."""
         values: list[float] = []
         for mover in self.tables:
             values += getattr(mover, name)
@@ -108,7 +108,7 @@ class Movers:
     def poses(
         self, paths: Float[np.ndarray, "F D ..."], origin: Float[np.ndarray, " ..."]
     ) -> Float[np.ndarray, "F P 4 ..."]:
-        """Return positions from `origin` [m] and headings [rad] of M movers, and last those of the world."""
+        """Return positions from `origin` [m] and headings [rad] of M movers, and of the world as the last."""
         poses = np.zeros((len(paths), len(self.places) + 1, 4, *paths.shape[2:]))
         for number, place in enumerate(self.places):
             poses[:, number, : place.size] = paths[:, place.entry : place.entry + place.size]
@@ -124,10 +124,10 @@ class Movers:
         dt: float,
         pace: Pace,
     ) -> Float[np.ndarray, "B T D"]:
-        """Return rates of smooth random paths about rest, one for each of the `starts` and its rates at first.
+        """Return rates of smooth random paths about rest, one for each of the `starts` and its initial `rates`.
 
-        Some movers hardly move and others as fast as they may, all hold still now and then, and what begins elsewhere
-        comes within reach first.
+        Some movers hardly move and others as fast as they may, all hold still now and then, and those that begin elsewhere
+        first come within reach.
         """
         wanted = self._waves(rng, len(starts), steps, dt, pace)
         follow = 1 - np.exp(-dt / pace.response)
@@ -165,7 +165,7 @@ class Movers:
             frequency = highest * rng.uniform(SLOWER, 1, highest.shape)
             phase = rng.uniform(0, 2 * np.pi, highest.shape)
             total += np.sin(2 * np.pi * frequency[:, None] * time + phase[:, None])
-        # Their sum is pressed into ±1: beyond its reach no mover goes.
+        # Their sum is squashed into ±1: no mover goes beyond its reach.
         return self.rest + size[:, None] * np.sin(total * np.sqrt(2 / WAVES))
 
     def _own_time(

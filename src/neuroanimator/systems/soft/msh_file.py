@@ -1,4 +1,4 @@
-"""Tetrahedra of a Gmsh file: its nodes and tetrahedra, and nothing else of it, in MSH ASCII 2.2 and 4.1.
+"""Nodes and tetrahedra of a Gmsh file, and nothing else, in MSH ASCII 2.2 and 4.1.
 
 $Nodes     2.2: count, then "tag x y z" lines
            4.1: blocks, count, least tag, most; each block: dimension, entity, parametric, count; its tags; its "x y z"
@@ -18,10 +18,10 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.text import quoted
 
 TETRAHEDRON = 4
-"""Gmsh's number of the element of four nodes."""
+"""Gmsh's number of the four-node tetrahedron."""
 
 CURVED_TETRAHEDRA = (11, 29, 30)
-"""Its numbers of tetrahedra with nodes on their edges, too."""
+"""Gmsh's numbers of tetrahedra with nodes on their edges."""
 
 MAX_ELEMENTS = 2_000_000
 """Maximum number of elements of all kinds in a file."""
@@ -31,7 +31,7 @@ VERSIONS = ("2.2", "4.1")
 
 
 class _Lines:
-    """The lines of a file, and where a reader is."""
+    """The lines of a file, and the position of the reader."""
 
     def __init__(self, name: str, content: bytes):
         self.name = name
@@ -47,7 +47,7 @@ class _Lines:
         raise BadFileError(f"{self.name}: no ${title}. Save it again as Gmsh MSH, ASCII.")
 
     def words(self, least: int) -> list[str]:
-        """Return the words of the next line, at least so many of them."""
+        """Return the words of the next line, at least `least` of them."""
         words: list[str] = []
         if self._next < len(self._lines):
             words = self._lines[self._next].split()
@@ -57,11 +57,11 @@ class _Lines:
         return words
 
     def wholes(self, least: int) -> list[int]:
-        """Return the whole numbers of the next line."""
+        """Return the integers of the next line."""
         return self.as_wholes(self.words(least))
 
     def as_wholes(self, words: list[str]) -> list[int]:
-        """Return words of the line as whole numbers."""
+        """Return words of the line as integers."""
         try:
             return [int(word) for word in words]
         except ValueError as error:
@@ -82,7 +82,7 @@ class _Lines:
 
 
 def nodes_of_msh(content: bytes) -> int:
-    """Return how many nodes a file says it has; 0 if it does not say."""
+    """Return the number of nodes a file declares; 0 if it does not."""
     found = re.search(rb"\$Nodes\s+(\d{1,18})(?:[ \t]+(\d{1,18}))?", content)
     if found is None:
         return 0
@@ -91,9 +91,9 @@ def nodes_of_msh(content: bytes) -> int:
 
 
 def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "T 4"]]:
-    """Return (positions of the nodes [m], corners of the tetrahedra), without nodes that no element has.
+    """Return (positions of the nodes [m], corners of the tetrahedra), without unused nodes.
 
-    Raises BadFileError, naming the file and the line, for what is no such mesh.
+    Raises BadFileError, naming the file and the line, for any other content.
     """
     lines = _Lines(name, content)
     lines.section("MeshFormat")
@@ -126,7 +126,7 @@ def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
 
 
 def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float]]]:
-    """Return (the place of each node by its tag, positions)."""
+    """Return (the index of each node by its tag, positions)."""
     head = lines.wholes(1 if is_old else 4)
     count = head[0] if is_old else head[1]
     if count < 1:

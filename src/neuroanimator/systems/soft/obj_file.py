@@ -1,4 +1,4 @@
-"""Triangles of a Wavefront OBJ file: its vertices and faces, and nothing else of it."""
+"""Vertices and faces of a Wavefront OBJ file, and nothing else."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
 
 
 def _corner(text: str, count: int) -> int:
-    """Return the number of a vertex, from 0: as the file counts from 1, or from the last one backwards."""
+    """Return the index of a vertex from 0: the file counts from 1, or backwards from the last one."""
     index = int(text.split("/")[0])
     number = index - 1 if index > 0 else count + index
     if not 0 <= number < count:

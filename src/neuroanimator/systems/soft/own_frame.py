@@ -1,8 +1,8 @@
-"""The motion of nodes in the body's own frame: that of the mover that holds it, or the rigid motion nearest to its own.
+"""The motion of nodes in the body's own frame: that of the mover that holds it, or of the closest rigid motion.
 
-A free body's frame has its origin at the centre of mass, and is turned so that the nodes b in it are nearest to the
+A free body's frame has its origin at the centre of mass, and is turned so that the nodes b in it are closest to the
 mean a: Σ m a × b = 0 (Kabsch, 1976). Its angular velocity is the frame's own, so that rates are the derivatives of
-amplitudes; of a rigid motion that is the one of the angular momentum.
+amplitudes; for a rigid motion it agrees with the angular momentum.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from neuroanimator.state.rotation import quaternions_of
 
 
 class OwnMotion(NamedTuple):
-    """The motion of N nodes seen from their body's own frame."""
+    """The motion of N nodes in their body's own frame."""
 
     root: Float[np.ndarray, "*B R"]
-    """Position, quaternion, velocity and angular velocity (in its own axes) of a free body's frame; else nothing."""
+    """Position, quaternion, velocity and angular velocity (in its own axes) of a free body's frame; else empty."""
     positions: Float[np.ndarray, "*B N 3"]
-    """[m]"""
+    """Positions [m]."""
     velocities: Float[np.ndarray, "*B N 3"]
     """Time derivatives of the positions [m/s]."""
 
@@ -33,7 +33,7 @@ def seen_from_mover(
     position: Float[np.ndarray, "*B P"],
     rate: Float[np.ndarray, "*B P"],
 ) -> OwnMotion:
-    """Return the motion seen from a mover at `position` (and heading), which moves (and turns) at `rate`."""
+    """Return the motion in the frame of a mover at `position` (and heading), which moves (and turns) at `rate`."""
     away = positions - position[..., None, :3].astype(positions.dtype)
     relative = velocities - rate[..., None, :3].astype(positions.dtype)
     root = np.zeros((*positions.shape[:-2], 0))
@@ -52,7 +52,7 @@ def seen_from_root(
     mean: Float[np.ndarray, "N 3"],
     masses: Float[np.ndarray, " N"],
 ) -> OwnMotion:
-    """Return the motion of a free body seen from the rigid motion that is nearest to its own."""
+    """Return the motion of a free body in the frame of the closest rigid motion."""
     shares = masses / masses.sum()
     centre = np.einsum("n,...nk->...k", shares, positions)
     velocity = np.einsum("n,...nk->...k", shares, velocities)
@@ -76,14 +76,14 @@ def seen_from_root(
 
 
 def _nearest_rotations(moments: Float[np.ndarray, "*B 3 3"]) -> Float[np.ndarray, "*B 3 3"]:
-    """Return the rotations from the mean to nodes whose moments with it these are."""
+    """Return the rotations from the mean to the nodes, from their moments with it."""
     left, _, right = np.linalg.svd(_finite(moments))
     left[..., 2] *= np.expand_dims(np.sign(np.linalg.det(left @ right)), -1)
     return left @ right
 
 
 def _finite(matrices: Float[np.ndarray, "*B 3 3"]) -> Float[np.ndarray, "*B 3 3"]:
-    """Return `matrices`, with the identity for those of a motion that has diverged."""
+    """Return `matrices`, with the identity for those of diverged motions."""
     is_finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
     return np.where(is_finite, matrices, np.eye(3))
 
@@ -91,7 +91,7 @@ def _finite(matrices: Float[np.ndarray, "*B 3 3"]) -> Float[np.ndarray, "*B 3 3"
 def with_steady_signs(
     quaternions: Float[np.ndarray, "L F 4"], before: Float[np.ndarray, "L 4"]
 ) -> Float[np.ndarray, "L F 4"]:
-    """Return the same orientations, each quaternion on the side of the one before it."""
+    """Return the same orientations, each quaternion with the sign of the one before it."""
     earlier = np.concatenate([before[:, None], quaternions[:, :-1]], axis=1)
     is_opposite = (earlier * quaternions).sum(axis=-1) < 0
     signs = np.cumprod(np.where(is_opposite, -1.0, 1.0), axis=1)

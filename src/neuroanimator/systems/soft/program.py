@@ -19,13 +19,13 @@ from neuroanimator.systems.soft import constraints
 from neuroanimator.systems.soft.soft_body import GRAVITY, SoftBody
 
 PROGRAM = Path(__file__).with_name("soft.c")
-"""The loops, the same for every body."""
+"""Path of the loops, which are the same for every body."""
 
 LANES = 16
-"""Number of bodies simulated side by side: one AVX-512 register of them."""
+"""Number of bodies simulated side by side: one AVX-512 register."""
 
 MAX_AIR_SPEED = 60.0
-"""Speed through air [m/s] beyond which its pressure grows no further: a stray node is not thrown about."""
+"""Speed through air [m/s] beyond which its pressure stays the same, so that stray nodes are not flung about."""
 
 NUMBER = (1,)
 VECTOR = (1, 3)
@@ -39,7 +39,7 @@ FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
     constraints.box_push: (*[VECTOR] * 6, NUMBER, NUMBER, NUMBER),
     constraints.plane_push: (*[VECTOR] * 5, NUMBER, NUMBER),
 }
-"""The formulas, with the shapes of their arguments."""
+"""Formulas, with the shapes of their arguments."""
 
 COUNTS = (
     "nodes",
@@ -120,9 +120,9 @@ class SoftProgram:
     ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
         """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
 
-        `movers` says where movers are [m] and where they head [rad], at the start and at each frame's end; in between
-        they move and turn evenly. `wind` is the velocity of the air [m/s], the body's own if none is given. With several
-        lanes these are the last axis of all arrays.
+        `movers` are the movers' positions [m] and headings [rad], at the start and at each frame's end; in between they
+        move and turn evenly. `wind` is the velocity of the air [m/s], by default the body's own. Several lanes are the last
+        axis of all arrays.
         """
         frames = len(movers) - 1
         tail = (self.lanes,) if self.lanes > 1 else ()
@@ -167,7 +167,7 @@ def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
 def _struct(
     body: SoftBody, movers: int, wind: Float[np.ndarray, "3 ..."], dtype: type[np.floating]
 ) -> tuple[_Body, list[np.ndarray]]:
-    """Return `body` as C sees it, and the arrays it points to, which have to outlive it."""
+    """Return `body` as a C struct, and the arrays it points to, which must outlive it."""
     reals = {
         "lightness": body.inverse_masses,
         "length": body.lengths,

@@ -1,4 +1,4 @@
-"""A soft body and what moves: its definition and its mesh, made ready for the physics."""
+"""A soft body and its movers: a definition and a mesh, prepared for the physics."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.text import listed, quoted
 
 WIND = ("air/wind_x", "air/wind_y", "air/wind_z")
-"""What parameters can set: the air's velocity along each axis [m/s]."""
+"""Targets of parameters: the air's velocity along each axis [m/s]."""
 
 WITHIN = 1e-3
-"""Depth in a collider from which a node begins inside it, over the size of the body."""
+"""Depth in a collider at which a node counts as inside, over the size of the body."""
 
 
 class Scene(SoftScene):
     """A soft body of springs among M movers, the first of which that holds it is its anchor."""
 
     integrator = "xpbd"
-    """Extended position-based dynamics in small steps."""
+    """Name of extended position-based dynamics in small steps."""
     lanes = LANES
     runs = LANES
 
     def __init__(self, definition: SoftDefinition, mesh: Mesh):
-        """Raises ArgumentError for a mesh, a pin or a collider that cannot be."""
+        """Raises ArgumentError for an invalid mesh, pin or collider."""
         self.definition = definition
         self.movers = Movers(definition.movers)
         holding = [number for number, mover in enumerate(self.movers.tables) if mover.pins]
@@ -148,7 +148,7 @@ class Scene(SoftScene):
         return wind
 
     def _refuse_overlap(self) -> None:
-        """Raise ArgumentError, which names it, for a collider with nodes in it as the body lies in its mesh."""
+        """Raise ArgumentError, which names it, for a collider with nodes of the mesh in it."""
         body = self.body
         free = np.setdiff1d(np.arange(len(body.positions)), body.pins)
         owners = [self.movers.names[one.mover] for one in (*body.capsules, *body.boxes)]
@@ -176,7 +176,7 @@ class Scene(SoftScene):
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
         `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
-        those of each body, nominal if none are given. See `SoftProgram.play`.
+        those of each body, by default nominal. See `SoftProgram.play`.
         """
         lanes = paths.shape[2] if paths.ndim > 2 else 1
         wind = None if parameters is None else self._wind_at(parameters)

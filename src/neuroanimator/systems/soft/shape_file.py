@@ -31,13 +31,13 @@ from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh, read_mesh
 from neuroanimator.systems.soft.scene import Scene
 
 ENDING = ".shapes.safetensors"
-"""Ending of the file's name, after that of the TOML file."""
+"""Suffix of the file, after the name of the TOML file."""
 
 METHOD = 4
-"""Number of the way shapes are found, raised whenever others would be."""
+"""Version of the method that finds shapes, increased when its results change."""
 
 FLEX_METHOD = 5
-"""The same of a flex: its points may be others."""
+"""The same for a flex, whose points may change separately."""
 
 MAX_NUMBER = 1e6
 """Largest number of a mesh or a state in a file."""
@@ -51,19 +51,19 @@ class ShapeFile(NamedTuple):
 
 
 def made_for(toml: Path, definition: SoftDefinition) -> Path:
-    """Return the path of the shapes of a TOML file; they are found first, in under a minute, unless they are there."""
+    """Return the path of the shapes of a TOML file; missing ones are computed first, in under a minute."""
     mesh = toml.parent / definition.mesh
     content = read_bounded(mesh, MAX_FILE)
     values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
     if not definition.parameters:
-        del values["parameters"]  # shapes found before there were any stay as they are
+        del values["parameters"]  # shapes from before there were parameters stay valid
     text = canonical_json({"method": METHOD, "definition": values})
     origin = hashlib.sha256(text.encode() + content).hexdigest()
     return _made(toml, definition, origin, lambda: Scene(definition, read_mesh(mesh.name, content)))
 
 
 def made_for_model(toml: Path, definition: FlexDefinition, files: ModelFiles) -> Path:
-    """Return the path of the shapes of a TOML file about a model with a flex; they are found first unless they are there."""
+    """Return the path of the shapes of a TOML file about a model with a flex; missing ones are computed first."""
     values = definition.model_dump(mode="json", exclude={"name", "goals", "model", "tree"})
     text = canonical_json({"method": FLEX_METHOD, "definition": values, "files": files.digests})
     origin = hashlib.sha256(text.encode()).hexdigest()
@@ -81,7 +81,7 @@ def _made(
     origin: str,
     scene_of: Callable[[], Scene | FlexScene],
 ) -> Path:
-    """Return the path of the shapes that follow from what has the hash `origin`."""
+    """Return the path of the shapes made from sources with the hash `origin`."""
     path = toml.with_name(toml.stem + ENDING)
     if path.exists():
         _, metadata = read_tensors(path, "shapes")
@@ -99,7 +99,7 @@ def _made(
 
 
 def read_shapes(path: Path, definition: SoftDefinition) -> tuple[ShapeFile, Mesh]:
-    """Return what `made_for` wrote, and the mesh; BadFileError names what is wrong with the file."""
+    """Return the shapes `made_for` wrote, and the mesh; BadFileError names the fault."""
     turning = tuple(mover.turns for mover in definition.movers.values())
     holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
     anchor = holding[0] if holding else FREE
@@ -110,7 +110,7 @@ def read_shapes(path: Path, definition: SoftDefinition) -> tuple[ShapeFile, Mesh
 
 
 def read_flex_shapes(path: Path, scene: FlexScene) -> ShapeFile:
-    """Return what `made_for_model` wrote; BadFileError names what is wrong with the file."""
+    """Return the shapes `made_for_model` wrote; BadFileError names the fault."""
     tensors, _ = read_tensors(path, "shapes")
     with _faults_named(path):
         file = _checked(tensors, scene.movers.turning, scene.anchor)

@@ -1,13 +1,13 @@
 /* Small steps of a soft body: weight and air, then every constraint once, then colliders. constraints.py is the definition
    of each; FORMULAS are generated from it. LANES bodies lie side by side, so that an element of all of them is one vector;
-   of one body alone, the elements of a colour are, which share no node. */
+   for a single body, the elements of a colour are, which share no node. */
 
 #include <stdlib.h>
 #include <string.h>
 #include <math.h>
 
 typedef REAL real;
-#define AXIS 1 /* of the numbers a formula is given, which are copied out of the arrays */
+#define AXIS 1 /* of a formula's arguments, which are copied out of the arrays */
 #define INLINE static inline __attribute__((always_inline))
 
 FORMULAS
@@ -76,7 +76,7 @@ static void coast(const Body *b, real *restrict x, real *restrict v, real *restr
     END
 }
 
-/* A mover's pose: where it is, and the cosine and sine of its heading. */
+/* A mover's pose: its position, and the cosine and sine of its heading. */
 #define POSE(poses, mover, k) (poses)[(5 * (size_t)(mover) + (k)) * LANES + l]
 
 static void pose_movers(const Body *b, const real *from, const real *to, real share, real *poses) {
@@ -157,11 +157,11 @@ static void keep_volumes(const Body *b, real *restrict x, real h) {
     END
 }
 
-/* Axis k of a vector that each lane has its own of. */
+/* Axis k of a vector of each lane. */
 #define OF(vector, k) (vector)[(k) * LANES + l]
 #define TAKE(vector) {OF(vector, 0), OF(vector, 1), OF(vector, 2)}
 
-/* Write where a point of a mover is, and by how much it has moved in this small step. */
+/* Write the position of a point of a mover, and its displacement in this small step. */
 static void follow(const real *before, const real *poses, int mover, const real *local, real *where, real *moved) {
     for (int l = 0; l < LANES; l++) {
         real last[3], now[3];
@@ -240,7 +240,7 @@ static void settle(const Body *b, const real *restrict x, real *restrict v, cons
 }
 
 /* Write positions and velocities after each of `frames` frames of `steps` small steps of h seconds; 0, or 1 without memory.
-   `paths` holds where movers are and where they head, for the start and for each frame's end. */
+   `paths` holds the movers' positions and headings, at the start and at each frame's end. */
 int play(const Body *b, long frames, long steps, double h, const real *start, const real *paths, real *states) {
     const size_t size = 3 * b->nodes * LANES;
     const size_t stride = 4 * b->movers * LANES;

@@ -1,4 +1,4 @@
-"""A soft body and what surrounds it: nodes, springs, tetrahedra, faces, pins and colliders as arrays."""
+"""A soft body and its surroundings: nodes, springs, tetrahedra, faces, pins and colliders as arrays."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ class Air:
     drag: float = 0.5
     """Rate at which nodes take on the wind's velocity [1/s]."""
     density: float = 0.0
-    """Density times drag coefficient of a face across the wind [kg/m³]; 0: faces feel no wind."""
+    """Density times drag coefficient of a face across the wind [kg/m³]; with 0 faces feel no wind."""
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Velocity of the air [m/s]."""
 
 
 Place = tuple[float, float, float]
-"""Position from that of a mover, along the mover's axes [m]."""
+"""Position relative to a mover, along the mover's axes [m]."""
 
 
 @dataclass(frozen=True)
 class Capsule:
-    """A collider: all points nearer than a radius to a straight line; to a point, of a sphere."""
+    """A collider: all points within a radius of a line segment, or of a point, for a sphere."""
 
     radius: float
-    """[m]"""
+    """Radius [m]."""
     friction: float = 0.4
     """Largest sideways force over the normal one."""
     mover: int = 0
     """Number of the mover it goes with."""
     start: Place = (0.0, 0.0, 0.0)
     along: Place = (0.0, 0.0, 0.0)
-    """From its start to its end [m]."""
+    """Vector from its start to its end [m]."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Box:
     """A collider with six faces."""
 
     half: tuple[float, float, float]
-    """Half its size along each of its mover's axes [m]."""
+    """Half size along each of its mover's axes [m]."""
     friction: float = 0.4
     """Largest sideways force over the normal one."""
     mover: int = 0
@@ -61,7 +61,7 @@ class Plane:
     """A collider: the half-space under a plane."""
 
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Unit vector away from the half-space; it does not turn."""
+    """Unit vector away from the half-space, which does not turn."""
     friction: float = 0.4
     """Largest sideways force over the normal one."""
     mover: int = 0
@@ -86,9 +86,9 @@ class SoftBody:
     damping: Float[np.ndarray, " P"]
     """Damping of the springs along their length [N·s/m]."""
     tetrahedra: Int[np.ndarray, "T 4"]
-    """Corners of the tetrahedra that keep their volume; none of a cloth."""
+    """Corners of the tetrahedra that keep their volume; empty for a cloth."""
     bulk_stiffness: Float[np.ndarray, " T"]
-    """Pressure over change of volume [Pa/m³] of each tetrahedron."""
+    """Pressure per change of volume of each tetrahedron [Pa/m³]."""
     pins: Int[np.ndarray, " K"]
     """Nodes that are held, and moved, from outside."""
     air: Air = Air()
@@ -98,9 +98,9 @@ class SoftBody:
     margin: float = 0.0
     """Distance at which nodes touch colliders: half a cloth's thickness [m]."""
     holders: Int[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0, int))
-    """Number of the mover that holds each pin; the first if none is given."""
+    """Number of the mover that holds each pin; by default the first."""
     held: Float[np.ndarray, "_ 3"] = field(default_factory=lambda: np.zeros((0, 3)))
-    """Positions of the pins from their movers [m]; those at rest if none are given."""
+    """Positions of the pins relative to their movers [m]; by default those at rest."""
     pair_colours: Int[np.ndarray, " _"] = field(init=False)
     """First spring of each colour, and the number of springs: those of one colour share no node."""
     tetrahedron_colours: Int[np.ndarray, " _"] = field(init=False)
@@ -138,7 +138,7 @@ class SoftBody:
 
     @property
     def inverse_masses(self) -> Float[np.ndarray, " N"]:
-        """One over the nodes' masses [1/kg]; 0 of pins."""
+        """Inverse masses of the nodes [1/kg]; 0 for pins."""
         inverse = 1 / self.masses
         inverse[self.pins] = 0
         return inverse
@@ -154,7 +154,7 @@ def tetrahedron_volumes(
 
 
 def _by_colour(elements: Int[np.ndarray, "E K"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return (the order of `elements` by colour, the first place of each colour and the end): greedily, in order."""
+    """Return (the order of `elements` by colour, the first index of each colour and the end), by greedy colouring."""
     used: dict[int, set[int]] = defaultdict(set)
     colours = np.zeros(len(elements), int)
     for element, nodes in enumerate(elements.tolist()):

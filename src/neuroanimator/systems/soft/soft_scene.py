@@ -1,4 +1,4 @@
-"""What shapes, states and contacts of a soft body are made from, whatever its physics is."""
+"""The basis of a soft body's shapes, states and contacts, for any physics."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from neuroanimator.systems.soft.movers import Movers, pace_of
 from neuroanimator.systems.soft.own_frame import OwnMotion, seen_from_mover, seen_from_root
 
 CONTACT_REACH = 0.1
-"""Distance from which contacts are shown, over the size of the body."""
+"""Distance at which features of contacts begin, over the size of the body."""
 
 WORLD = np.zeros(())
-"""The origin of the world, for however many bodies."""
+"""The origin of the world, for any number of bodies."""
 
 
 class Motion(NamedTuple):
-    """A body at a moment; several side by side have a last axis for them."""
+    """A body at a moment; several side by side are the last axis."""
 
     positions: Float[np.ndarray, "N 3 ..."]
-    """From the origin [m]."""
+    """Positions from the origin [m]."""
     velocities: Float[np.ndarray, "N 3 ..."]
-    """[m/s]"""
+    """Velocities [m/s]."""
     origin: Float[np.ndarray, " ..."] = WORLD
-    """Position in the world [m]: float32 is exact near the body alone."""
+    """Position of the origin in the world [m]: float32 is only precise near the body."""
 
     def recentred(self) -> Motion:
-        """Return the same motion from an origin amid the nodes."""
+        """Return the same motion with an origin amid the nodes."""
         middle = self.positions.mean(axis=0)
         return Motion(self.positions - middle, self.velocities, self.origin + middle)
 
 
 class SoftScene(abc.ABC):
-    """A soft body of N nodes among M movers, one of which may be its anchor: its own frame goes and turns with it."""
+    """A soft body of N nodes among M movers, one of which may be its anchor: its own frame moves and turns with it."""
 
     integrator: str
     """Name of its schemes."""
     lanes: int
-    """Number of bodies that are best played side by side."""
+    """Best number of bodies simulated side by side."""
     runs: int
-    """Number of motions in which shapes are looked for."""
+    """Number of motions from which shapes are computed."""
     finding_step: float
-    """The step with which shapes are looked for [s]."""
+    """Physics step of these motions [s]."""
     movers: Movers
     anchor: int
-    """Number of the mover that holds the body; `FREE` of one that nothing holds, `HELD` of one that the world does."""
+    """Number of the mover that holds the body; `FREE` if nothing holds it, `HELD` if the world does."""
     positions: Float[np.ndarray, "N 3"]
-    """Nodes as the mesh or the model has them [m]."""
+    """Positions of the nodes in the mesh or the model [m]."""
     faces: Int[np.ndarray, "F 3"]
     """Corners of the surface's triangles, counterclockwise from outside."""
     masses: Float[np.ndarray, " N"]
@@ -67,7 +67,7 @@ class SoftScene(abc.ABC):
     has_ground: bool
     """Whether a plane is drawn at height zero."""
     parameters: tuple[Parameter, ...] = ()
-    """What varies from run to run."""
+    """Parameters, which vary from run to run."""
 
     @property
     def ground(self) -> float:
@@ -104,7 +104,7 @@ class SoftScene(abc.ABC):
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
         `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
-        those of each body, nominal if none are given.
+        those of each body, by default nominal.
         """
 
     def contacts(
@@ -128,7 +128,7 @@ class SoftScene(abc.ABC):
         )
 
     def centre(self, positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3"]:
-        """Return the origin of the body's own frame [m] where its nodes are at `positions`, and movers at rest."""
+        """Return the origin of the body's own frame [m] with its nodes at `positions`, and movers at rest."""
         if self.anchor == FREE:
             return np.average(positions, axis=0, weights=self.masses)
         if self.anchor < 0:
@@ -137,7 +137,7 @@ class SoftScene(abc.ABC):
         return self.movers.rest[entry : entry + 3]
 
     def state_at_rest(self, centre: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " S"]:
-        """Return a state but for its shapes: all at rest, a free body upright at `centre` [m]."""
+        """Return a state without its shapes: all at rest, a free body upright at `centre` [m]."""
         state = np.concatenate([self.movers.rest, np.zeros(self.movers.size)])
         if self.anchor == FREE:
             upright = np.array([1.0, 0.0, 0.0, 0.0])
@@ -153,7 +153,7 @@ class SoftScene(abc.ABC):
         mean: Float[np.ndarray, "N 3"],
         origin: Float[np.ndarray, " ..."] = WORLD,
     ) -> OwnMotion:
-        """Return the motion of nodes in the body's own frame; `positions` are from `origin`, `mean` is of the nodes in it."""
+        """Return the motion of nodes in the body's own frame; `positions` are relative to `origin`, `mean` to the frame."""
         if self.anchor == FREE:
             own = seen_from_root(positions, velocities, mean, self.masses)
             own.root[..., :3] += origin

@@ -1,4 +1,4 @@
-"""Soft bodies as a System: the state holds what moves them and the amplitudes of their shapes, the physics all their nodes."""
+"""Soft bodies as a System: states hold movers and the amplitudes of shapes, the physics all nodes."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
 
 FREE_BLOCK = 2
-"""The same of bodies that nothing holds: they fly away from an origin, and float32 is exact near it alone."""
+"""The same for bodies that nothing holds: they fly away from an origin, and float32 is only precise near it."""
 
 THROW_STEPS = 64
-"""Number of super steps in a run of a free body: most lie out of the movers' reach after that."""
+"""Number of super steps in a run of a free body, after which most are out of the movers' reach."""
 
 MAX_AMPLITUDE = 20.0
-"""Amplitude over the size of the body at which a motion has diverged."""
+"""Amplitude, over the size of the body, at which a motion has diverged."""
 
 COLOUR = (0.75, 0.75, 0.78, 1.0)
 """Colour of colliders."""
@@ -63,14 +63,14 @@ ROOT_SLICES = (
     Slice("velocity", 3, "m/s"),
     Slice("angular_velocity", 3, "rad/s"),
 )
-"""Parts of the state of a body that nothing holds, before its shapes."""
+"""Parts of the state of a free body's root, before its shapes."""
 
 
 class SoftSystem(System):
     """A cloth or a solid; its state is `state.shape_contacts`': movers, their rates, a free root, shapes, their rates.
 
-    Physics starts from nodes put together of the shapes, and then goes on with all nodes; what a state holds of them is
-    the part of their motion that the shapes can tell.
+    Physics starts from nodes composed of the shapes, and then simulates all nodes; a state holds the part of their motion
+    that the shapes can represent.
     """
 
     is_self_contained = False
@@ -84,7 +84,7 @@ class SoftSystem(System):
         file: ShapeFile,
         definition_text: str = "",
     ):
-        """`scene` is that of the definition, `definition_text` what the system can be made from again."""
+        """`scene` is that of the definition, `definition_text` the text from which the system can be made again."""
         self.name = definition.name
         self.definition_text = definition_text
         self.shapes = file.shapes
@@ -176,14 +176,14 @@ class SoftSystem(System):
         return bones
 
     def _drawn(self, number: int, mover: MoverTable) -> tuple[Shape, ...]:
-        """Return what is drawn of a mover: its geoms, or its colliders."""
+        """Return the shapes drawn for a mover: its geoms, or its colliders."""
         scene = self.scene
         if isinstance(scene, FlexScene):
             return shapes_below(scene.model, scene.data, scene.bodies[number])
         return tuple(_shape(collider) for collider in mover.colliders)
 
     def motion(self, states: Float[np.ndarray, "L S"]) -> Motion:
-        """Return the nodes of states, side by side: (N, 3, L) each, from their own frames' origins."""
+        """Return the nodes of states, side by side: (N, 3, L) each, relative to their own frames' origins."""
         size = self.scene.movers.size
         first = self.shapes.first
         placement = self.shapes.placement
@@ -214,9 +214,9 @@ class SoftSystem(System):
         origin: Float[np.ndarray, " ..."] = WORLD,
         parameters: Float[np.ndarray, "*B Q"] | None = None,
     ) -> Float[np.ndarray, "*B S"]:
-        """Return the states that are nearest to the motion of all nodes; `positions` are from `origin` [m].
+        """Return the states closest to the motion of all nodes; `positions` are relative to `origin` [m].
 
-        Parameters are nominal if none are given.
+        Parameters are nominal by default.
         """
         mean = self.shapes.mean
         own = self.scene.own_motion(positions, velocities, movers, rates, mean, origin)
@@ -286,13 +286,13 @@ class SoftSystem(System):
     def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
         amplitudes = states[..., self.shapes.amplitudes]
         with np.errstate(invalid="ignore"):
-            fits = np.abs(amplitudes) < MAX_AMPLITUDE * self.scene.size  # false for NaN too
+            fits = np.abs(amplitudes) < MAX_AMPLITUDE * self.scene.size  # False for NaN
         return np.asarray(~fits.all(axis=(1, 2)) | ~np.isfinite(states).all(axis=(1, 2)))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        """Return states without deformation: at rest, or of a free body thrown. Parameters are random.
+        """Return undeformed states: at rest, or of a thrown free body. Parameters are random.
 
-        Nodes that are put together of shapes spring apart at first, and would teach that.
+        Nodes composed of shapes would spring apart at first, and teach that.
         """
         starts = np.repeat(self.rest[None], count, axis=0)
         starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
@@ -317,7 +317,7 @@ class SoftSystem(System):
     ) -> Float[np.ndarray, "B T C"]:
         """Return controls of `count` runs, each along smooth paths of its movers about their rest; see `Movers.random_paths`.
 
-        They begin at the `starts`, at rest if none are given, and come back from wherever those are.
+        They begin at the `starts`, by default at rest, and return from there.
         """
         if starts is None:
             starts = np.repeat(self.rest[None], count, axis=0)
@@ -326,7 +326,7 @@ class SoftSystem(System):
 
 
 def _shape(collider: ColliderTable) -> Shape:
-    """Return the box, sphere or capsule that is drawn of a collider."""
+    """Return the box, sphere or capsule drawn for a collider."""
     if collider.radius is None:
         assert collider.box is not None
         return Shape("box", collider.box, collider.start, UPRIGHT, COLOUR)
@@ -342,7 +342,7 @@ def _shape(collider: ColliderTable) -> Shape:
 
 
 def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int, apart: float) -> tuple[int, ...]:
-    """Return `count` nodes far from each other, each the farthest from those before it; fewer if they lie `apart` [m]."""
+    """Return `count` nodes, each the farthest from those before it; fewer if they would lie within `apart` [m] of others."""
     chosen = [0]
     distance = np.linalg.norm(positions - positions[0], axis=1)
     while len(chosen) < min(count, len(positions)) and distance.max() > apart:

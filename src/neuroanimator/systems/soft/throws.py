@@ -1,4 +1,4 @@
-"""Where a body that nothing holds may begin: at rest, or thrown over where that is, undeformed."""
+"""Starts of a body that nothing holds: at rest, or thrown above its place of rest, undeformed."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from neuroanimator.systems.soft.soft_body import GRAVITY
 from neuroanimator.systems.soft.soft_scene import SoftScene
 
 REST_SHARE = 0.5
-"""Share of the bodies that begin at rest."""
+"""Share of bodies that begin at rest."""
 
 TILT = 0.5
-"""Standard deviation of its rotation about each horizontal axis [rad]."""
+"""Standard deviation of a thrown body's rotation about each horizontal axis [rad]."""
 
 TRIES = 8
-"""Number of throws tried until one begins outside of all colliders."""
+"""Maximum number of throws tried until one begins outside all colliders."""
 
 ROUNDING = 1e-6
-"""What 32 bits leave open of a distance, over the size of the body."""
+"""Rounding error of a distance in float32, over the size of the body."""
 
 
 def random_roots(
@@ -29,10 +29,10 @@ def random_roots(
     centre: Float[np.ndarray, " 3"],
     movers: Float[np.ndarray, "B D"],
 ) -> list[Float[np.ndarray, " 13"] | None]:
-    """Return positions, quaternions, velocities and angular velocities; None of a body that movers leave no room.
+    """Return positions, quaternions, velocities and angular velocities; None for a body to which movers leave no room.
 
-    `mean` are the nodes in the body's own frame, `centre` is where that is at rest, and `movers` are where these are. No
-    node is deeper in anything than `SoftScene.margin`, or than the deepest at rest: what a body lies on, it touches.
+    `mean` are the nodes in the body's own frame, `centre` is its position at rest, and `movers` are the movers' entries. No
+    node is deeper in anything than `SoftScene.margin`, or than the deepest at rest, where a body touches its support.
     """
     nodes = tuple(range(len(mean)))
     contacts = scene.contacts(mean, np.zeros((0, *mean.shape)), nodes)
@@ -58,8 +58,8 @@ def _random_root(
 ) -> Float[np.ndarray, " 13"]:
     """Return position, quaternion, velocity and angular velocity of a body at rest at `centre`, or thrown near it.
 
-    It is up to its own size over there, as fast as after a fall from that height, turned about the vertical and tilted, and
-    spins.
+    A thrown body is up to its own size above, as fast as after a fall from that height, turned about the vertical, tilted
+    and spinning.
     """
     size = scene.size
     upright = np.array([1.0, 0.0, 0.0, 0.0])

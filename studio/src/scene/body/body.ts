@@ -1,4 +1,4 @@
-// A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
+// The drawn body: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
 import { Color, Group, Matrix4, Object3D, SRGBColorSpace, type BufferGeometry, type IUniform, type Material, type Mesh, type Vector3 } from "three";
 import { isMeshSkin, isTumbling, type Bundle, type Shape, type SurfaceArrays, type Vector3 as Vector3Facts } from "../../bundle/bundle";
@@ -11,28 +11,28 @@ import { doubtPatch, fittingsMaterial, ghostMaterial, sceneryMaterial, shapeMate
 import { boneMatrix, makeSkin, skinGeometry, type SkinView } from "./skin";
 import { shapeColour, shapeMesh } from "./shapes";
 
-/** Half the side from which on a flat box is ground [m]. */
+/** Half the side above which a flat box is ground [m]. */
 const GROUND = 8;
 
-/** Paint lies so near to where a goal is [m]. */
+/** Maximum distance of a goal's paint from the goal [m]. */
 const SAME_PLACE = 0.02;
 
 export interface BodyView {
   readonly object: Object3D;
-  /** What does not move of it: ground markings and the like; null if there is none. */
+  /** Its fixed parts, such as ground markings; null if there are none. */
   readonly scenery: Object3D | null;
-  /** Of that, the paint on the ground where the system's one goal is: the lander's pad. It may be moved; null if there is none. */
+  /** The paint on the ground at the system's only goal, such as the lander's pad, which can be moved; null if there is none. */
   readonly goalPaint: Object3D | null;
-  /** How much it is in doubt, 0 to 1. */
+  /** Doubt, 0 to 1. */
   readonly doubt: Doubt;
-  /** How far it is painted as a shark, 0 to 1; only what has a skin is. */
+  /** Share of its painting as a shark, 0 to 1; only for a body with a skin. */
   readonly shark?: IUniform<number>;
-  /** Show it in a pose and the state (S) it is that of. */
+  /** Show it in a pose, which is that of the state (S). */
   update(pose: Pose, state: ArrayLike<number>): void;
   dispose(): void;
 }
 
-/** Return the body of a bundle with its own colours; `focus` is what is looked at, kept up to date by its owner. */
+/** Return the body of a bundle with its own colours; `focus` is the look-at point, kept up to date by its owner. */
 export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: readonly Patch[]): BodyView {
   const doubt: Doubt = { value: 0 };
   const all = [...patches, doubtPatch(doubt)];
@@ -65,12 +65,12 @@ export function clothKind(facts: Bundle, size: number): ClothKind {
   return { surface: surfaceOf(facts.surface!), size, colliders: collidersOf(facts.skeleton) };
 }
 
-/** Return a surface's colour as light; bundles say it in sRGB. */
+/** Return a surface's linear colour; bundles hold sRGB. */
 export function surfaceColour({ colour }: SurfaceArrays): Color {
   return new Color().setRGB(...colour, SRGBColorSpace);
 }
 
-/** Return the body's ghost: what moves of it, in one colour, that of physics if none is given. */
+/** Return the body's ghost: its moving parts in one colour, by default that of physics. */
 export function makeGhost(facts: Bundle, size: number, colour?: Color): BodyView {
   const material = ghostMaterial(size, colour);
   const doubt: Doubt = { value: 0 };
@@ -79,7 +79,7 @@ export function makeGhost(facts: Bundle, size: number, colour?: Color): BodyView
     ghost = withSkin(ghost, skinnedBody(facts, skinGeometry(facts.skin), material, doubt));
   }
   if (facts.surface) {
-    // A ghost is where physics has it.
+    // A ghost is drawn exactly where physics puts it.
     ghost = withCloth(ghost, { ...clothKind(facts, size), colliders: [] }, { surface: (nodes) => ghostMaterial(size, colour, [nodes]), fittings: null });
   }
   ghost.object.traverse((part) => {
@@ -184,14 +184,14 @@ function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, with
   };
 }
 
-/** A thin wide box at height 0 is ground, which the scenery draws better. */
+/** Whether a shape is ground, a thin wide box at height 0, which the scenery draws better. */
 function isGround(shape: Shape): boolean {
   const [a, b, c] = shape.size;
   const isWide = shape.kind === "box" && Math.min(a!, b!) >= GROUND && c! < 0.1;
   return isWide && Math.abs(shape.position[2] + c!) < 0.05;
 }
 
-/** The place of a system's goal, if it has just one [m]. */
+/** The place of a system's goal, if it has only one [m]. */
 function onlyPlace(facts: Bundle): Vector3Facts | null {
   const places = facts.goals.filter((goal) => goal.kind === "state" && goal.movable !== null);
   return places.length === 1 ? places[0]!.movable!.at : null;
@@ -204,7 +204,7 @@ function isAt(shape: Shape, place: Vector3Facts): boolean {
 
 type Maker = (colour: ReturnType<typeof shapeColour>, opacity: number, isMoving: boolean) => Material;
 
-/** One material per colour: shapes of a colour share it. */
+/** Materials by colour, shared by shapes of the same colour. */
 class MaterialKeeper {
   readonly #materials = new Map<string, Material>();
 

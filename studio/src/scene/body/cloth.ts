@@ -1,5 +1,5 @@
-// Surfaces of soft bodies: as many alike as wanted in one draw call, whose nodes the vertex shader puts together of the
-// shapes. The processor hands over where a body is and its amplitudes, and never touches a node.
+// Surfaces of soft bodies: any number of the same kind in one draw call, whose nodes the vertex shader composes of the
+// shapes. The processor passes a body's pose and amplitudes, and never touches a node.
 
 import {
   BufferAttribute,
@@ -28,25 +28,25 @@ import { toQuaternion } from "../axes";
 import { patchMaterial, type Patch } from "../glsl";
 import { fittingsGeometry } from "./fittings";
 
-/** How far what a cloth throws shadows by lies behind it, so that it throws none on itself: over its slope, and in the depth map's units. */
+/** Offset of a cloth's shadow caster, so that it casts none on itself: over its slope, and in the depth map's units. */
 const SHADOW_SLOPE = 8;
 const SHADOW_UNITS = 5000;
 
-/** Nodes are kept so far from colliders, over the size: between nodes a cloth is straight. */
+/** Distance of nodes from colliders, over the size: between nodes a cloth is straight. */
 const GAP = 0.006;
 
 export interface ClothView {
   readonly object: Object3D;
   /** The surfaces alone. */
   readonly surfaces: InstancedMesh;
-  /** Show cloth `number` as it is in `state` (S) among bones in a pose, moved by so much [m]. */
+  /** Show cloth `number` in `state` (S) among bones in a pose, displaced by `moved` [m]. */
   show(number: number, state: ArrayLike<number>, pose: Pose, moved?: ArrayLike<number>): void;
   dispose(): void;
 }
 
-/** What a cloth is made of, and what it hangs from; nothing is seen of that if it is null. */
+/** Materials of a cloth and of its fittings, which are invisible if null. */
 export interface ClothMaterials {
-  /** Return the material of the surface, with the patch that puts its nodes together. */
+  /** Return the material of the surface, with the patch that composes its nodes. */
   surface(nodes: Patch): Material;
   readonly fittings: Material | null;
 }
@@ -54,13 +54,13 @@ export interface ClothMaterials {
 /** A kind of cloth. */
 export interface ClothKind {
   readonly surface: Surface;
-  /** [m] */
+  /** Size [m]. */
   readonly size: number;
-  /** What no node may be within: what is seen of an emulator's small errors is a foot through a cape. */
+  /** Colliders that no node may be in: small errors of an emulator would show as a foot through a cape. */
   readonly colliders: readonly Collider[];
 }
 
-/** Return a cloth so many times over. */
+/** Return `count` copies of a cloth. */
 export function makeCloth({ surface, size, colliders }: ClothKind, count: number, materials: ClothMaterials): ClothView {
   const packed = packedOf(surface);
   const shapes = shapeTexture(packed);
@@ -77,7 +77,7 @@ export function makeCloth({ surface, size, colliders }: ClothKind, count: number
   mesh.frustumCulled = false;
   mesh.castShadow = true;
   mesh.receiveShadow = true;
-  // Nobody takes hold of a node; three.js would look for one where the mean has it.
+  // Nodes cannot be grabbed; three.js would look for them at their mean positions.
   mesh.raycast = () => undefined;
   const object = new Group();
   object.add(mesh);
@@ -139,7 +139,7 @@ function makeFittings(surface: Surface, size: number, count: number, material: M
   return mesh;
 }
 
-/** The mean surface, with what paints it and what its normals begin with. */
+/** The mean surface, with the attributes for its paint and normals. */
 function clothGeometry(surface: Surface, packed: PackedSurface): BufferGeometry {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(surface.mean, 3));
@@ -159,7 +159,7 @@ function shapeTexture({ texels, width, height }: PackedSurface): DataTexture {
   return texture;
 }
 
-/** A row a cloth: weights, then of each collider its start and radius, and whence its end is from there. */
+/** One row per cloth: weights, then for each collider its start and radius, and the vector to its end. */
 function weightTexture(width: number, count: number): DataTexture {
   const texture = new DataTexture(new Float32Array(4 * width * count), width, count, RGBAFormat, FloatType);
   texture.minFilter = NearestFilter;
@@ -167,7 +167,7 @@ function weightTexture(width: number, count: number): DataTexture {
   return texture;
 }
 
-/** Puts the nodes of a surface together of its shapes, and their normals (body/packing.ts says what stands where). */
+/** Composes the nodes of a surface, and their normals, of its shapes (for the layout see body/packing.ts). */
 function nodesPatch(packed: PackedSurface, shapes: DataTexture, weights: DataTexture, colliders: number): Patch {
   const { groups, nodesPerRow, tangentScale } = packed;
   return {
@@ -186,7 +186,7 @@ function nodesPatch(packed: PackedSurface, shapes: DataTexture, weights: DataTex
       ivec2 nodeBlock() {
         return ivec2(gl_VertexID % ${nodesPerRow} * ${ROWS * groups}, gl_VertexID / ${nodesPerRow});
       }
-      // What three texels, one a coordinate, say of the four shapes of a group.
+      // The sum of the four shapes of a group from three texels, one per coordinate.
       vec3 nodeSum(ivec2 at, vec4 weight) {
         return vec3(
           dot(vec4(texelFetch(nodeShapes, at, 0)), weight),
@@ -214,7 +214,7 @@ function nodesPatch(packed: PackedSurface, shapes: DataTexture, weights: DataTex
         }
         return normalize(cross(meanAcross + tangentScale * across, meanAlong + tangentScale * along));
       }
-      // Pushes a node out of colliders, and turns its normal to theirs the more the deeper it was.
+      // Pushes a node out of colliders, and turns its normal toward theirs, more for a deeper node.
       void pushOut(inout vec3 place, inout vec3 normal) {
         for (int number = 0; number < ${colliders}; number++) {
           vec4 start = nodeWeight(${groups} + 2 * number);
@@ -242,7 +242,7 @@ function nodesPatch(packed: PackedSurface, shapes: DataTexture, weights: DataTex
   };
 }
 
-/** The same without normals, which shadows do not need. */
+/** The same patch without normals, which shadows do not need. */
 function withoutNormals(nodes: Patch): Patch {
   return {
     ...nodes,

@@ -1,22 +1,22 @@
-// What a cloth hangs from: a rod along the nodes that are held, if they lie in a row, or a button at each of them.
+// The fittings of a cloth: a rod along the held nodes, if they lie in a row, or a button at each of them.
 
 import { BufferGeometry, CylinderGeometry, Quaternion, SphereGeometry, Vector3 } from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import { heldNodes, type Surface } from "../../body/surface";
 
-/** Radius of a rod, how far it reaches beyond what it holds, and radius of a button, over the body's size. */
+/** Radius of a rod, its reach beyond the nodes it holds, and radius of a button, over the body's size. */
 const ROD = 0.009;
 const BEYOND = 0.03;
 const BUTTON = 0.011;
 
-/** Nodes lie in a row if none is further from it than this, over the row's length; and as close as this to each other. */
+/** Maximum distance of nodes from a row, over its length, and from each other. */
 const STRAIGHT = 0.02;
 const CLOSE = 0.15;
 
-/** More buttons than this are not drawn: a cloth that is sewn to something has none. */
+/** Maximum number of buttons: a cloth sewn to something has none. */
 const MAX_BUTTONS = 64;
 
-/** Return the shape in the surface's own frame, of a body of `size` [m]; null if nothing is to be seen of what holds it. */
+/** Return the shape in the surface's own frame, for a body of `size` [m]; null if its fittings are invisible. */
 export function fittingsGeometry(surface: Surface, size: number): BufferGeometry | null {
   const places = heldNodes(surface).map((node) => new Vector3().fromArray(surface.mean, 3 * node));
   const row = inRow(places);
@@ -29,7 +29,7 @@ export function fittingsGeometry(surface: Surface, size: number): BufferGeometry
   return mergeGeometries(places.map(({ x, y, z }) => new SphereGeometry(BUTTON * size, 12, 8).translate(x, y, z)));
 }
 
-/** Return places in their order along a straight row; null if they lie otherwise. */
+/** Return places in their order along a straight row; null if they are not in a row. */
 function inRow(places: readonly Vector3[]): Vector3[] | null {
   const start = places[0];
   if (!start) {

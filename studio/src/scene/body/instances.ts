@@ -1,4 +1,4 @@
-// The shapes of many bodies of a kind: one draw call for each shape, however many bodies there are.
+// The shapes of many bodies of a kind: one draw call for each shape, for any number of bodies.
 
 import { InstancedMesh, Matrix4, Vector3, type Color } from "three";
 import type { Pose } from "../../body/pose";
@@ -13,7 +13,7 @@ interface InstancedShape {
   readonly mesh: InstancedMesh<ReturnType<typeof shapeGeometry>, ReturnType<typeof shapeMaterial>>;
   readonly bone: number;
   readonly shape: Shape;
-  /** From the shape into its bone. */
+  /** Transform from the shape to its bone. */
   readonly own: Matrix4;
 }
 
@@ -41,7 +41,7 @@ export class ShapeInstances {
     }
   }
 
-  /** Give body `number` colours of its own; who gives them to one must give them to all. */
+  /** Give body `number` its own colours; either all bodies have them or none. */
   paint(number: number, colourOf: (shape: Shape) => Color): void {
     for (const { mesh, shape } of this.#shapes) {
       // The colour of an instance is multiplied by that of the material.

@@ -1,4 +1,4 @@
-// What bodies are made of: wet skin, paint, rubber, metal; and the one colour of the physics beside the emulator.
+// Materials of bodies: wet skin, paint, rubber, metal; and the only colour of the physics beside the emulator.
 
 import {
   Color,
@@ -15,19 +15,19 @@ import {
 import { isClosed, type Surface } from "../../body/surface";
 import { patchMaterial, type Patch, type Uniforms } from "../glsl";
 
-/** The colour of physics beside the emulator: no body has it. */
+/** Colour of physics beside the emulator, which no body has. */
 export const GHOST_COLOUR = new Color(1.0, 0.05, 0.62);
 
-/** A ghost lies so far behind where it is, over the body's size: where both are the same, the body is seen. */
+/** Depth offset of a ghost, over the body's size: where both coincide, the body is visible. */
 const GHOST_BEHIND = 0.02;
 
-/** The colour a body takes where the emulator is not to be believed. */
+/** Colour of a body where the emulator is not trusted. */
 const DOUBT_COLOUR = new Color(1.0, 0.42, 0.02);
 
-/** How much a body is in doubt, 0 to 1, for all its materials at once. */
+/** Doubt of a body, 0 to 1, for all its materials at once. */
 export type Doubt = IUniform<number>;
 
-/** A patch that lets a body glow as far as the emulator is not to be believed. */
+/** A patch that makes a body glow by its doubt. */
 export function doubtPatch(doubt: Doubt): Patch {
   return {
     key: "doubt",
@@ -42,7 +42,7 @@ export function doubtPatch(doubt: Doubt): Patch {
   };
 }
 
-/** A patch that paints a swimmer in a shark's greys, dark above and pale below, as far as `share` says: 0 to 1. */
+/** A patch that paints a swimmer in a shark's greys, dark above and pale below, by `share`, 0 to 1. */
 export function sharkPatch(share: IUniform<number>): Patch {
   return {
     key: "shark",
@@ -68,7 +68,7 @@ export function scalePatch(size: number, strength: number): Patch {
       uniform float scaleStrength;
       varying vec3 vRest;
       varying float vPart;
-      // Rows of overlapping discs: how far from the middle of the scale on top, 0 to 1.
+      // Rows of overlapping discs: the distance from the middle of the topmost scale, 0 to 1.
       vec2 scaleAt(vec2 p) {
         vec2 best = vec2(1.0, 0.0);
         vec2 cell = floor(p);
@@ -103,7 +103,7 @@ export function scalePatch(size: number, strength: number): Patch {
   };
 }
 
-/** A wet swimmer's skin; `scales` says how much of scales it has, 0 to 1. */
+/** A wet swimmer's skin; `scales` is the strength of its scales, 0 to 1. */
 export function skinMaterial(size: number, scales: number, patches: readonly Patch[]): Material {
   const material = new MeshPhysicalMaterial({
     vertexColors: true,
@@ -115,7 +115,7 @@ export function skinMaterial(size: number, scales: number, patches: readonly Pat
   return patchMaterial(material, [scalePatch(size, scales), ...patches]);
 }
 
-/** A soft body's skin: matt foam, in the colours of its points. */
+/** A soft body's skin: matte foam, in the colours of its points. */
 export function softMaterial(patches: readonly Patch[]): Material {
   const material = new MeshPhysicalMaterial({
     vertexColors: true,
@@ -129,18 +129,18 @@ export function softMaterial(patches: readonly Patch[]): Material {
   return patchMaterial(material, patches);
 }
 
-/** Threads of a cloth along its size, and how much of the sun's light comes through it. */
+/** Number of threads of a cloth along its size, and the share of the sun's light that passes through it. */
 const THREADS = 260;
 const TRANSLUCENCY = 0.3;
 
-/** Cloth of a colour, of `size` [m]: matt, with a sheen where it is seen from the side; light comes through. */
+/** Cloth of a colour, of `size` [m]: matte, with a sheen at grazing angles; light passes through. */
 function clothMaterial(colour: Color, size: number, patches: readonly Patch[]): Material {
   const weave: Patch = {
     key: "weave",
     uniforms: { threadSize: { value: size / THREADS } },
     fragment: `
       uniform float threadSize;
-      // Threads over and under each other, -1 to 1; none from so far away that they would flicker.
+      // Threads over and under each other, -1 to 1; none at distances where they would flicker.
       float weaveAt(vec2 p) {
         vec2 turns = p / threadSize;
         float far = max(length(dFdx(turns)), length(dFdy(turns)));
@@ -172,7 +172,7 @@ function clothMaterial(colour: Color, size: number, patches: readonly Patch[]): 
   return patchMaterial(material, [weave, ...patches]);
 }
 
-/** What a soft body's surface is of, by whether it is closed. */
+/** The material of a soft body's surface, by whether it is closed. */
 export function surfaceMaterial(surface: Surface, colour: Color, size: number, patches: readonly Patch[]): Material {
   return isClosed(surface) ? jellyMaterial(colour, patches) : clothMaterial(colour, size, patches);
 }
@@ -191,12 +191,12 @@ function jellyMaterial(colour: Color, patches: readonly Patch[]): Material {
   return patchMaterial(material, patches);
 }
 
-/** What a cloth hangs from: dull metal. */
+/** The material of a cloth's fittings: dull metal. */
 export function fittingsMaterial(patches: readonly Patch[]): Material {
   return patchMaterial(new MeshStandardMaterial({ color: 0x9aa3ab, roughness: 0.35, metalness: 0.7 }), patches);
 }
 
-/** Paint, rubber or metal, by its colour: what is grey and bright is metal, what is nearly black is rubber. */
+/** Paint, rubber or metal, by colour: bright grey is metal, nearly black is rubber. */
 export function shapeMaterial(colour: Color, opacity: number, patches: readonly Patch[]): MeshPhysicalMaterial {
   const { s: saturation, l: lightness } = hslOf(colour);
   const isMetal = saturation < 0.15 && lightness > 0.5;
@@ -217,7 +217,7 @@ function hslOf(colour: Color): { h: number; s: number; l: number } {
   return colour.clone().convertLinearToSRGB().getHSL({ h: 0, s: 0, l: 0 });
 }
 
-/** Ground paint and other scenery: dull, and never in front of what is looked at, which is at `focus`. */
+/** Ground paint and other scenery: dull, and transparent in front of the look-at point `focus`. */
 export function sceneryMaterial(colour: Color, focus: Vector3, patches: readonly Patch[]): Material {
   const worn: Patch = {
     key: "worn",
@@ -225,7 +225,7 @@ export function sceneryMaterial(colour: Color, focus: Vector3, patches: readonly
     fragment: "uniform vec3 focusPlace;",
     colour: `
       {
-        // What stands between the eye and the body is seen through.
+        // Things between the eye and the body are transparent.
         vec3 toFocus = focusPlace - cameraPosition;
         float along = dot(vPlace - cameraPosition, toFocus) / dot(toFocus, toFocus);
         float aside = length(vPlace - cameraPosition - along * toFocus) / length(toFocus);
@@ -238,7 +238,7 @@ export function sceneryMaterial(colour: Color, focus: Vector3, patches: readonly
   return patchMaterial(new MeshStandardMaterial({ color: colour, roughness: 0.85 }), [worn, ...patches]);
 }
 
-/** The ghost: one colour that shines at its edges, and shows through. What `patches` put together may be seen from behind. */
+/** The ghost: one translucent colour that shines at its edges. A surface composed by `patches` may be seen from behind. */
 export function ghostMaterial(size: number, colour = GHOST_COLOUR, patches: readonly Patch[] = []): Material {
   const uniforms: Uniforms = {
     ghostColour: { value: colour },

@@ -1,20 +1,20 @@
-// What a body hangs from that is fixed to the world by a hinge: a stand beside it, as in a laboratory.
+// The stand of a body that a hinge fixes to the world, as in a laboratory.
 
 import { CylinderGeometry, Group, Mesh, MeshStandardMaterial, Quaternion, Vector3, type Object3D } from "three";
 import type { Bundle } from "../../bundle/bundle";
 
-/** Thickness of the post, length of the axle, and how far behind the body the post stands, over the body's size. */
+/** Thickness of the post, length of the axle, and distance of the post behind the body, over the body's size. */
 const POST = 0.018;
 const AXLE = 0.02;
 const BEHIND = 0.09;
 
 export interface Mount {
   readonly object: Object3D;
-  /** Where the body hangs [m]. */
+  /** Position of the hinge [m]. */
   readonly pivot: [number, number, number];
 }
 
-/** Return a stand for the first hinge that hangs from the world, in physics' axes; null for a body that is free. */
+/** Return a stand for the first hinge on the world, in physics' axes; null for a free body. */
 export function makeMount(facts: Bundle, ground: number, size: number): Mount | null {
   const bone = facts.skeleton.find((one) => one.parent < 0 && one.joints[0]?.kind === "hinge");
   const isBare = facts.skeleton.every((one) => one.parent >= 0 || one.joints.length > 0 || one.shapes.length === 0);

@@ -1,4 +1,4 @@
-// The simple shapes that bones carry: capsules, boxes, spheres, ellipsoids and cylinders.
+// The simple shapes of bones: capsules, boxes, spheres, ellipsoids and cylinders.
 
 import {
   BufferGeometry,
@@ -14,11 +14,11 @@ import { RoundedBoxGeometry } from "three/addons/geometries/RoundedBoxGeometry.j
 import type { Shape } from "../../bundle/bundle";
 import { toQuaternion } from "../axes";
 
-/** Radius of a box's edges over its shortest half side, and at most [m]. */
+/** Radius of a box's edges, over its shortest half side, and its maximum [m]. */
 const ROUNDING = 0.28;
 const MAX_ROUNDING = 0.08;
 
-/** A flat shape is a marking on the ground and has no round edges: half its height [m]. */
+/** Half height below which a flat shape is a marking on the ground, without round edges [m]. */
 const FLAT = 0.02;
 
 /** Return the shape's surface in the frame of the shape, Z along its axis. */
@@ -47,7 +47,7 @@ function boxGeometry(a: number, b: number, c: number): BufferGeometry {
   return new RoundedBoxGeometry(2 * a, 2 * b, 2 * c, 3, radius);
 }
 
-/** Return the shape's colour as light; bundles say it in sRGB. */
+/** Return the shape's linear colour; bundles hold sRGB. */
 export function shapeColour(shape: Shape): Color {
   const [red, green, blue] = shape.colour;
   return new Color().setRGB(red, green, blue, SRGBColorSpace);

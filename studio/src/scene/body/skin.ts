@@ -19,18 +19,18 @@ import { bytesOf, floatsOf, uint16Of, uint32Of } from "../../bundle/base64";
 import { isMeshSkin, type Bundle, type MeshSkin, type SkinArrays } from "../../bundle/bundle";
 import { skinPose, type Pose } from "../../body/pose";
 
-/** Bones a point follows, as glTF has them. */
+/** Number of bones a point follows, as in glTF. */
 export const INFLUENCES = 4;
 
 /** Sum of a vertex's weights in the skin of a model. */
 const WHOLE = 255;
 
-/** Return the skin's triangles as it was made; `rest` attributes stay in the body's own place and paint it. */
+/** Return the skin's triangles as it was made; `rest` attributes stay in the body's own frame, for its paint. */
 export function skinGeometry(skin: SkinArrays | MeshSkin): BufferGeometry {
   return isMeshSkin(skin) ? meshGeometry(skin) : pointsGeometry(skin);
 }
 
-/** The triangles of a model's skin, each vertex in the colour of its part. */
+/** Triangles of a model's skin, each vertex in the colour of its part. */
 function meshGeometry(skin: MeshSkin): BufferGeometry {
   const places = uint16Of(skin.vertices);
   const positions = Float32Array.from(places, (place, i) => skin.lowest[i % 3]! + skin.step * place);
@@ -47,7 +47,7 @@ function meshGeometry(skin: MeshSkin): BufferGeometry {
   return geometry;
 }
 
-/** Return the light of every vertex of a model's skin, by the colours of its parts, or others in their order. */
+/** Return the linear colour of every vertex of a model's skin, by its parts' colours, or others in their order. */
 export function partColours(skin: MeshSkin, indices: ArrayLike<number>, size: number, colours = skin.parts.map(partColour)): Float32Array<ArrayBuffer> {
   const light = new Float32Array(size);
   let first = 0;
@@ -84,7 +84,7 @@ function pointsGeometry(skin: SkinArrays): BufferGeometry {
   return geometry;
 }
 
-/** Parts of a skin as numbers that shaders read. */
+/** Parts of a skin, numbered for shaders. */
 const PARTS = ["body", "fin", "eye"];
 
 /** Return for every point which of `PARTS` it belongs to. */
@@ -99,7 +99,7 @@ function partNumbers(skin: SkinArrays, indices: Uint32Array, points: number): Fl
   return numbers;
 }
 
-/** Colours stand in bundles as sRGB and are drawn as linear light. */
+/** Linear colours from sRGB, as bundles hold them. */
 function linear(colours: Float32Array<ArrayBuffer>): Float32Array<ArrayBuffer> {
   const colour = new Color();
   for (let i = 0; i < colours.length; i += 3) {
@@ -109,7 +109,7 @@ function linear(colours: Float32Array<ArrayBuffer>): Float32Array<ArrayBuffer> {
   return colours;
 }
 
-/** Return, bone by bone, what takes a point of the skin as it was made into the bone's frame. */
+/** Return the transforms from the skin, as it was made, to the frame of each bone. */
 function inverseSkinPoses({ skeleton, skin }: Bundle): Matrix4[] {
   const pose = skinPose(skeleton, skin);
   return skeleton.map((_, i) => boneMatrix(pose, i, new Matrix4()).invert());
@@ -119,7 +119,7 @@ const position = new Vector3();
 const orientation = new Quaternion();
 const unitScale = new Vector3(1, 1, 1);
 
-/** Write where bone `number` is to `matrix`. */
+/** Write the pose of bone `number` to `matrix`. */
 export function boneMatrix(pose: Pose, number: number, matrix: Matrix4): Matrix4 {
   const [p, q] = [3 * number, 4 * number];
   position.set(pose.positions[p]!, pose.positions[p + 1]!, pose.positions[p + 2]!);
@@ -147,7 +147,7 @@ export function makeSkin(geometry: BufferGeometry, material: Material, facts: Bu
     return bone;
   });
   const skeleton = new Skeleton(drawnBones, inverseSkinPoses(facts));
-  // Bones are given in the mesh's own axes, so neither the mesh's place nor its parent's counts.
+  // Bones are given in the mesh's own axes, so the positions of the mesh and its parent do not count.
   mesh.bindMode = DetachedBindMode;
   mesh.bind(skeleton, new Matrix4());
   mesh.frustumCulled = false;

@@ -1,4 +1,4 @@
-// The bed of the water: sand in ripples, stones and sea grass, endless around what is looked at.
+// The bed of the water: rippled sand, stones and sea grass, endless around the look-at point.
 
 import {
   BufferAttribute,
@@ -27,7 +27,7 @@ export interface Bed {
   dispose(): void;
 }
 
-/** Height of the dunes at a place in units of the body, over the body's size; the shader has the same. */
+/** Height of the dunes at a place, both over the body's size; the shader has the same. */
 export const DUNES = /* glsl */ `
 float dunes(vec2 p) {
   return 0.05 * sin(p.x * 0.9 + 0.6 * sin(p.y * 0.5)) + 0.04 * sin(p.y * 1.3 + 1.7) + 0.03 * sin(p.x * 2.1 - p.y * 1.1);
@@ -42,7 +42,7 @@ function dunes(x: number, y: number): number {
   );
 }
 
-/** `size` is the body's [m]; `grain` how large stones and plants are over it: about 1 for a fish, less for a dolphin. */
+/** `size` is the body's [m]; `grain` the size of stones and plants over it: about 1 for a fish, less for a dolphin. */
 export function makeBed(water: Patch, size: number, grain: number): Bed {
   const random = randomSource(7);
   const time: IUniform<number> = { value: 0 };
@@ -155,7 +155,7 @@ function stonePatch(size: number): Patch {
   };
 }
 
-/** Grass bends with the water that goes to and fro, the more the higher. */
+/** Grass sways with the water, more at its tips. */
 function swayPatch(time: IUniform<number>): Patch {
   return {
     key: "sway",

@@ -1,4 +1,4 @@
-// The net of light that waves throw on what lies below: rays through a tile of the surface, bent and collected.
+// Caustics, the net of light that waves throw below: rays through a tile of the surface, refracted and collected.
 
 import {
   AddEquation,
@@ -21,17 +21,17 @@ import {
 } from "three";
 import { WAVES_GLSL, waveUniform } from "./waves";
 
-/** Points of the picture along each side. */
+/** Side of the picture [texels]. */
 const SIZE = 256;
 
-/** Rays along each side of the tile and of the margin around it, from where light comes in. */
+/** Number of rays along each side of the tile, and of the margin around it from which light enters. */
 const CELLS = 80;
 const MARGIN = 0.12;
 
-/** How far a ray is bent over the slope of the surface, in tiles: depth times how strongly water refracts. */
+/** Displacement of a ray over the slope of the surface, in tiles: depth times the strength of refraction. */
 const BEND = 0.0042;
 
-/** No light is gathered more than this many times. */
+/** Maximum brightness, over that of plain light. */
 const BRIGHTEST = 7;
 
 export interface Caustics {

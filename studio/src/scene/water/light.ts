@@ -1,4 +1,4 @@
-// How water takes and gives light: what every material under it, the surface and the background have in common.
+// Absorption and scattering of light in water, shared by every material under it, the surface and the background.
 
 import { Color, Vector2, Vector3, type IUniform, type Texture } from "three";
 import type { Patch } from "../glsl";
@@ -23,16 +23,16 @@ export interface WaterUniforms {
   readonly brightColour: IUniform<Color>;
   readonly skyHigh: IUniform<Color>;
   readonly skyLow: IUniform<Color>;
-  /** How much of red, green and blue is lost [1/m]. */
+  /** Absorption of red, green and blue [1/m]. */
   readonly absorption: IUniform<Vector3>;
-  /** Water takes little on so short a way [m]: what is looked at has its own colours. */
+  /** Distance with little absorption [m], so that the body keeps its own colours. */
   readonly clearWay: IUniform<number>;
   readonly caustics: IUniform<Texture | null>;
   readonly causticTile: IUniform<number>;
   readonly causticDrift: IUniform<Vector2>;
 }
 
-/** Return uniforms for water; `sight` is how far one sees [m], `tile` the side of the caustics' tile [m]. */
+/** Return uniforms for water; `sight` is the visibility [m], `tile` the side of the caustics' tile [m]. */
 export function waterUniforms(colours: WaterColours, sun: Vector3, sight: number, tile: number): WaterUniforms {
   return {
     surfaceHeight: { value: 0 },
@@ -50,7 +50,7 @@ export function waterUniforms(colours: WaterColours, sun: Vector3, sight: number
   };
 }
 
-/** What is seen where nothing is, and what light is left on its way. `dir` points away from the eye. */
+/** The background, and the light left after a path through water. `dir` points away from the eye. */
 export const WATER_GLSL = /* glsl */ `
 uniform float surfaceHeight;
 uniform vec3 sunDirection;
@@ -82,7 +82,7 @@ vec3 skyColour(vec3 dir) {
   return colour + vec3(1.0, 0.93, 0.8) * (0.25 * pow(toSun, 12.0) + 6.0 * smoothstep(0.9985, 0.9995, toSun));
 }
 
-// How much of the way from the eye to a place lies under water [m].
+// Length under water of the path from the eye to a place [m].
 float wayThroughWater(vec3 eye, vec3 place) {
   float whole = distance(eye, place);
   float eyeDepth = surfaceHeight - eye.y;
@@ -101,7 +101,7 @@ vec3 throughWater(vec3 colour, vec3 eye, vec3 place) {
   return colour * kept + waterColour(dir) * (1.0 - kept);
 }
 
-// Light from the sun at a place: net-like under water, weaker in the depth, plain above.
+// Light from the sun at a place: a net under water, weaker at depth, plain above.
 vec3 sunUnderWater(vec3 place) {
   float depth = surfaceHeight - place.y;
   if (depth <= 0.0) return vec3(1.0);

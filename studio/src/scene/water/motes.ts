@@ -1,4 +1,4 @@
-// What drifts in the water and shows speed: motes of dust; and shafts of light from above.
+// Motes of dust that drift in the water and show speed; and shafts of light from above.
 
 import {
   AdditiveBlending,
@@ -21,7 +21,7 @@ export interface Drift {
   dispose(): void;
 }
 
-/** Motes in a box around what is looked at, of side `box` [m]; those that leave it come in on the other side. */
+/** Motes in a box around the look-at point, of side `box` [m]; those that leave it enter on the other side. */
 export function makeMotes(water: WaterUniforms, box: number, count: number): Drift {
   const random = randomSource(3);
   const points = Float32Array.from({ length: 3 * count }, () => random());
@@ -70,7 +70,7 @@ export function makeMotes(water: WaterUniforms, box: number, count: number): Dri
   return drifting(object, geometry, material);
 }
 
-/** Shafts of light around what is looked at: bands along the sun's rays that face the eye. */
+/** Shafts of light around the look-at point: bands along the sun's rays that face the eye. */
 export function makeShafts(water: WaterUniforms, size: number, count: number): Drift {
   const random = randomSource(11);
   const corners: number[] = [];
@@ -133,7 +133,7 @@ export function makeShafts(water: WaterUniforms, size: number, count: number): D
   return drifting(object, geometry, material);
 }
 
-// Places come from `focus` and `now` in the shader, so that nothing is to be cut away by where the geometry lies.
+// Positions come from `focus` and `now` in the shader, so the geometry must not be culled by its own position.
 function drifting(object: Object3D, geometry: BufferGeometry, material: ShaderMaterial): Drift {
   object.frustumCulled = false;
   return {

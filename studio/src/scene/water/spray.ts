@@ -1,4 +1,4 @@
-// Drops that fly where a body breaks through the surface.
+// Drops that fly up where a body breaks through the surface.
 
 import { BufferAttribute, BufferGeometry, NormalBlending, Points, ShaderMaterial, Vector3, type Object3D } from "three";
 import { randomSource } from "../random";
@@ -9,7 +9,7 @@ const GRAVITY = 9.81;
 
 export interface Spray {
   readonly object: Object3D;
-  /** Let drops fly up from a place; `strength` is 0 to 1. */
+  /** Emit drops at a place; `strength` is 0 to 1. */
   burst(place: Vector3, strength: number): void;
   update(seconds: number): void;
   dispose(): void;

@@ -19,18 +19,18 @@ const CELLS = 150;
 const COARSE_CELLS = 60;
 const RINGS = 8;
 
-/** A ring is gone after so much time [s]. */
+/** Lifetime of a ring [s]. */
 const RING_LIFE = 5;
 
 export interface Surface {
   readonly object: Object3D;
-  /** Let a ring begin at a place, as strong as `strength`, 0 to 1. */
+  /** Start a ring at a place, with a `strength` of 0 to 1. */
   ring(place: Vector3, strength: number): void;
   update(focus: Vector3, time: number): void;
   dispose(): void;
 }
 
-/** `waveTile` [m] is the side of the waves' tile, `steepness` their height over it, `reach` how far the surface goes [m]. */
+/** `waveTile` [m] is the side of the waves' tile, `steepness` their height over it, `reach` the extent of the surface [m]. */
 export function makeSurface(water: WaterUniforms, waveTile: number, steepness: number, reach: number): Surface {
   const waveTime: IUniform<number> = { value: 0 };
   const rings: IUniform<Vector4[]> = { value: [] };

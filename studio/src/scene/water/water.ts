@@ -1,4 +1,4 @@
-// The sea: a surface, light from above in a net, a bed of sand, and water that takes colour away.
+// The sea: a surface, caustics, a bed of sand, and water that absorbs colour.
 
 import { Color, Vector3 } from "three";
 import { disposeOf } from "../dispose";
@@ -12,17 +12,17 @@ import { makeMotes, makeShafts } from "./motes";
 import { makeSpray } from "./spray";
 import { makeSurface } from "./surface";
 
-/** How far the bed lies under the lowest point at first, and the surface above it where physics knows none; over the body's size. */
+/** Initial depth of the bed under the lowest point, and height of the surface if physics has none; over the body's size. */
 const BED_DEPTH = 0.85;
 const SURFACE_ABOVE = 3.2;
 
-/** A body comes so near to bed and surface before they give way, over its size. */
+/** Distance of a body at which bed and surface give way, over its size. */
 const ROOM = 0.3;
 
-/** How far one sees, over the body's size. */
+/** Visibility, over the body's size. */
 const SIGHT = 13;
 
-/** A body of so many metres is a small one in front of usual stones; a larger one has smaller stones. */
+/** Size of a small body, with stones of usual size [m]; for a larger one they look smaller. */
 const SMALL_BODY = 0.3;
 
 const COLOURS: WaterColours = {
@@ -111,13 +111,13 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
   };
 }
 
-/** What is seen where nothing is: water on all sides, or the sky over it. */
+/** The background: water on all sides, or the sky over it. */
 const FAR = /* glsl */ `
   sky = waterColour(dir);
   bool isAbove = cameraPosition.y > surfaceHeight;
   if (isAbove) sky = dir.y > 0.0 ? skyColour(dir) : mix(skyLow, sky, smoothstep(-0.01, -0.08, dir.y));`;
 
-/** What a wet skin mirrors: bright water above, dark below, sand's warmth from beneath. */
+/** Reflections on a wet skin: bright water above, dark below, warm sand beneath. */
 const MIRRORED = /* glsl */ `
   sky = 1.6 * waterColour(dir) + smoothstep(0.55, 0.95, dir.y) * vec3(1.5, 1.9, 2.0);
   sky += smoothstep(-0.1, -1.0, dir.y) * vec3(0.8, 0.68, 0.45);`;

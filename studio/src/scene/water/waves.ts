@@ -1,8 +1,8 @@
-// The water's surface as a sum of waves that repeat after a tile: for its shape, its glitter and the light below it.
+// The water's surface as a sum of waves, periodic in a tile: for its shape, its glitter and the light below it.
 
 import { Vector4, type IUniform } from "three";
 
-/** Waves that fit a tile: whole periods along both sides, phase, share of the height. */
+/** Waves of a tile: whole periods along both sides, phase, share of the height. */
 const WAVES: readonly (readonly [number, number, number, number])[] = [
   [1, 2, 0.3, 0.9],
   [-2, 1, 1.7, 0.8],
@@ -24,7 +24,7 @@ export function waveUniform(): IUniform<Vector4[]> {
 }
 
 /**
- * Height, slope and bending of the surface at `p`, in tiles: unit waves times `waveHeight`, which goes with the tile.
+ * Height, slope and curvature of the surface at `p`, in tiles: unit waves times `waveHeight`, which scales with the tile.
  * Short waves are slower, as in deep water: ω ~ √k.
  */
 export const WAVES_GLSL = /* glsl */ `

@@ -15,10 +15,10 @@ from neuroanimator.systems.deformable.mass_spring import STEPPERS
 from neuroanimator.systems.deformable.native.source import c_source
 
 INTEGRATORS = tuple(STEPPERS)
-"""The integrators, in the order of the C program."""
+"""Names of the integrators, in the order of the C program."""
 
 SINGLE_LANES = 16
-"""Number of bodies side by side in a batch of float32: one AVX-512 register of them, two of AVX."""
+"""Number of bodies side by side in a batch of float32: one AVX-512 register, two of AVX."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +27,11 @@ class CTwin:
 
     library: ctypes.CDLL
     size: int
-    """Numbers in a state: positions, velocities, activations, parameters."""
+    """Number of entries of a state: positions, velocities, activations, parameters."""
     dtype: type[np.floating]
-    """Precision of all numbers: float32 or float64."""
+    """Number type: float32 or float64."""
     lanes: int
-    """Bodies stepped side by side."""
+    """Number of bodies stepped side by side."""
 
     def play(
         self,
@@ -43,7 +43,7 @@ class CTwin:
     ) -> Float[np.ndarray, "T S ..."]:
         """Return the states after each of the controls, each held for `steps` steps of `dt` [s].
 
-        With several lanes these are the last axis L of all arrays; with one there is no such axis.
+        Several lanes are the last axis L of all arrays; a single one has no such axis.
         """
         start = self._prepared(start)
         controls = self._prepared(controls)
@@ -71,7 +71,7 @@ class CTwin:
         dt: float,
         steps: int,
     ) -> Callable[[], Float[np.ndarray, "G S L"]]:
-        """Return a function that advances in one call of C and returns the states: groups of L lanes, always the same array."""
+        """Return a function that advances in one call of C and returns the states in groups of L lanes, always the same array."""
         start_groups = self._prepared(self._side_by_side(starts))
         control_groups = self._prepared(self._side_by_side(controls))
         ends = np.empty_like(start_groups)
@@ -84,11 +84,11 @@ class CTwin:
         return play
 
     def _side_by_side(self, rows: Float[np.ndarray, "B X"]) -> Float[np.ndarray, "G X L"]:
-        """Return the rows in groups of as many as there are lanes, which come last."""
+        """Return the rows in groups of the number of lanes, which come last."""
         return np.moveaxis(rows.reshape(-1, self.lanes, rows.shape[-1]), 1, 2)
 
     def _prepared(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the numbers as C reads them: one after another, in its precision."""
+        """Return the numbers as C reads them: contiguous, in its precision."""
         return np.ascontiguousarray(numbers, self.dtype)
 
     def _play(
@@ -106,7 +106,7 @@ class CTwin:
 
 
 def c_twin(body: Body, dtype: type[np.floating] = np.float32, lanes: int = 1) -> CTwin | None:
-    """Return the C twin of `body`, compiled at the first call; None where there is no C compiler."""
+    """Return the C twin of `body`, compiled at the first call; None without a C compiler."""
     if find_compiler() is None:
         return None
     precision = "float" if dtype is np.float32 else "double"

@@ -1,8 +1,8 @@
-/* The loop of systems/deformable/mass_spring.py in C, for one body: which spring pulls at which mass points, step by step.
+/* The loop of systems/deformable/mass_spring.py in C, for one body: the pull of springs at mass points, step by step.
 
-   The text that source.py puts before this one is the body: numbers as constants, springs and faces as lists
+   source.py puts the text of the body before this one: numbers as constants, springs and faces as lists
    X(...) X(...), so that the compiler sees straight code, and FORMULAS, the forces, generated from those in JAX.
-   Of a family of bodies the numbers follow from the PARAMETERS, the last entries of a state, once for every motion.
+   In a family of bodies the numbers follow from the PARAMETERS, the last entries of a state, once for every motion.
    REAL is float or double. LANES bodies lie side by side; one body alone is four numbers a mass point, so that three
    axes are one vector operation. */
 
@@ -31,7 +31,7 @@ typedef REAL real;
 typedef real vector __attribute__((vector_size(PART * sizeof(real)), aligned(PART * sizeof(real)), may_alias));
 typedef real Forces[POINTS][WIDE] ALIGNED;
 typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
-typedef struct { /* what differs from body to body of a family */
+typedef struct { /* the numbers that vary over a family of bodies */
     Springs stiffness, damping, length;
     real mass[POINTS][LANES] ALIGNED, lightness[POINTS][LANES] ALIGNED;
     real face_drag[LANES] ALIGNED, drag[LANES] ALIGNED;
@@ -119,7 +119,7 @@ INLINE void add_springs(const BodyState *m, Springs stiffness, Forces force) {
 #endif
 }
 
-/* How far every mass point is under water. */
+/* The share of every mass point that is under water. */
 INLINE void soak(const BodyState *m, real wet[POINTS][LANES]) {
 #ifdef SURFACE
     for (int i = 0; i < POINTS; i++)
@@ -226,7 +226,7 @@ INLINE void find_forces(const BodyState *m, Forces force, Springs stiffness) {
     add_faces(m, wet, force);
 }
 
-/* Activations tend to their controls: `remaining` of the difference is left. */
+/* Activations approach their controls: `remaining` of the difference is left. */
 INLINE void activate(const BodyState *from, real remaining, BodyState *to) {
     for (int i = 0; i < MUSCLES; i++)
         EACH_LANE to->activations[i][l] = from->controls[i][l] + (from->activations[i][l] - from->controls[i][l]) * remaining;
@@ -249,7 +249,7 @@ static void run_symplectic(BodyState *m, long steps, double dt) {
     }
 }
 
-/* Factor the matrix into L D L' (Cholesky's without roots) and solve for three axes; only what fills is touched. */
+/* Factor the matrix into L D L' (Cholesky's without roots) and solve for three axes; only the fill-in is touched. */
 INLINE void solve(real matrix[ENTRIES][LANES], Forces right) {
     real inverse[POINTS][LANES] ALIGNED, factor[ENTRIES][LANES] ALIGNED;
 #define PIVOT(k, kk) EACH_LANE inverse[k][l] = 1 / matrix[kk][l];
@@ -293,7 +293,7 @@ static void run_semi_implicit(BodyState *m, long steps, double dt) {
     }
 }
 
-/* One of the four slopes: `force` where the slope before, `h` long, leads; slopes are summed by `weight`,
+/* One of the four derivatives: the `force` a time `h` along the one before; they are summed with `weight`,
    those of positions in `moved`, those of velocities in `gained`. */
 static void add_slope(const BodyState *m, BodyState *at, real h, real weight, Forces force, Forces moved, Forces gained) {
     Springs stiffness;

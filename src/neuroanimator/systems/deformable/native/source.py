@@ -1,4 +1,4 @@
-"""A mass-spring body as C: its numbers as constants, its springs, faces and matrix as straight code."""
+"""A mass-spring body as C: its numbers as constants, its springs, faces and matrix as straight-line code."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ from neuroanimator.systems.deformable.body_parameters import (
 from neuroanimator.systems.deformable.mass_spring import effective_stiffness, face_forces
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
-"""The loop, the same for every body."""
+"""Path of the loop, which is the same for every body."""
 
 MAX_STATEMENTS = 1_000
-"""Maximum number of statements of a kind written out one after another; longer lists become loops, lest compiling take minutes.
+"""Maximum number of unrolled statements of a kind; longer lists become loops, as compiling would take minutes.
 
-So do all lists of bodies side by side, where looking up an entry of a table is shared by all of them."""
+So do all lists of bodies side by side, which share the look-up of a table's entry."""
 
 ELIMINATION_STATEMENTS = 5
-"""Maximum number of statements of the elimination over that of a kind: there are several for each unknown."""
+"""Ratio of the maximum number of statements of the elimination to that of a kind: there are several for each unknown."""
 
 MAX_FORMULAS = 16
 """Maximum number of bodies whose formulas are kept: tracing them takes a tenth of a second."""
 
 PADDING = 16
-"""Number of entries to a multiple of which arrays are filled up with zeros: whole vectors."""
+"""Number of entries to whose multiples arrays are padded with zeros: whole vectors."""
 
 QUAD_CORNERS = 4
-"""Number of corners of a face that is no triangle."""
+"""Number of corners of a quadrilateral face."""
 
 Row = tuple[float, ...]
-"""The arguments of a macro; whole numbers are indices."""
+"""The arguments of a macro; integers are indices."""
 
 Statements = tuple[str, list[tuple[int, ...]]]
-"""A macro, and the indices it is called with again and again."""
+"""A macro, and the indices of its repeated calls."""
 
 
 def c_source(body: Body, precision: str, lanes: int) -> str:
@@ -92,7 +92,7 @@ def _formulas(body: Body) -> str:
     def point_force(
         positions: Array, velocities: Array, mass: Array, lift: Array, wet: Array, *drag: Array
     ) -> Array:
-        """Return the force on a mass point; of a family the drag of the water is given."""
+        """Return the force on a mass point; for a family the drag of the water is an argument."""
         here = _in_water(body, "drag", drag)
         return point_forces(here, positions, velocities, mass, lift, wet)
 
@@ -132,7 +132,7 @@ def _spring_numbers(*numbers: Array) -> Float[Array, "1 3"]:
 
 
 def _settings(body: Body) -> Iterable[str]:
-    """Yield what each target of a parameter is in C: its own value, or the parameter that sets it."""
+    """Yield the C expression of each target of a parameter: its own value, or the parameter that sets it."""
     if not body.varied:
         return
     own = own_values(body)
@@ -183,7 +183,7 @@ def _numbers(body: Body) -> Iterable[str]:
 
 
 def _lists(body: Body, max_statements: int) -> Iterable[str]:
-    """Yield the lists X(...) X(...) that the program walks through."""
+    """Yield the lists X(...) X(...) that the program iterates over."""
     springs: list[Row] = [(spring, *ends) for spring, ends in enumerate(body.springs.tolist())]
     faces: list[Row] = []
     for face, corners in enumerate(body.faces.tolist()):
@@ -192,7 +192,7 @@ def _lists(body: Body, max_statements: int) -> Iterable[str]:
     muscles: list[Row] = []
     for spring, muscle in np.argwhere(body.muscles).tolist():
         shortening = body.muscles[spring, muscle]
-        if not body.varied:  # of a family each body has lengths of its own
+        if not body.varied:  # each body of a family has its own lengths
             shortening *= body.lengths[spring]
         muscles.append((spring, muscle, float(shortening)))
     mass = float(body.masses.sum())
@@ -222,7 +222,7 @@ def _list(name: str, rows: Sequence[Row], max_statements: int) -> Iterable[str]:
 
 
 def _elimination(body: Body, max_statements: int) -> Iterable[str]:
-    """Yield where the entries of the matrix M/δt + δt·K lie, and the program that eliminates and solves."""
+    """Yield the indices of the entries of the matrix M/δt + δt·K, and the program that eliminates and solves."""
     columns = fill_in(len(body.masses), body.springs)
     entries = _matrix_entries(columns)
     diagonal: list[Row] = [(k, k) for k in columns]
@@ -237,7 +237,7 @@ def _elimination(body: Body, max_statements: int) -> Iterable[str]:
 
 
 def _matrix_entries(columns: dict[int, list[int]]) -> dict[tuple[int, int], int]:
-    """Return where each entry of the symmetric matrix lies: the diagonal first, then what fills."""
+    """Return the index of each entry of the symmetric matrix: the diagonal first, then the fill-in."""
     entries = {(k, k): k for k in columns}
     following = len(columns)
     for k, below in columns.items():
@@ -251,7 +251,7 @@ def _matrix_entries(columns: dict[int, list[int]]) -> dict[tuple[int, int], int]
 def _forward_steps(
     columns: dict[int, list[int]], entries: dict[tuple[int, int], int]
 ) -> Iterable[Statements]:
-    """Yield what eliminates column after column."""
+    """Yield the statements that eliminate column after column."""
     for k, below in columns.items():
         yield "PIVOT", [(k, k)]
         yield "COLUMN", [(i, k, entries[i, k]) for i in below]
@@ -265,14 +265,14 @@ def _forward_steps(
 def _backward_steps(
     columns: dict[int, list[int]], entries: dict[tuple[int, int], int]
 ) -> Iterable[Statements]:
-    """Yield what substitutes back, from the last column to the first."""
+    """Yield the statements of the back substitution, from the last column to the first."""
     for k, below in reversed(columns.items()):
         yield "SCALE", [(k,)]
         yield "BACK", [(i, k, entries[i, k]) for i in below]
 
 
 def _program(name: str, steps: Sequence[Statements], max_statements: int) -> Iterable[str]:
-    """Yield the macro `name`: every step's statement for each of its rows, or loops over a table where that is long."""
+    """Yield the macro `name`: every step's statement for each of its rows, or loops over a table if that is long."""
     count = sum(len(rows) for _, rows in steps)
     if count <= ELIMINATION_STATEMENTS * max_statements:
         statements = []
@@ -295,9 +295,9 @@ def _program(name: str, steps: Sequence[Statements], max_statements: int) -> Ite
 
 
 def fill_in(count: int, pairs: Int[np.ndarray, "P 2"]) -> dict[int, list[int]]:
-    """Return, in order of elimination, each unknown and the later ones its column reaches: minimum degree first.
+    """Return, in order of elimination, each unknown and the later ones in its column: minimum degree first.
 
-    `count` is how many unknowns there are, `pairs` those that a matrix's entry off the diagonal connects.
+    `count` is the number of unknowns, `pairs` those connected by off-diagonal entries of the matrix.
     """
     linked: dict[int, set[int]] = {k: set() for k in range(count)}
     for a, b in pairs.tolist():
