@@ -7,8 +7,8 @@ python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.saf
 Each run calls `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors`, which starts from a policy
 that follows the walk. Without noise, on the physics,
 - 100 bodies get random commands of 0.5 to 1 m/s for 60 s, a new one every 3 to 6 s, and the bodies that never fall are counted; a
-  fall is a pelvis below 0.6 m, or a trunk more than 1 rad off the vertical. Another 100 get commands of 0 to 1 m/s, of which 30 in
-  100 are to stand;
+  fall is a pelvis below 0.6 m, or a trunk more than 1 rad off the vertical. Another 100 get commands of 0 to 1 m/s, of which
+  30 in 100 are to stand;
 - from 2 s after a command until its end, its speed and turning rate are compared with the means of the pelvis;
 - 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction, a force
   over 0.1 s; 100 that are commanded to stand are pushed in the same way;
