@@ -1,20 +1,21 @@
-"""A human on command: walking at a commanded speed and turning rate, pushed, and how far feet slip.
+"""A human on command: errors of speed and turning rate, falls, pushes withstood, and slip of feet.
 
 python benchmarks/following.py walk --seed 1 --keep walk.policy.safetensors
 python benchmarks/commanded.py walk.policy.safetensors
 python benchmarks/commanded.py walk.policy.safetensors --policy human.policy.safetensors --seeds 0 --dry
 
-Each run is what `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors` does: it begins with a
-policy that follows the walk. Without noise, on the physics,
-- 100 bodies get random commands of 0.5 to 1 m/s for 60 s, others every 3 to 6 s; those count that never fall: pelvis below 0.6 m,
-  or trunk more than 1 rad off the vertical; and likewise 100 by commands of 0 to 1 m/s, of which 30 in 100 are to stand;
-- from 2 s after a command on, its speed and turning rate are held against those of the pelvis over what is left of it;
-- 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction: a force
-  over 0.1 s; and 100 are told to stand, and pushed likewise;
-- drift is how far 100 that are told to stand are from where they were two seconds after that, 20 s later;
-- slip is how far the lowest point of a sole moves along the floor while within 5 mm of it, a step, at the motion's own speed.
-Of a policy that runs, too, 100 bodies get commands of all its speeds, 100 those of 2 to 3 m/s, and 100 those of 3 to 4 m/s; the
-last two are pushed likewise, and slip is measured at 2.4 m/s, the speed of the run as it was recorded. Seconds are of a core.
+Each run calls `neuroanimator policy examples/human/commanded.toml --start walk.policy.safetensors`, which starts from a policy
+that follows the walk. Without noise, on the physics,
+- 100 bodies get random commands of 0.5 to 1 m/s for 60 s, a new one every 3 to 6 s, and the bodies that never fall are counted; a
+  fall is a pelvis below 0.6 m, or a trunk more than 1 rad off the vertical. Another 100 get commands of 0 to 1 m/s, of which
+  30 in 100 are to stand;
+- from 2 s after a command until its end, its speed and turning rate are compared with the means of the pelvis;
+- 100 bodies get one command each for 10 s, and a push of the trunk by 15, 30 or 50 N s in a random horizontal direction, a force
+  over 0.1 s; 100 that are commanded to stand are pushed in the same way;
+- drift is the median distance of 100 standing bodies between 2 s and 22 s after the command to stand;
+- slip is the path of a sole's lowest point while within 5 mm of the floor, per step, at the motion's own speed.
+For a policy that also runs, 100 bodies each get commands of all its speeds, of 2 to 3 m/s, and of 3 to 4 m/s; the last two groups
+are pushed in the same way, and slip is measured at 2.4 m/s, the recorded speed of the run. Seconds are of one core's time.
 
 Writes results/commanded.csv and results/commanded_curves.csv.
 """
@@ -53,61 +54,61 @@ from neuroanimator.terminal import print_table
 Rows = list[dict[str, Any]]
 
 UPDATES = 2700
-"""Number of updates of the policy, of 32 steps of each of `LEARNERS`."""
+"""Number of updates of the policy, each of 32 steps of `LEARNERS` bodies."""
 
 LEARNERS = 512
-"""Number of bodies that learn side by side."""
+"""Number of bodies simulated in parallel during learning."""
 
 BODIES = 100
 
 WALKING = (0.5, 1.0)
-"""Least and largest commanded speed [m/s]."""
+"""Minimum and maximum commanded speed [m/s]."""
 
 RUNNING = (2.0, 3.0)
 
 FAST = (3.0, 4.0)
 
 RUN_SPEED = 2.4
-"""Speed of the run as it was recorded [m/s]."""
+"""Recorded speed of the run [m/s]."""
 
 STANDING = (0.0, 0.0)
 
 ANY = (0.0, 1.0)
-"""Speeds of standing and walking."""
+"""Range of speeds of standing and walking [m/s]."""
 
 STILL_SECONDS = (2.0, 20.0)
-"""Time to come to a stand, and of standing [s]."""
+"""Time to come to a stand, and time of standing [s]."""
 
 SECONDS = 60.0
 
 HOLDS = (3.0, 6.0)
-"""Least and largest time between two commands [s]."""
+"""Minimum and maximum time between two commands [s]."""
 
 SETTLED = 2.0
-"""Time after a command before it counts [s]: a commanded speed changes by 2 m/s in a second."""
+"""Time after a command before errors count [s]: a commanded speed changes at 2 m/s²."""
 
 LEAST_HEIGHT = 0.6
 """Height of the pelvis below which a body has fallen [m]."""
 
 LARGEST_TILT = 1.0
-"""Angle of the trunk to the vertical beyond which it has [rad]."""
+"""Angle of the trunk to the vertical beyond which a body has fallen [rad]."""
 
 IMPULSES = (15.0, 30.0, 50.0)
-"""Of pushes [N s]."""
+"""Impulses of pushes [N s]."""
 
 PUSH_STEPS = 13
-"""Number of physics steps it takes, 0.0975 s."""
+"""Number of physics steps of a push, 0.0975 s."""
 
 PUSH_SECONDS = 10.0
 
 PUSHED_AT = (2.0, 4.0)
-"""Least and largest time of the push [s]."""
+"""Minimum and maximum time of the push [s]."""
 
 IMAGES = 12
 
 
 class Walkers:
-    """Bodies that a policy moves on the physics, or on what `stepper` is of, as told: speeds in a range, or all it takes."""
+    """Bodies that a policy moves on the physics, or by `stepper`, under commands of a range of speeds, or of all its speeds."""
 
     def __init__(
         self,
@@ -149,9 +150,9 @@ class Walkers:
         return self.policy.emulator.bounds.clip(found)
 
     def step(self) -> None:
-        """Go a super step on, as it is told; who falls stays down."""
+        """Take one super step under the commands; fallen bodies stay down."""
         self.states = np.asarray(self.reference.with_command(self.states, self.told))
-        # All anew: commands are written into the states between two steps.
+        # All bodies are set anew: commands are written into the states between two steps.
         moved = self.stepper(self.states, self.controls(), np.ones(len(self.states), bool))
         self._take(moved.states)
 
@@ -170,7 +171,7 @@ class Walkers:
         return is_low | (np.array(upright) < np.cos(LARGEST_TILT))
 
     def push(self, row: int, impulse: float, angle: float) -> None:
-        """Push the trunk of one body for a few physics steps, while its controls are held as ever."""
+        """Push the trunk of one body for a few physics steps, while its policy goes on controlling it."""
         model = self.system.model
         data = mujoco.MjData(model)
         force = impulse / (PUSH_STEPS * model.opt.timestep)
@@ -206,7 +207,7 @@ def _controls(policy: StatePolicy, states: Float[Array, "N S"]) -> Float[Array, 
 
 
 def commanded(walkers: Walkers) -> dict[str, Any]:
-    """Return how many bodies never fall under random commands, and how near they are to them."""
+    """Return the number of bodies that never fall under random commands, and their median errors."""
     dt = walkers.policy.dt
     count = len(walkers.states)
     commands = walkers.commands
@@ -247,10 +248,10 @@ def _errors(
     after: Float[np.ndarray, " S"],
     seconds: float,
 ) -> tuple[float, float]:
-    """Return by how much speed along the path and turning rate were off between two states of a command."""
+    """Return the errors of speed along the path and of turning rate between two states of a command."""
     speed = float(commands.speed(after))
     turned = after[commands.heading] - before[commands.heading]
-    # A path that turns evenly is an arc: its chord is shorter than it is long.
+    # A path of constant turning rate is an arc: its chord is shorter than the path.
     chord = np.sinc(turned / (2 * np.pi))
     gone = np.linalg.norm(after[:2] - before[:2]) / (chord * seconds)
     heading = heading_of(after[ORIENTATION]) - heading_of(before[ORIENTATION])
@@ -259,7 +260,7 @@ def _errors(
 
 
 def pushed(walkers: Walkers, impulse: float) -> int:
-    """Return how many bodies do not fall in 10 s in which each is pushed once by `impulse` [N s]."""
+    """Return the number of bodies that do not fall in 10 s, in which each is pushed once by `impulse` [N s]."""
     dt = walkers.policy.dt
     rng = walkers.rng
     count = len(walkers.states)
@@ -273,7 +274,7 @@ def pushed(walkers: Walkers, impulse: float) -> int:
 
 
 def drift(walkers: Walkers) -> float:
-    """Return the median distance that bodies told to stand go while they stand [m]."""
+    """Return the median drift of standing bodies [m]."""
     dt = walkers.policy.dt
     stopped, stood = STILL_SECONDS
     for _ in range(round(stopped / dt)):
@@ -305,7 +306,7 @@ def walked(
 
 
 def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[str, Any]:
-    """Return what a policy does on the physics."""
+    """Return the row of results of a policy on the physics."""
     motion = task.motion
     assert motion is not None
     assert motion.commands is not None
@@ -348,7 +349,7 @@ def _slips(
     motion: ReferenceMotion,
     speed: float,
 ) -> tuple[float, float]:
-    """Return how far feet slip at a speed [m/s], a step, and how far those of the motion do [cm]."""
+    """Return the slip of feet per step at a speed [m/s], and that of the reference motion [cm]."""
     commands = motion.commands
     assert commands is not None
     states = walked(policy, task, system, [(20.0, speed, 0.0)])
@@ -356,7 +357,7 @@ def _slips(
     turns[:, motion.phase] = 2 * np.pi * np.arange(motion.lap) / motion.lap
     told = commands.give(turns, np.full(motion.lap, speed), np.zeros(motion.lap))
     frames = np.array(motion.frame(jnp.asarray(told, jnp.float32)), float)
-    # Frames stand at one place: they go as fast as their clock says.
+    # Frames stay at the origin: their velocities give the path, at the clock's pace.
     moving = slice(motion.velocity, motion.velocity + 2)
     dt = policy.dt / commands.pace(told)[0]
     frames[:, :2] = np.cumsum(frames[:, moving] * dt, axis=0)
@@ -369,7 +370,7 @@ def _laps(states: Float[np.ndarray, "K S"], phase: int) -> float:
 
 
 def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, float, Rows]:
-    """Return (the policy's file, seconds of a core's time it took, rows of its curve)."""
+    """Return (the policy's file, core seconds of learning, rows of its learning curve)."""
     for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv", "run.csv"):
         (place / name).write_bytes((HUMAN / name).read_bytes())
     shutil.copytree(HUMAN / "skin", place / "skin", dirs_exist_ok=True)
@@ -382,7 +383,7 @@ def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, floa
 
 
 def draw_sheet(policy: StatePolicy, states: Float[np.ndarray, "K S"], out: Path) -> None:
-    """Lay pictures of a motion side by side, and keep its film beside them."""
+    """Write a sheet of pictures of a motion side by side, and its film beside it."""
     clip = na.make_clip(policy.emulator, states)
     tile_motion(clip, out.with_suffix(".mp4"), IMAGES, out)
 
@@ -394,7 +395,7 @@ def main() -> None:
     parser.add_argument("start", type=Path, help="policy that follows the walk")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
     parser.add_argument("--updates", type=int, default=UPDATES)
-    parser.add_argument("--policy", type=Path, help="judge this one instead of learning one")
+    parser.add_argument("--policy", type=Path, help="evaluate this policy instead of learning one")
     parser.add_argument("--keep", type=Path, help="folder for the policies")
     parser.add_argument("--sheet", type=Path, help="file for pictures of commands, with a film")
     parser.add_argument("--dry", action="store_true", help="write no file")

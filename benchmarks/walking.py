@@ -1,11 +1,12 @@
-"""Policies that go forward, learnt on MuJoCo by slopes from an emulator: returns over time and steps.
+"""Policies for locomotion, learnt on MuJoCo with an emulator's gradients: returns over time and steps.
 
 python benchmarks/walking.py                                 five seeds of each; see MINUTES
 python benchmarks/walking.py Walker2d-v5 --seeds 0 --minutes 2 --dry
 
-Each run is what `neuroanimator new`, `policy` and `evaluate` do, emulator and all, from nothing. Returns are of whole episodes of
-Gymnasium's own environment, without noise: the mean of 100, the least and the largest, and the mean inside the emulator. Those on
-the way are of sixteen episodes on MuJoCo. Other work on the machine makes runs shorter: they are limited by the clock.
+Each run calls `neuroanimator new`, `policy` and `evaluate` from scratch, which includes training the emulator. Returns are of
+whole episodes of Gymnasium's own environment, without noise: mean, minimum and maximum of 100, and the mean inside the
+emulator. Returns during learning are of sixteen episodes on MuJoCo. Runs are limited by wall-clock time: other work on the
+machine means fewer steps.
 
 Writes results/walking.csv and results/walking_curves.csv.
 """
@@ -39,19 +40,19 @@ RESULTS = Path(__file__).parent / "results"
 PROGRAM = Path(sys.executable).parent / "neuroanimator"
 
 MINUTES = {"Walker2d-v5": 5.0, "Hopper-v5": 3.0, "Ant-v5": 9.0}
-"""Time for all from `new` to the policy's file [min]."""
+"""Time from `new` to the policy's file [min]."""
 
 EPISODES = 100
 
 FIRST_SEED = {"Walker2d-v5": 100, "Hopper-v5": 100, "Ant-v5": 102}
-"""Seeds below were used when settings were chosen."""
+"""First seed per environment: settings were chosen on lower ones."""
 
 SEEDS = 5
-"""Number of seeds from there on."""
+"""Number of seeds from the first on."""
 
 
 def learnt(env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows]:
-    """Return (a row about one policy, rows of its curve)."""
+    """Return (a row of results of one policy, rows of its learning curve)."""
     with TemporaryDirectory() as place:
         folder = Path(place)
         began = time.monotonic()
@@ -72,7 +73,7 @@ def learnt(env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows
 
 
 def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules, Emulator]:
-    """Return (the physics of a task, its rules, the emulator that learning begins with), as `neuroanimator policy` has them."""
+    """Return (the physics of a task, its rules, the initial emulator), as in `neuroanimator policy`."""
     run(folder, "new", env_id)
     toml = folder / f"{env_id}.toml"
     name, definition, _ = resolve(str(toml))
@@ -83,13 +84,13 @@ def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules
 
 
 def keep(file: str, rows: Rows) -> None:
-    """Write rows into a table, in place of those of the same environments and seeds."""
+    """Write rows into a table, replacing those of the same environments and seeds."""
     path = RESULTS / file
     write_csv(path, [*other_rows(path, rows, "environment", "seed"), *rows])
 
 
 def run(folder: Path, *arguments: object) -> str:
-    """Return what a command of `neuroanimator` prints."""
+    """Return the output of a `neuroanimator` command."""
     command = [str(PROGRAM), *map(str, arguments)]
     done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     return done.stdout
@@ -100,7 +101,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("environments", nargs="*", default=list(MINUTES))
-    parser.add_argument("--seeds", type=int, nargs="+", help="those that count, if not given")
+    parser.add_argument("--seeds", type=int, nargs="+", help="default: those of the table")
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()

@@ -1,11 +1,11 @@
-"""What likelihoods, slopes, and both together are worth to a policy that learns to walk.
+"""Likelihoods, slopes, and both together, compared on policies that learn to walk.
 
 python benchmarks/walking_forms.py                          Walker2d-v5, two seeds
 python benchmarks/walking_forms.py Hopper-v5 --seeds 1 --dry
 
-Each run goes on for the same number of updates, so of steps of the environment, from the same emulator and the same seed: with
-likelihoods alone (proximal policy optimisation), with an emulator's slopes alone, and with both, weighed for the least expected
-error. Curves are means of sixteen episodes on MuJoCo without noise; time is that of learning.
+Each run takes the same number of updates, hence of steps of the environment, from the same emulator and seed: with likelihoods
+alone (proximal policy optimisation), with an emulator's gradients alone ("slopes"), and with both, weighted for the least
+expected error. Curves are means of sixteen episodes on MuJoCo without noise; time is the time of learning.
 
 Writes results/walking_forms.csv.
 """
@@ -25,7 +25,7 @@ from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.terminal import print_table
 
 FORMS = {"likelihoods": 0.0, "slopes": 1.0, "both": None}
-"""Weights of slopes."""
+"""Weight of slopes in each form; None: chosen in every update."""
 
 UPDATES = 160
 
@@ -35,7 +35,7 @@ FIRST_SEED = 100
 
 
 def curves(env_id: str, seed: int, updates: int) -> list[dict[str, Any]]:
-    """Return rows of the curves of all forms."""
+    """Return the learning curves of all forms, as rows."""
     rows: list[dict[str, Any]] = []
     with TemporaryDirectory() as place:
         system, rules, leaps = prepared(env_id, Path(place), seed)

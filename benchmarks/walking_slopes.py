@@ -1,19 +1,20 @@
-"""How right slopes through contact are: an emulator's beside the physics', at states of random and of trained policies.
+"""Accuracy of slopes (gradients) through contact: an emulator's and the physics', at states of random and of trained policies.
 
 python benchmarks/walking_slopes.py                     Hopper-v5, Walker2d-v5, Ant-v5, human
 python benchmarks/walking_slopes.py Hopper-v5 human --keep policies --dry
 
-Each row is of one body, one policy and one horizon: cosines between slopes of the return by all controls on the way, median
-and least over some starts. Gymnasium's bodies are moved by a policy before it learns and after 100 updates, the emulator having
-learnt with it. The human walks and runs by the policy in examples/human, whose emulator was trained around its motion.
+Each row is of one body, one policy and one horizon: cosines between gradients of the return by all controls within the
+horizon, median and minimum over some starts. Gymnasium's bodies are moved by a policy before it learns and after 100 updates,
+whose emulator learnt along with it. The human walks and runs by the policy in examples/human, whose emulator was trained
+around its motion.
 
-The truth is the slope of the physics' mean return under noise: antithetic random controls, each paid by what is earned from it
-on. `halves` is the cosine of two halves of these rollouts, and `exact` what follows from it: an estimate of the cosine that the
-exact slope would have with the truth. An emulator's slope is taken at the states of the true rollout (decoupled), or along its
-own (imagined). Beside it are central differences of the physics without noise and, where `mujoco-mjx` is installed, MJX's own
-derivatives (see mjx_slope.py). Episodes end where those of the true rollout do.
+The truth is the gradient of the physics' mean return under noise, estimated from antithetic random controls, each credited
+with the rewards that follow it. `halves` is the cosine between two halves of these rollouts, and `exact` the estimate that
+follows from it of the cosine between the exact gradient and the truth. An emulator's gradient is taken at the states of the
+true rollout (decoupled), or along its own (imagined). Also shown are central differences of the physics without noise and,
+where `mujoco-mjx` is installed, MJX's own derivatives (see mjx_slope.py). Episodes end where those of the true rollout do.
 
-`--keep` names a folder where the policies are written, and taken from if they are there.
+`--keep` names a folder for the policies, which are read from it if present.
 
 Writes results/walking_slopes.csv.
 """
@@ -52,25 +53,25 @@ from neuroanimator.terminal import print_table
 Rows = list[dict[str, Any]]
 
 Slope = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""(controls (T, C), states (T+1, S) of the true rollout, weights (T,)) → the slope (T, C) of the weighed sum of rewards."""
+"""(controls (T, C), states (T+1, S) of the true rollout, weights (T,)) → the slope (T, C) of the weighted sum of rewards."""
 
 ENVIRONMENTS = ("Hopper-v5", "Walker2d-v5", "Ant-v5")
 
 BODIES = (*ENVIRONMENTS, "human")
 
 HORIZONS = (0.064, 0.128, 0.25, 0.5, 1.0)
-"""[s], rounded to whole super steps."""
+"""Horizons of returns [s], rounded to whole super steps."""
 
 STARTS = 6
 
 ROLLOUTS = 1024
-"""Pairs of rollouts, of noise and its opposite."""
+"""Number of pairs of rollouts, with noise and its negative."""
 
 CHUNK = 256
-"""Pairs of rollouts that are simulated at once."""
+"""Number of pairs of rollouts simulated at once."""
 
 PAID = 4096
-"""Maximum number of transitions that are paid at once: rewards of a human are compiled for each number of them."""
+"""Maximum number of transitions whose rewards are computed at once: a human's rewards are compiled for each number."""
 
 SPREAD = 0.12
 """Standard deviation of the noise of Gymnasium's bodies, whose controls go from -1 to 1."""
@@ -79,20 +80,20 @@ STEP = 1e-3
 """Change of a control for central differences."""
 
 UPDATES = (0, 100)
-"""Updates of a policy when slopes are measured."""
+"""Numbers of updates of a policy after which slopes are measured."""
 
 BANK = 64
-"""Bodies among whose states starts are drawn."""
+"""Number of bodies from whose states starts are drawn."""
 
 AGE = 0.8
-"""Time up to which these go on [s]."""
+"""Simulated time of each of these bodies [s]."""
 
 SETTLING = 100
-"""Super steps before states of a human's walk are taken."""
+"""Number of super steps before states of a human's walk are taken."""
 
 
 class Case(NamedTuple):
-    """A body, the policy that moves it, and states on its way."""
+    """A body, the policy that moves it, and states of its motion."""
 
     body: str
     policy_name: str
@@ -110,7 +111,7 @@ class Case(NamedTuple):
 
 @contextmanager
 def folder_at(path: Path | None) -> Iterator[Path]:
-    """Give the folder at `path`, or a temporary one."""
+    """Yield the folder at `path`, or a temporary one."""
     if path is None:
         with TemporaryDirectory() as place:
             yield Path(place)
@@ -120,7 +121,7 @@ def folder_at(path: Path | None) -> Iterator[Path]:
 
 
 def cases_of(body: str, folder: Path, count: int) -> list[Case]:
-    """Return the policies of a body: before and after learning, or walking and running, in `count` states each."""
+    """Return the policies of a body (before and after learning, or walking and running), with `count` states each."""
     if body == "human":
         return [human_case("walk", WALKING, count), human_case("run", RUNNING, count)]
     files = {updates: folder / f"{body}.{updates}.policy.safetensors" for updates in UPDATES}
@@ -138,7 +139,7 @@ def cases_of(body: str, folder: Path, count: int) -> list[Case]:
 
 
 def learn(env_id: str, folder: Path, files: dict[int, Path]) -> None:
-    """Write policies and their emulators after so many updates each."""
+    """Write the policy and its emulator after each of the numbers of updates in `files`."""
     system, rules, emulator = prepared(env_id, folder, 0)
     learner = Learner(system, emulator, rules, PolicyLearning())
     for updates, file in files.items():
@@ -161,7 +162,7 @@ def human_case(name: str, speeds: tuple[float, float], count: int) -> Case:
 def starts_of(
     system: MujocoSystem, rules: EpisodeRules, policy: StatePolicy, rng: np.random.Generator
 ) -> Float[np.ndarray, "N S"]:
-    """Return states that bodies are in under the policy and noise, in random order, none of them fallen."""
+    """Return states of bodies that move under the policy and noise, in random order, none of them fallen."""
     assert rules.draw_start is not None
     states = np.stack([rules.draw_start(rng) for _ in range(BANK)])
     bank = [states]
@@ -199,7 +200,7 @@ def simulated(
     starts: Float[np.ndarray, "B S"],
     controls: Float[np.ndarray, "B T C"],
 ) -> Float[np.ndarray, "B T+1 S"]:
-    """Return states on the physics, at the step the policy knows; one core computes them."""
+    """Return states on the physics, with the policy's own physics step, on one core."""
     return case.system.simulate(starts, controls, case.policy.dt, scheme=case.system.scheme).states
 
 
@@ -256,7 +257,7 @@ def goes_on(case: Case, states: Float[np.ndarray, "T+1 S"]) -> Float[np.ndarray,
 
 
 def measured(case: Case, rollouts: int) -> Rows:
-    """Return a row for each horizon; the truth is of so many pairs of `rollouts`."""
+    """Return a row for each horizon; the truth is estimated from `rollouts` pairs of rollouts."""
     rng = np.random.default_rng(2)
     longest = case.steps(max(HORIZONS))
     horizons = list(dict.fromkeys(case.steps(horizon) for horizon in HORIZONS))
@@ -296,7 +297,7 @@ def measured(case: Case, rollouts: int) -> Rows:
 
 
 def slopes_of(case: Case) -> dict[str, Slope]:
-    """Return what gives slopes by derivatives, by name."""
+    """Return the functions that compute slopes by derivatives, by name."""
     slopes = {
         "decoupled": emulator_slope(case, is_true=True),
         "imagined": emulator_slope(case, is_true=False),
@@ -307,7 +308,7 @@ def slopes_of(case: Case) -> dict[str, Slope]:
 
 
 def emulator_slope(case: Case, *, is_true: bool) -> Slope:
-    """Return what gives the emulator's slopes, at the true states or along its own."""
+    """Return a function for the emulator's slopes, at the true states or along its own."""
     emulator = case.policy.emulator
 
     def slope(controls: np.ndarray, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -324,7 +325,7 @@ def emulator_slope(case: Case, *, is_true: bool) -> Slope:
 
 
 class RewardSlopes(NamedTuple):
-    """Derivatives of the weighed sum of rewards, step by step."""
+    """Derivatives of the weighted sum of rewards, step by step."""
 
     before: Float[Array, "T S"]
     """By the state before the step."""
@@ -354,7 +355,7 @@ def _return_slope(
     controls: Float[Array, "T C"],
     rewards: RewardSlopes,
 ) -> Float[Array, "T C"]:
-    """Return the slope of the return by the controls: rewards' slopes, carried back by the emulator's derivatives at `states`."""
+    """Return the slope of the return by the controls: rewards' slopes, propagated back through the emulator at `states`."""
 
     def back(later: Float[Array, " S"], moment: tuple) -> tuple[Array, Array]:
         state, control, of_reward = moment
@@ -368,7 +369,7 @@ def _return_slope(
 
 
 def physics_slope(case: Case) -> Slope:
-    """Return what gives MJX's slopes, along its own rollouts."""
+    """Return a function for MJX's slopes, along its own rollouts."""
     model = case.system.model_with(case.system.scheme)
     substeps = case.system.scheme.steps(case.policy.dt)
     return mjx_slope.slope_of(model, substeps, case.rules.reward, case.policy.dt)
@@ -393,7 +394,7 @@ def smoothed(
     gained = np.concatenate(parts)
     found = []
     for steps in horizons:
-        # A control changes nothing that was earned before it.
+        # A control does not affect the rewards before it.
         from_then_on = np.cumsum(gained[:, :steps][:, ::-1], axis=1)[:, ::-1]
         terms = from_then_on[..., None] * noise[:, :steps]
         found.append(terms.reshape(2, -1, *terms.shape[1:]).mean(axis=1))
@@ -435,7 +436,7 @@ def summed(moved: Float[np.ndarray, "T C T"], steps: int) -> Float[np.ndarray, "
 
 
 def difference_slope(case: Case) -> Slope:
-    """Return what gives central differences of the return on the physics, whose episodes end as they do."""
+    """Return a function for central differences of the return on the physics, whose episodes end on their own."""
 
     def slope(controls: np.ndarray, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
         return summed(differences(case, controls, states), len(controls))
@@ -452,7 +453,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("bodies", nargs="*", default=list(BODIES))
-    parser.add_argument("--keep", type=Path, help="folder of the policies that are learnt")
+    parser.add_argument("--keep", type=Path, help="folder for the learnt policies")
     parser.add_argument("--starts", type=int, default=STARTS)
     parser.add_argument("--rollouts", type=int, default=ROLLOUTS)
     parser.add_argument("--dry", action="store_true", help="write no file")

@@ -1,8 +1,8 @@
-"""Laps of a motion on command, from standing to the fastest gait, as seen from a root that stands at the origin.
+"""Laps of a motion on command, from standing to the fastest gait, as seen from a root that stays at the origin.
 
-clips → a lap of each, from a root that goes along X
+clips → one lap of each, rotated so that the root goes along X
 standing, walk → laps of shorter strides
-walk, run → the run begins when the walk does and goes by its clock → laps of strides between theirs, and of longer ones
+walk, run → the run, aligned with the walk's phase and clock → laps of strides between the two, and of longer ones
 """
 
 from __future__ import annotations
@@ -34,32 +34,32 @@ from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 STRIDES = (0.0, 1 / 3, 2 / 3)
-"""Lengths of the shorter strides a motion on command is kept with, besides its own."""
+"""Lengths of the shorter strides stored with a motion on command, relative to its own."""
 
 SHARES = (0.5, 1.0, 1.5)
-"""Shares of a faster gait in the laps beyond. Above 1 they go on from the slower gait to the faster one and beyond it, as people
-run faster by longer strides, too."""
+"""Shares of the faster gait in the laps beyond the slower one. Above 1 strides are extrapolated, since people also run faster by
+longer strides."""
 
 MIN_SPEED = 0.01
-"""Least mean speed of a motion whose speed is commanded [m/s]."""
+"""Minimum mean speed of a motion whose speed is commanded [m/s]."""
 
 
 class Gait(NamedTuple):
-    """A clip of a gait: a cycle, and its file."""
+    """A clip of one cycle of a gait, and its file."""
 
     path: Path
     states: Float[np.ndarray, "K S"]
 
 
 class GaitEntries(NamedTuple):
-    """Where in a state is what a gait is of."""
+    """Entries of the state that describe a gait."""
 
     clock: JointView
     heading: JointView
     velocity: int
     """First entry of the root's velocity."""
     hinges: tuple[int, ...]
-    """Entries of the body's angles."""
+    """Entries of the body's joint angles."""
 
 
 def on_command(
@@ -71,7 +71,7 @@ def on_command(
     entries: GaitEntries,
     dt: float,
 ) -> tuple[Float[np.ndarray, "K S"], Commands]:
-    """Return (laps one after another, what commands mean) of a gait, and of a faster one if there is one.
+    """Return (laps one after another, the mapping of commands to them) of a gait, and of a faster one if given.
 
     States are `dt` apart [s]. BadFileError for a clip that goes nowhere or is too long, and for a faster gait that is no faster.
     """
@@ -96,7 +96,7 @@ def on_command(
     standing = np.tile(_standing(body), (len(lap), 1))
     laps = []
     for stride in STRIDES:
-        # Feet are lifted more than strides are long, to clear the floor on short ones.
+        # Feet are lifted by more than the share of the stride, to clear the floor on short strides.
         lifting = np.sqrt(stride)
         laps.append(mixed_strides(body.model, standing, lap, stride, lifting, feet, dt, clock))
     laps.append(lap)
@@ -115,7 +115,7 @@ def on_command(
 def _pace_and_stride(
     run: Gait, speed: float, walk: Gait, commands: Commands
 ) -> tuple[float, float]:
-    """Return (laps in the time of a slower one, length of a lap in slower ones) of a run; BadFileError if is no faster gait."""
+    """Return (pace, stride) of a run relative to the walk's lap rate and lap length; BadFileError if it is no faster gait."""
     pace = (len(walk.states) - 1) / (len(run.states) - 1)
     stride = speed / (commands.own_speed * pace)
     if pace < LEAST_FASTER or stride < LEAST_FASTER:
@@ -133,7 +133,7 @@ def _by_clock_of(
     positions: int,
     entries: GaitEntries,
 ) -> Float[np.ndarray, "L S"]:
-    """Return a run by the walk's clock: as many states, velocities as much lower, and begun where legs are most alike."""
+    """Return a run resampled to the walk's clock: `L` states, velocities divided by `pace`, aligned where legs are most alike."""
     count = len(lap)
     times = np.arange(count) * (len(run) / count)
     closed = np.concatenate([run, run[:1]])
@@ -154,7 +154,7 @@ def _by_clock_of(
 
 
 def _speed(gait: Gait, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
-    """Return the mean speed of a lap along its heading [m/s]; BadFileError for one that goes nowhere."""
+    """Return the mean speed of a lap along its heading [m/s]; BadFileError if it goes nowhere."""
     speed = float(lap[:, velocity].mean())
     if speed < MIN_SPEED:
         raise BadFileError(
@@ -164,7 +164,7 @@ def _speed(gait: Gait, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
 
 
 def _standing(body: MujocoSystem) -> Float[np.ndarray, " S"]:
-    """Return the body's state of rest, at the origin and its heading zero."""
+    """Return the body's rest state, at the origin with heading zero."""
     rest = np.array(body.rest, float)
     back = facing(-heading_of(rest[ORIENTATION]))
     rest[:2] = 0
@@ -173,9 +173,10 @@ def _standing(body: MujocoSystem) -> Float[np.ndarray, " S"]:
 
 
 def _from_heading(gait: Gait, entries: GaitEntries, dt: float) -> Float[np.ndarray, "L S"]:
-    """Return the states of a lap, its last left out, as seen from a root that stands at the origin and goes along X.
+    """Return the states of a lap without its last, with the root moved to the origin and rotated to go along X.
 
-    The heading turns evenly through the lap, by as much as the motion does; at its middle it is the way the lap leads.
+    The subtracted heading turns at a constant rate through the lap, by the motion's total turn; in the middle it points along
+    the displacement of the lap.
     """
     states = gait.states
     count = len(states) - 1

@@ -1,8 +1,8 @@
-"""Strides between those of two gaits, or beyond the faster one: legs reach where feet are between the two, or beyond.
+"""Strides between those of two gaits, or beyond the faster one, by interpolating feet and solving inverse kinematics for legs.
 
-The slower gait may be to stand. Relative to the root a foot is where it is between its places in the two, and as far tilted. So
-one that stands on the floor in both still does, at a speed between theirs. On strides shorter than a walk's it is lifted by their
-square root, so that it clears the floor on short ones.
+The slower gait may be standing. The pose of a foot relative to the root is interpolated between the two gaits, or extrapolated,
+so a foot on the floor in both stays on it, at a speed between theirs. On strides shorter than a walk's, feet are lifted by the
+square root of the share, to clear the floor.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 STEPS = 40
-"""Number of steps in which legs are brought to where their feet are."""
+"""Number of inverse kinematics steps per pose."""
 
 DAMPING = 1e-3
-"""Of these steps, where a leg is straight and cannot reach farther [m²]."""
+"""Damping of these steps, for straight legs that cannot reach farther [m²]."""
 
 HEIGHT = 2
 
@@ -35,11 +35,11 @@ def mixed_strides(
     dt: float,
     clock: int,
 ) -> Float[np.ndarray, "L S"]:
-    """Return a lap between that of a slow gait (a share of 0) and that of a fast one (1), all going at one clock's rate.
+    """Return a lap interpolated between a slow gait (a share of 0) and a fast one (1), all at the same clock rate.
 
-    A share above 1 goes on beyond the fast one; no foot comes lower than in the two. Roots are at the origin, their headings
-    zero; feet are as high as a share `lifting` between the two says. `dt` lies between states of a lap [s], `clock` is the entry
-    of the clock's angle.
+    A share above 1 extrapolates beyond the fast gait; no foot comes lower than in the two. Roots are at the origin with heading
+    zero; heights of feet are interpolated by `lifting` instead of `share`. `dt` is the time between states of a lap [s], `clock`
+    the entry of the clock's angle.
     """
     states = slow + share * (fast - slow)
     states[:, clock] = fast[:, clock]
@@ -60,7 +60,7 @@ def mixed_strides(
     before = np.roll(positions, 1, axis=0)
     for row in range(len(fast)):
         mujoco.mj_differentiatePos(model, rates[row], 2 * dt, before[row], following[row])
-    # How fast the root goes is no matter of where it is: it stays at the origin.
+    # The root stays at the origin, so its velocity along the ground does not follow from its positions.
     velocities = states[:, model.nq :]
     velocities[:, ROOT_DOFS:] = rates[:, ROOT_DOFS:]
     velocities[:, HEIGHT_DOF] = rates[:, HEIGHT_DOF]
@@ -75,7 +75,7 @@ def _foot_poses(
     position: Float[np.ndarray, " Q"],
     feet: tuple[str, ...],
 ) -> Float[np.ndarray, "F 7"]:
-    """Return position and quaternion of each foot, the latter of the half in which w is positive."""
+    """Return position and quaternion of each foot, with signs such that w is positive."""
     data.qpos[:] = position
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
@@ -94,7 +94,7 @@ def _reach_nearer(
     wanted: Float[np.ndarray, "F 7"],
     feet: tuple[str, ...],
 ) -> None:
-    """Bring the feet nearer to where they are wanted, by hinges and the root's height: a damped step of least squares."""
+    """Move the feet nearer to their wanted poses by hinges and the root's height: one step of damped least squares."""
     poses = _foot_poses(model, data, position, feet)
     errors = []
     jacobians = []

@@ -1,17 +1,17 @@
-"""Commands that the state carries: hinges beside a body, on which nothing acts, turn as fast as is commanded.
+"""Commands carried by the state: hinges beside a body, on which nothing acts, turn at commanded rates.
 
-A clock's rate is the speed, a heading's rate is the turning rate and its angle the heading. So a policy that is steered stays a
-function of the state alone.
+The clock's rate encodes the speed, the heading hinge's rate the turning rate and its angle the heading. So a steered policy stays
+a function of the state alone.
 
     speed = own speed · pace · stride
 
-Slower than recorded the clock turns slower and strides are shorter, as people walk; faster it turns faster. Where there is a
-faster gait, a run, pace and stride grow together until they are those of the run, and only then the clock alone turns faster:
+Below the recorded speed the clock turns slower and strides are shorter, as when people walk; above it the clock turns faster.
+With a faster gait, a run, pace and stride grow together up to those of the run; only beyond that the clock alone turns faster:
 
     pace = c + (1 − c) · speed / own speed          below the own speed
     pace = 1 + (P − 1) s,  stride = 1 + (Q − 1) s   from there to the run, whose pace and stride are P and Q: 0 ≤ s ≤ 1
 
-At a pace of c, the least, strides have no length, and the body stands.
+At a pace of c, the minimum, the stride is zero, and the body stands.
 """
 
 from __future__ import annotations
@@ -30,40 +30,40 @@ TURN = 2 * np.pi
 TINY = 1e-6
 
 MAX_RATE = 1e3
-"""Largest speed [m/s] and turning rate [rad/s]."""
+"""Maximum speed [m/s] and turning rate [rad/s]."""
 
 STANDING_PACE = 0.7
-"""Pace of the clock while the body stands: slower, and a foot would be in the air for too long."""
+"""Pace of the clock while the body stands: if slower, a foot would be in the air for too long."""
 
 MAX_STANDING_PACE = 0.99
 
 STANDING_SHARE = 0.3
-"""Share of random commands to stand, of those that may be: of a range, a single number would never be drawn."""
+"""Share of commands to stand among random ones whose range allows it: a uniform draw would never be exactly zero."""
 
 LEAST_FASTER = 1.01
-"""Least pace and stride of a faster gait."""
+"""Minimum pace and stride of a faster gait."""
 
 MAX_PACE = 100.0
-"""Largest pace and stride of a faster gait."""
+"""Maximum pace and stride of a faster gait."""
 
 MAX_FASTER_LAPS = 100
 
 LARGEST_ACCELERATION = 1.5
-"""Largest acceleration across the way of a body that may run [m/s²]: the faster it goes, the wider it turns."""
+"""Maximum lateral acceleration of a body with a faster gait [m/s²]: the faster it goes, the wider it turns."""
 
 LARGEST_CHANGE = 1.0
-"""Largest change of the commanded speed at a time while a policy learns [m/s]."""
+"""Maximum change of the commanded speed between two commands while a policy learns [m/s]."""
 
 SLOW_SHARE = 0.5
-"""Share of commands of at most the motion's own speed, of those while a policy learns that may be: below it strides are of
-every length, and bodies fell who turned at a tenth of it."""
+"""Share of commands up to the motion's own speed among those during learning whose range allows it: below that speed strides are
+of every length, and bodies fell while turning at a tenth of it."""
 
 LEAST_RADIUS = 0.6
-"""Least radius of a turn on shorter strides [m]: a body that stands does not turn, for its feet do not leave the floor."""
+"""Minimum radius of a turn on shorter strides [m]: a standing body does not turn, since its feet do not leave the floor."""
 
 
 class Command(NamedTuple):
-    """What a body is to do."""
+    """A commanded speed and turning rate."""
 
     speed: float
     """[m/s]"""
@@ -76,18 +76,18 @@ COMMAND_LAYOUT = Layout((Slice("speed", 1, "m/s"), Slice("turning", 1, "rad/s"))
 
 
 class FasterGait(NamedTuple):
-    """A gait for larger speeds, such as a run, in terms of the slower one."""
+    """A gait for higher speeds, such as a run, relative to the slower one."""
 
     pace: float
     """Number of its laps in the time of one lap of the slower gait."""
     stride: float
     """Length of its lap, in laps of the slower gait."""
     laps: int
-    """Number of laps whose strides are kept between the slower gait's and its own, its own among them."""
+    """Number of stored laps with strides longer than the slower gait's."""
 
 
 class Commands(NamedTuple):
-    """Where in the state commands are, and what speed the clock's rate means."""
+    """Entries of the state that hold commands, and the relation between the clock's rate and the speed."""
 
     heading: int
     """Entry of the commanded heading [rad]."""
@@ -96,22 +96,22 @@ class Commands(NamedTuple):
     clock_rate: int
     """Entry of the clock's rate [rad/s]."""
     own_rate: float
-    """Rate of the clock at which the motion goes as it was recorded [rad/s]."""
+    """Rate of the clock in the recorded motion [rad/s]."""
     own_speed: float
-    """Mean speed of the motion as it was recorded [m/s]."""
+    """Mean speed of the recorded motion [m/s]."""
     least: Command
     most: Command
     standing_pace: float = 0.0
-    """Pace of the clock at a speed of zero; 0: strides are as long as they were recorded, however slow."""
+    """Pace of the clock at a speed of zero; 0: strides keep their recorded length at all lower speeds."""
     faster: FasterGait | None = None
-    """Gait for larger speeds; None: the clock alone turns faster."""
+    """Gait for higher speeds; None: the clock alone turns faster."""
 
     def pace(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
-        """Return how many times as fast as it was recorded the motion is to go."""
+        """Return the commanded pace, the clock's rate relative to the recording."""
         return states[..., self.clock_rate] / self.own_rate
 
     def stride(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, " *B"]:
-        """Return how many times as long as recorded strides are to be: from 0, which is to stand, to 1, and on to a run's."""
+        """Return the commanded stride length relative to the recording: 0 while standing, 1 as recorded, above 1 with a run."""
         xp = states.__array_namespace__()
         pace = self.pace(states)
         stride = xp.ones_like(pace)
@@ -125,7 +125,7 @@ class Commands(NamedTuple):
         return xp.where(pace > 1, 1 + (run.stride - 1) * share, stride)
 
     def lap_number(self, states: Float[AnyArray, "*B S"], longest: int) -> Float[AnyArray, " *B"]:
-        """Return which of the laps kept for strides of different lengths is to be shown, `longest` being that of stride 1."""
+        """Return the fractional index of the stored lap for the commanded stride, where `longest` is the lap of stride 1."""
         stride = self.stride(states)
         if self.faster is None:
             return longest * stride
@@ -149,7 +149,7 @@ class Commands(NamedTuple):
         speed: Float[AnyArray, " *B"],
         turning: Float[AnyArray, " *B"],
     ) -> Float[AnyArray, "*B S"]:
-        """Return the states with other commands, each pressed into what the policy learns. NumPy and JAX alike."""
+        """Return the states with new commands, clipped to the ranges that the policy learns. NumPy and JAX alike."""
         xp = states.__array_namespace__()
         pressed = xp.clip(speed, self.least.speed, self.most.speed)
         share = pressed / self.own_speed
@@ -168,7 +168,7 @@ class Commands(NamedTuple):
         return with_entry(told, self.turning, turned)
 
     def _running_pace(self, share: Float[AnyArray, " *B"]) -> Float[AnyArray, " *B"]:
-        """Return the pace at speeds in own speeds, at least 1: from the root s of (1 + (P − 1) s)(1 + (Q − 1) s) = share."""
+        """Return the pace at `share` own speeds, at least 1: from the root s of (1 + (P − 1) s)(1 + (Q − 1) s) = share."""
         xp = share.__array_namespace__()
         assert self.faster is not None
         pace, stride, _ = self.faster
@@ -185,7 +185,7 @@ class Commands(NamedTuple):
     def draw_change(
         self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
     ) -> Float[np.ndarray, "B S"]:
-        """Return the states with random commands of speeds that are at most `LARGEST_CHANGE` from those they have."""
+        """Return the states with random commands whose speeds differ from the present ones by at most `LARGEST_CHANGE`."""
         now = np.clip(self.speed(states), self.least.speed, self.most.speed)
         low = np.maximum(now - LARGEST_CHANGE, self.least.speed)
         high = np.minimum(now + LARGEST_CHANGE, self.most.speed)
@@ -207,7 +207,7 @@ class Commands(NamedTuple):
         return self.give(states, speed, turning)
 
     def to_json(self) -> dict[str, Any]:
-        """Return all of it."""
+        """Return the commands as JSON values."""
         described: dict[str, Any] = {
             "heading": self.heading,
             "turning": self.turning,
@@ -224,10 +224,10 @@ class Commands(NamedTuple):
 
     @classmethod
     def from_json(cls, values: Any, size: int) -> Commands:
-        """Return what `to_json` wrote of states of `size` numbers; ValueError for what it cannot have written."""
+        """Return the commands that `to_json` wrote, of states of `size` numbers; ValueError for invalid values."""
         slowest, fastest = values["speed"]
         right, left = values["turning_rate"]
-        # Older files have none.
+        # Older files lack this value.
         standing_pace = values.get("standing_pace", 0.0)
         return cls(
             heading=whole(values["heading"], "commands: heading", 0, size - 1),
@@ -245,7 +245,7 @@ class Commands(NamedTuple):
 def with_entry(
     states: Float[AnyArray, "*B S"], entry: int, numbers: Float[AnyArray, " *B"]
 ) -> Float[AnyArray, "*B S"]:
-    """Return the states with other numbers in an entry. NumPy and JAX alike."""
+    """Return the states with `numbers` in one entry. NumPy and JAX alike."""
     xp = states.__array_namespace__()
     is_entry = np.arange(states.shape[-1]) == entry
     return xp.where(is_entry, xp.asarray(numbers)[..., None], states)
