@@ -122,7 +122,7 @@ def test_an_evaluation_says_that_the_function_at_its_own_step_is_the_truth(tmp_p
     assert "held against the physics at its own step, which is the truth" in found.note
     write_report([found], tmp_path / "report.html")
     report = (tmp_path / "report.html").read_text()
-    assert "that is the truth here" in report
+    assert "which is the truth here" in report
     assert "strays from" not in report
 
 

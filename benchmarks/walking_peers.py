@@ -1,0 +1,260 @@
+"""Tuned PPO and SAC beside `walking.py`: what they earn over minutes and steps, on the same cores.
+
+python benchmarks/walking_peers.py                                  60 minutes each of three environments: six hours
+python benchmarks/walking_peers.py Hopper-v5 --minutes 3 --seeds 0 1 --dry
+
+Needs stable-baselines3: pip install stable-baselines3. Settings are those of rl-baselines3-zoo for the version of each
+environment that it has (hyperparams/ppo.yml, v4; hyperparams/sac.yml, v3). PyTorch uses the number of threads with which it
+learns faster here. Time is what learning takes: it stands still while a policy is judged, twenty times by sixteen of Gymnasium's
+episodes without noise. The best of these policies is judged by 100 episodes more, as ours is.
+
+Writes results/walking_peers.csv and results/walking_peers_curves.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from following import RESULTS
+from walking import EPISODES, MINUTES
+
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.terminal import print_table
+
+try:
+    import torch
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+except ImportError as error:
+    sys.exit(f"{error.name} is missing: pip install stable-baselines3")
+
+Rows = list[dict[str, Any]]
+
+WIDE = {
+    "log_std_init": -2,
+    "ortho_init": False,
+    "activation_fn": torch.nn.ReLU,
+    "net_arch": {"pi": [256, 256], "vf": [256, 256]},
+}
+
+ALGORITHMS: dict[str, Any] = {"PPO": PPO, "SAC": SAC}
+
+SETTINGS: dict[tuple[str, str], dict[str, Any]] = {
+    ("PPO", "Hopper-v5"): {
+        "batch_size": 32,
+        "n_steps": 512,
+        "gamma": 0.999,
+        "learning_rate": 9.80828e-5,
+        "ent_coef": 0.00229519,
+        "clip_range": 0.2,
+        "n_epochs": 5,
+        "gae_lambda": 0.99,
+        "max_grad_norm": 0.7,
+        "vf_coef": 0.835671,
+        "policy_kwargs": WIDE,
+    },
+    ("PPO", "Walker2d-v5"): {
+        "batch_size": 32,
+        "n_steps": 512,
+        "gamma": 0.99,
+        "learning_rate": 5.05041e-5,
+        "ent_coef": 0.000585045,
+        "clip_range": 0.1,
+        "n_epochs": 20,
+        "gae_lambda": 0.95,
+        "max_grad_norm": 1.0,
+        "vf_coef": 0.871923,
+    },
+    ("PPO", "Ant-v5"): {},
+    ("SAC", "Hopper-v5"): {"learning_starts": 10_000},
+    ("SAC", "Walker2d-v5"): {"learning_starts": 10_000},
+    ("SAC", "Ant-v5"): {"learning_starts": 10_000},
+}
+"""By algorithm and environment. PPO sees observations and rewards normalised."""
+
+HOUR = 60.0
+"""[min]"""
+
+JUDGEMENTS = 20
+
+JUDGED = 16
+"""Number of episodes on the way."""
+
+SPEED_STEPS = 3000
+"""Number of steps in which the number of threads is chosen, after those before learning begins."""
+
+
+@dataclass
+class Judge(BaseCallback):
+    """Stops the clock to judge policies, keeps the best one, and ends learning after `limit` [s]."""
+
+    env_id: str
+    seed: int
+    limit: float
+
+    def __post_init__(self) -> None:
+        super().__init__()
+        self.points: Rows = []
+        self.best: tuple[float, Any, Any] | None = None
+        self.judging = 0.0
+        self.began = 0.0
+        self.next = self.limit / JUDGEMENTS
+
+    def _on_training_start(self) -> None:
+        self.began = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Time of learning so far [s]."""
+        return time.perf_counter() - self.began - self.judging
+
+    def _on_step(self) -> bool:
+        if self.seconds >= self.next:
+            self.judge()
+        return self.seconds < self.limit
+
+    def judge(self) -> None:
+        """Take down what the policy earns, and keep it if it is the best."""
+        seconds = self.seconds
+        self.next = seconds + self.limit / JUDGEMENTS
+        mean = float(np.mean(returns(self.model, self.env_id, JUDGED)))
+        self.points.append(
+            {
+                "environment": self.env_id,
+                "algorithm": type(self.model).__name__,
+                "seed": self.seed,
+                "steps": self.num_timesteps,
+                "mean_return": mean,
+                "seconds": seconds,
+            }
+        )
+        print_table(self.points[-1:])
+        if self.best is None or mean > self.best[0]:
+            weights = copy.deepcopy(self.model.policy.state_dict())
+            self.best = (mean, weights, copy.deepcopy(_normaliser(self.model)))
+        self.judging = time.perf_counter() - self.began - seconds
+
+
+def _normaliser(model: Any) -> Any:
+    """Return the mean and deviation of observations, of a model that sees them normalised."""
+    normalising = model.get_vec_normalize_env()
+    return None if normalising is None else normalising.obs_rms
+
+
+def returns(model: Any, env_id: str, episodes: int) -> list[float]:
+    """Return what a model's mean actions earn in Gymnasium's environment itself."""
+    env = gymnasium.make(env_id)
+    normalising = model.get_vec_normalize_env()
+    found = []
+    for seed in range(episodes):
+        observation, _ = env.reset(seed=seed)
+        earned = 0.0
+        is_over = False
+        while not is_over:
+            seen = observation
+            if normalising is not None:
+                seen = normalising.normalize_obs(observation)
+            action, _ = model.predict(seen, deterministic=True)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            earned += float(reward)
+            is_over = terminated or truncated
+        found.append(earned)
+    env.close()
+    return found
+
+
+def fresh(algorithm: str, env_id: str, seed: int) -> Any:
+    """Return a model that has learnt nothing."""
+    settings = SETTINGS[algorithm, env_id]
+    world: Any = DummyVecEnv([lambda: gymnasium.make(env_id)])
+    if algorithm == "PPO":
+        world = VecNormalize(world, gamma=settings.get("gamma", 0.99))
+    return ALGORITHMS[algorithm]("MlpPolicy", world, seed=seed, device="cpu", **settings)
+
+
+def faster_threads(algorithm: str, env_id: str) -> int:
+    """Let PyTorch use as many threads as learn fastest, and return their number."""
+    count = torch.get_num_threads()
+    taken = {}
+    for threads in dict.fromkeys((1, count)):
+        torch.set_num_threads(threads)
+        model = fresh(algorithm, env_id, 0)
+        if algorithm == "SAC":
+            model.learning_starts = 100
+        began = time.perf_counter()
+        model.learn(SPEED_STEPS)
+        taken[threads] = time.perf_counter() - began
+    fastest = min(taken, key=lambda threads: taken[threads])
+    torch.set_num_threads(fastest)
+    return fastest
+
+
+def learnt(algorithm: str, env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows]:
+    """Return (a row about the best policy, rows of the curve)."""
+    model = fresh(algorithm, env_id, seed)
+    judge = Judge(env_id, seed, 60 * minutes)
+    model.learn(10**12, callback=judge)
+    seconds = judge.seconds
+    judge.judge()
+    assert judge.best is not None
+    _, weights, normaliser = judge.best
+    model.policy.load_state_dict(weights)
+    if normaliser is not None:
+        model.get_vec_normalize_env().obs_rms = normaliser
+    found = returns(model, env_id, EPISODES)
+    row = {
+        "environment": env_id,
+        "algorithm": algorithm,
+        "seed": seed,
+        "minutes": minutes,
+        "seconds": seconds,
+        "episodes": EPISODES,
+        "mean_return": float(np.mean(found)),
+        "least_return": float(np.min(found)),
+        "largest_return": float(np.max(found)),
+        "steps": model.num_timesteps,
+        "threads": torch.get_num_threads(),
+    }
+    return row, [point | {"minutes": minutes} for point in judge.points]
+
+
+def keep(file: str, rows: Rows) -> None:
+    """Write rows into a table, in place of those of the same run."""
+    path = RESULTS / file
+    same = ("environment", "algorithm", "seed", "minutes")
+    write_csv(path, [*other_rows(path, rows, *same), *rows])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("environments", nargs="*", default=list(MINUTES))
+    parser.add_argument("--algorithms", nargs="*", default=list(ALGORITHMS))
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    parser.add_argument("--minutes", type=float, default=HOUR)
+    parser.add_argument("--dry", action="store_true", help="write no file")
+    arguments = parser.parse_args()
+    print(describe_machine())
+    for env_id in arguments.environments:
+        for algorithm in arguments.algorithms:
+            faster_threads(algorithm, env_id)
+            for seed in arguments.seeds:
+                row, curve = learnt(algorithm, env_id, seed, arguments.minutes)
+                print_table([row])
+                if not arguments.dry:
+                    keep("walking_peers.csv", [row])
+                    keep("walking_peers_curves.csv", curve)
+
+
+if __name__ == "__main__":
+    main()
