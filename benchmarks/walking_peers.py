@@ -23,6 +23,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 from following import RESULTS
+from jaxtyping import Float
+from reinforcement_cases.policies import gymnasium_returns
 from walking import EPISODES, MINUTES
 
 from neuroanimator.evaluation.csv_table import other_rows, write_csv
@@ -90,7 +92,7 @@ JUDGED = 16
 """Number of episodes on the way."""
 
 SPEED_STEPS = 3000
-"""Number of steps in which the number of threads is chosen, after those before learning begins."""
+"""Number of steps of learning by which the number of threads is chosen."""
 
 
 @dataclass
@@ -152,24 +154,15 @@ def _normaliser(model: Any) -> Any:
 
 def returns(model: Any, env_id: str, episodes: int) -> list[float]:
     """Return what a model's mean actions earn in Gymnasium's environment itself."""
-    env = gymnasium.make(env_id)
     normalising = model.get_vec_normalize_env()
-    found = []
-    for seed in range(episodes):
-        observation, _ = env.reset(seed=seed)
-        earned = 0.0
-        is_over = False
-        while not is_over:
-            seen = observation
-            if normalising is not None:
-                seen = normalising.normalize_obs(observation)
-            action, _ = model.predict(seen, deterministic=True)
-            observation, reward, terminated, truncated, _ = env.step(action)
-            earned += float(reward)
-            is_over = terminated or truncated
-        found.append(earned)
-    env.close()
-    return found
+
+    def act(observations: Float[np.ndarray, "B I"]) -> Float[np.ndarray, "B C"]:
+        if normalising is not None:
+            observations = normalising.normalize_obs(observations)
+        actions, _ = model.predict(observations, deterministic=True)
+        return actions
+
+    return gymnasium_returns(act, env_id, range(episodes))
 
 
 def fresh(algorithm: str, env_id: str, seed: int) -> Any:
@@ -181,8 +174,8 @@ def fresh(algorithm: str, env_id: str, seed: int) -> Any:
     return ALGORITHMS[algorithm]("MlpPolicy", world, seed=seed, device="cpu", **settings)
 
 
-def faster_threads(algorithm: str, env_id: str) -> int:
-    """Let PyTorch use as many threads as learn fastest, and return their number."""
+def choose_threads(algorithm: str, env_id: str) -> None:
+    """Let PyTorch use the number of threads with which the algorithm learns fastest."""
     count = torch.get_num_threads()
     taken = {}
     for threads in dict.fromkeys((1, count)):
@@ -193,9 +186,7 @@ def faster_threads(algorithm: str, env_id: str) -> int:
         began = time.perf_counter()
         model.learn(SPEED_STEPS)
         taken[threads] = time.perf_counter() - began
-    fastest = min(taken, key=lambda threads: taken[threads])
-    torch.set_num_threads(fastest)
-    return fastest
+    torch.set_num_threads(min(taken, key=lambda threads: taken[threads]))
 
 
 def learnt(algorithm: str, env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows]:
@@ -247,7 +238,7 @@ def main() -> None:
     print(describe_machine())
     for env_id in arguments.environments:
         for algorithm in arguments.algorithms:
-            faster_threads(algorithm, env_id)
+            choose_threads(algorithm, env_id)
             for seed in arguments.seeds:
                 row, curve = learnt(algorithm, env_id, seed, arguments.minutes)
                 print_table([row])

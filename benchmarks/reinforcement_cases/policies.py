@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -107,7 +108,11 @@ def play(
     return Played(returns, np.stack(states), np.stack(controls), lengths, mean_trust)
 
 
-def gymnasium_returns(policy: PlainPolicy, env_id: str, seeds: range) -> list[float]:
+def gymnasium_returns(
+    policy: Callable[[Float[np.ndarray, "B I"]], Float[np.ndarray, "B C"]],
+    env_id: str,
+    seeds: range,
+) -> list[float]:
     """Return what a policy's mean actions come to in Gymnasium's environment itself."""
     env = gymnasium.make(env_id)
     returns = []

@@ -34,6 +34,7 @@ from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.disturbances import pushed
 from neuroanimator.gym.following import Following
+from neuroanimator.gym.gaits import SHARES
 from neuroanimator.gym.learner import CRITIC_FIRST, Learner
 from neuroanimator.gym.policy_task import FOLLOWING, PolicyTask, follow_table, task_to_learn
 from neuroanimator.gym.policy_transitions import policy_transitions
@@ -176,6 +177,12 @@ def test_at_its_own_speed_the_run_is_the_clip(
     velocity = motion.velocity - 1  # a clip has no commanded heading
     own = np.linalg.norm(recorded[:, velocity : velocity + 2].mean(axis=0))
     assert own == pytest.approx(2.374, abs=0.01)
+    assert commands.speed(motion.frames[:1]).shape == (1,)
+    assert commands.faster is not None
+    pace, stride, _ = commands.faster
+    share = 1 / SHARES[-1]
+    on_line = (1 + share * (pace - 1)) * (1 + share * (stride - 1))
+    assert commands.own_speed * on_line == pytest.approx(own, abs=0.01)
     base = np.tile(motion.begun(0.0), (len(recorded), 1))
     base[:, motion.phase] = 2 * np.pi * np.arange(len(recorded)) / len(recorded)
     frames = _frame(motion, commands.give(base, np.full(len(base), own), np.zeros(len(base))))

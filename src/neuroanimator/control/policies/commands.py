@@ -85,6 +85,13 @@ class FasterGait(NamedTuple):
     laps: int
     """Number of stored laps with strides longer than the slower gait's."""
 
+    def pace_at(self, share: Float[AnyArray, " *B"]) -> Float[AnyArray, " *B"]:
+        """Return the pace at `share` own speeds, at least 1: from the root s of (1 + (P − 1) s)(1 + (Q − 1) s) = share."""
+        xp = share.__array_namespace__()
+        p, q = self.pace - 1, self.stride - 1
+        root = (xp.sqrt((p + q) ** 2 + 4 * p * q * (share - 1)) - p - q) / (2 * p * q)
+        return xp.where(root < 1, 1 + p * root, share / self.stride)
+
 
 class Commands(NamedTuple):
     """Entries of the state that hold commands, and the relation between the clock's rate and the speed."""
@@ -160,21 +167,12 @@ class Commands(NamedTuple):
             fastest = pressed / LEAST_RADIUS
             turned = xp.clip(turned, -fastest, fastest)
         if self.faster is not None:
-            running = self._running_pace(xp.maximum(share, 1))
+            running = self.faster.pace_at(xp.maximum(share, 1))
             pace = xp.where(share < 1, pace, running)
             fastest = LARGEST_ACCELERATION / xp.maximum(pressed, TINY)
             turned = xp.clip(turned, -fastest, fastest)
         told = with_entry(states, self.clock_rate, self.own_rate * pace)
         return with_entry(told, self.turning, turned)
-
-    def _running_pace(self, share: Float[AnyArray, " *B"]) -> Float[AnyArray, " *B"]:
-        """Return the pace at `share` own speeds, at least 1: from the root s of (1 + (P − 1) s)(1 + (Q − 1) s) = share."""
-        xp = share.__array_namespace__()
-        assert self.faster is not None
-        pace, stride, _ = self.faster
-        p, q = pace - 1, stride - 1
-        root = (xp.sqrt((p + q) ** 2 + 4 * p * q * (share - 1)) - p - q) / (2 * p * q)
-        return xp.where(root < 1, 1 + p * root, share / stride)
 
     def draw(
         self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
