@@ -40,12 +40,6 @@ STEPS = 4
 RATE = 30.0
 """Number of key frames a second."""
 
-MARKERS = (
-    "pelvis", "head", "ltoe", "rtoe", "lheel", "rheel", "lknee", "rknee", "lhand", "rhand", "lelbow", "relbow", "lshoulder",
-    "rshoulder", "lhip", "rhip",
-)  # fmt: skip
-"""Names of the points, in the files' order; a heel is at the ankle, a toe at the ball of the foot."""
-
 
 @dataclass(frozen=True)
 class Attachment:
@@ -60,21 +54,22 @@ class Attachment:
 ATTACHMENTS = {
     "pelvis": Attachment("pelvis", (0.0, 0.0, 0.09)),
     "head": Attachment("torso", (0.0, 0.0, 0.54), 0.3),
-    "lhip": Attachment("thigh_left"),
-    "rhip": Attachment("thigh_right"),
-    "lknee": Attachment("shin_left"),
-    "rknee": Attachment("shin_right"),
-    "lheel": Attachment("foot_left", weight=2.0),
-    "rheel": Attachment("foot_right", weight=2.0),
     "ltoe": Attachment("foot_left", (0.127, 0.03, -0.03)),
     "rtoe": Attachment("foot_right", (0.127, -0.03, -0.03)),
-    "lshoulder": Attachment("upper_arm_left", weight=0.7),
-    "rshoulder": Attachment("upper_arm_right", weight=0.7),
-    "lelbow": Attachment("forearm_left", weight=0.7),
-    "relbow": Attachment("forearm_right", weight=0.7),
+    "lheel": Attachment("foot_left", weight=2.0),
+    "rheel": Attachment("foot_right", weight=2.0),
+    "lknee": Attachment("shin_left"),
+    "rknee": Attachment("shin_right"),
     "lhand": Attachment("forearm_left", (0.0, 0.0, -0.25), 0.7),
     "rhand": Attachment("forearm_right", (0.0, 0.0, -0.25), 0.7),
+    "lelbow": Attachment("forearm_left", weight=0.7),
+    "relbow": Attachment("forearm_right", weight=0.7),
+    "lshoulder": Attachment("upper_arm_left", weight=0.7),
+    "rshoulder": Attachment("upper_arm_right", weight=0.7),
+    "lhip": Attachment("thigh_left"),
+    "rhip": Attachment("thigh_right"),
 }
+"""Where the markers are, in the files' order; a heel is at the ankle, a toe at the ball of the foot."""
 
 PRIOR = 0.02
 """Weight that draws each angle to the reference pose [m/rad]: markers leave the twist of straight limbs open."""
@@ -125,26 +120,36 @@ def read_markers(path: Path) -> Float[np.ndarray, "K 16 3"]:
     """Return the positions of the markers [m] in each key frame."""
     keys = ElementTree.parse(path).findall(".//key")
     rows = [[float(number) for number in key.attrib["mpos"].split()] for key in keys]
-    return np.array(rows).reshape(len(rows), len(MARKERS), 3)
+    return np.array(rows).reshape(len(rows), len(ATTACHMENTS), 3)
 
 
-def fit_poses(model: mujoco.MjModel, markers: Float[np.ndarray, "K 16 3"]) -> Poses:
+def fit_poses(
+    model: mujoco.MjModel,
+    markers: Float[np.ndarray, "K M 3"],
+    attachments: dict[str, Attachment],
+) -> Poses:
     """Return the poses whose points lie nearest to the markers: by Gauss-Newton, each from the one before."""
-    left = markers[0, MARKERS.index("lhip")]
-    right = markers[0, MARKERS.index("rhip")]
+    names = list(attachments)
+    left = markers[0, names.index("lhip")]
+    right = markers[0, names.index("rhip")]
     across = left - right
     pose = model.qpos0.copy()
     pose[:3] = (left + right) / 2
     pose[3:7] = facing(np.asarray(np.arctan2(-across[0], across[1])))
     poses = []
     for frame in markers:
-        pose = _fit_pose(model, frame, pose, is_first=not poses)
+        pose = _fit_pose(model, frame, attachments, pose, is_first=not poses)
         poses.append(pose)
     return np.array(poses)
 
 
 def _fit_pose(
-    model: mujoco.MjModel, frame: Float[np.ndarray, "16 3"], start: Pose, *, is_first: bool
+    model: mujoco.MjModel,
+    frame: Float[np.ndarray, "M 3"],
+    attachments: dict[str, Attachment],
+    start: Pose,
+    *,
+    is_first: bool,
 ) -> Pose:
     data = mujoco.MjData(model)
     priors = _weights(model, PRIOR, PRIORS)
@@ -154,11 +159,11 @@ def _fit_pose(
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        jacobian, residual = _equations(model, data, frame)
+        jacobian, residual = _equations(model, data, frame, attachments)
         normal = jacobian.T @ jacobian + np.diag(priors**2 + smooth**2 + 1e-6)
         right = jacobian.T @ residual
-        right += priors**2 * _difference(model, pose, model.qpos0)
-        right += smooth**2 * _difference(model, pose, start)
+        right += priors**2 * difference(model, pose, model.qpos0)
+        right += smooth**2 * difference(model, pose, start)
         step = np.linalg.solve(normal, right)
         step[6:] = np.clip(step[6:], -0.3, 0.3)
         mujoco.mj_integratePos(model, pose, step, 1.0)
@@ -172,19 +177,21 @@ def _fit_pose(
 
 
 def _equations(
-    model: mujoco.MjModel, data: mujoco.MjData, frame: Float[np.ndarray, "16 3"]
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    frame: Float[np.ndarray, "M 3"],
+    attachments: dict[str, Attachment],
 ) -> tuple[Float[np.ndarray, "E V"], Float[np.ndarray, " E"]]:
     """Return (Jacobian, residual) of markers and of feet that should not roll."""
     rows = []
     residuals = []
-    for number, name in enumerate(MARKERS):
-        attachment = ATTACHMENTS[name]
+    for wanted, attachment in zip(frame, attachments.values(), strict=True):
         body = model.body(attachment.body).id
         point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ attachment.offset
         jacobian = np.zeros((3, model.nv))
         mujoco.mj_jac(model, data, jacobian, None, point, body)
         rows.append(attachment.weight * jacobian)
-        residuals.append(attachment.weight * (frame[number] - point))
+        residuals.append(attachment.weight * (wanted - point))
     for name in ("foot_left", "foot_right"):
         body = model.body(name).id
         turning = np.zeros((3, model.nv))
@@ -208,10 +215,11 @@ def _weights(
     return weights
 
 
-def _difference(model: mujoco.MjModel, first: Pose, second: Pose) -> Float[np.ndarray, " V"]:
-    difference = np.zeros(model.nv)
-    mujoco.mj_differentiatePos(model, difference, 1.0, first, second)
-    return difference
+def difference(model: mujoco.MjModel, first: Pose, second: Pose) -> Float[np.ndarray, " V"]:
+    """Return the velocity that moves the first pose to the second in a second [rad/s, m/s]."""
+    velocity = np.zeros(model.nv)
+    mujoco.mj_differentiatePos(model, velocity, 1.0, first, second)
+    return velocity
 
 
 def soles(model: mujoco.MjModel, pose: Pose) -> Float[np.ndarray, "2 4 3"]:
@@ -234,7 +242,8 @@ def _lowest(model: mujoco.MjModel, poses: Poses) -> Float[np.ndarray, " K"]:
     return np.array([soles(model, pose)[..., 2].min() for pose in poses])
 
 
-def _smoothed(poses: Poses, width: float) -> Poses:
+def smoothed(poses: Poses, width: float) -> Poses:
+    """Return the poses after a Gaussian filter over time, `width` in frames."""
     poses = _continuous(poses)
     poses = gaussian_filter1d(poses, width, axis=0, mode="nearest")
     poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1, keepdims=True)
@@ -353,7 +362,7 @@ def sampled(
     turn = _turn_of(cycle)
     before = _turned(cycle - _at_place(cycle[-1]), -turn)
     after = _turned(cycle, turn) + _at_place(cycle[-1])
-    long = _smoothed(np.concatenate([before[:-1], cycle[:-1], after]), 0.7)
+    long = smoothed(np.concatenate([before[:-1], cycle[:-1], after]), 0.7)
     times = np.arange(len(long)) - (len(cycle) - 1)
     spline = CubicSpline(times * (steps * dt / (len(cycle) - 1)), long)
     poses = spline(np.arange(-1, steps + 2) * dt)
@@ -368,9 +377,14 @@ def sampled(
         lowest[1:-2] = gaussian_filter1d(lowest[1:-2], 1.5, mode="wrap")
         lowest[[0, -2, -1]] = lowest[[-3, 1, 2]]
         poses[:, 2] -= lowest
+    return with_velocities(model, poses, dt)
+
+
+def with_velocities(model: mujoco.MjModel, poses: Poses, dt: float) -> Float[np.ndarray, "K S"]:
+    """Return the states of all poses but the first and the last, `dt` apart [s], with velocities by central differences."""
     states = []
     for number in range(1, len(poses) - 1):
-        velocity = _difference(model, poses[number - 1], poses[number + 1]) / (2 * dt)
+        velocity = difference(model, poses[number - 1], poses[number + 1]) / (2 * dt)
         states.append(np.concatenate([poses[number], velocity]))
     return np.array(states)
 
@@ -395,7 +409,7 @@ def main() -> None:
     dt = STEPS * system.physics_dt
     for name, cycle in CYCLES.items():
         markers = read_markers(arguments.keyframes / cycle.file)
-        poses = _smoothed(fit_poses(model, markers), 1.0)
+        poses = smoothed(fit_poses(model, markers, ATTACHMENTS), 1.0)
         poses = levelled(model, poses, always_touches=cycle.always_touches)
         cut = closed(poses[cycle.first : cycle.last + 1], is_straight=cycle.is_straight)
         states = sampled(

@@ -1,0 +1,277 @@
+"""A human who is pushed over gets up and walks on: how often, and how soon.
+
+python benchmarks/getting_up.py
+python benchmarks/getting_up.py --get-up other.policy.safetensors --dry
+
+100 bodies walk at 0.9 m/s on the physics, by examples/human/human.policy.safetensors, and are pushed over by 150 N s on the
+trunk, a force over 0.1 s in a random horizontal direction. Once a trunk is 0.9 rad off the vertical, its servos take the
+pose in which get-up.csv begins; a body that does not lie on its front rolls over by two more poses.
+After that examples/human/get-up.policy.safetensors follows its motion, seen from where the body lies, until it stands, and the
+walking policy takes over, at 0 m/s for a second and at 0.9 m/s for ten. A body has got up if its trunk is then within 0.5 rad of
+the vertical, and walks on if it never tilts by more than 0.9 rad afterwards.
+
+Writes results/getting_up.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from commanded import RESULTS, Walkers
+from following import HUMAN
+from jaxtyping import Array, Bool, Float
+
+from neuroanimator.cli.policy_returns import loaded_policy
+from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, TURN
+from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.terminal import print_table
+
+BODIES = 100
+
+SPEED = 0.9
+"""[m/s]"""
+
+WALK_SECONDS = 3.0
+"""Time of walking before the push [s]."""
+
+IMPULSE = 150.0
+"""Impulse of the push [N s]: it changes the speed of the whole body by 2.2 m/s."""
+
+UPRIGHT = 0.5
+"""Angle of the trunk to the vertical below which a body that got up stands [rad]."""
+
+FALLING_TILT = 0.9
+"""Angle of the trunk to the vertical from which a body is taken to fall [rad]."""
+
+FALL_SECONDS = 4.0
+"""Time from the push until those who fall lie still [s]."""
+
+YIELDING = 0.5
+"""Time in which servos go over from one pose to another [s]."""
+
+ROLL = (
+    {
+        "abdomen_y": -0.8,
+        "hip_x_right": 0.2,
+        "hip_y_right": 0.2,
+        "hip_x_left": -0.1,
+        "hip_y_left": 0.5,
+        "shoulder_x_right": 0.3,
+        "elbow_right": 0.2,
+    },
+    {"hip_z_right": 0.2, "hip_y_right": 0.4, "elbow_right": -0.1},
+)
+"""Two poses that roll a body over, as differences from the lying pose [rad]: found by cross-entropy search on the physics, 28
+generations of 72, over bodies that lay on their backs, and rounded."""
+
+ROLLS = 2
+"""Maximum number of times that a body rolls over: after the first, some lie on their side."""
+
+ON_FRONT = -0.5
+"""Height of the chest's normal below which a body lies on its front."""
+
+ROLL_SECONDS = 0.6
+"""Time of each of the two [s]."""
+
+SETTLE_SECONDS = 1.5
+"""Time from the last of them until the body lies still [s]."""
+
+PAUSE = 1.0
+"""Time of standing before it walks on [s]."""
+
+AFTER_SECONDS = 10.0
+"""Time from the end of getting up in which it may not fall again [s]."""
+
+
+class Fallers:
+    """Bodies that walk, and after a fall lie still, roll over or get up; those that have not fallen walk all along."""
+
+    def __init__(self, walkers: Walkers, get_up: StatePolicy):
+        motion = get_up.view.reference
+        commands = walkers.reference.commands
+        assert motion is not None
+        assert commands is not None
+        self.walkers = walkers
+        self.get_up = get_up
+        self.motion = motion
+        self.dt = walkers.policy.dt
+        self.unseen = [commands.heading, commands.turning]
+        """State entries that the body of the motion lacks."""
+        self.has_fallen = np.zeros(len(walkers.states), bool)
+        self.targets = walkers.controls()
+        """Last controls (N, C)."""
+        self.states = [walkers.states]
+        """States (N, S), a super step apart."""
+
+    def walk(self, seconds: float, speed: float) -> None:
+        """Walk at a commanded speed [m/s]; a body that tilts too far has fallen, and its servos take the lying pose."""
+        self.walkers.told[:] = [speed, 0.0]
+        since = np.full(len(self.has_fallen), np.inf)
+        before = self.targets
+        for step in range(round(seconds / self.dt)):
+            falls = ~self.has_fallen & (self.tilts() > FALLING_TILT)
+            before = np.where(falls[:, None], self.targets, before)
+            since[falls] = step
+            self.has_fallen |= falls
+            share = np.clip((step - since) * self.dt / YIELDING, 0, 1)[:, None]
+            self._step((1 - share) * before + share * self.pose({}))
+
+    def take_pose(
+        self, offsets: dict[str, float], seconds: float, is_asked: Bool[np.ndarray, " N"]
+    ) -> None:
+        """Let servos go over to the lying pose, with `offsets` [rad] for the bodies that are asked to."""
+        asked = np.where(is_asked[:, None], self.pose(offsets), self.pose({}))
+        before = self.targets
+        for step in range(round(seconds / self.dt)):
+            share = min(1.0, (step + 1) * self.dt / YIELDING)
+            self._step((1 - share) * before + share * asked)
+
+    def rise(self) -> None:
+        """Let bodies that have fallen follow the motion once, from where they lie."""
+        first = np.asarray(self.motion.frames[0], float)
+        states = self.walkers.states
+        origin = states[:, POSITION]
+        turn = heading_of(states[:, ORIENTATION]) - heading_of(first[ORIENTATION])
+        for step in range(self.motion.lap + 1):
+            seen = _moved(self.walkers.states, origin, turn, self.walkers.reference.velocity)
+            seen[:, :2] += first[:2]
+            seen = np.delete(seen, self.unseen, axis=1)
+            seen[:, self.motion.phase] = TURN * step / self.motion.lap
+            seen[:, -1] = first[-1]
+            found = np.asarray(_controls(self.get_up, jnp.asarray(seen, jnp.float32)), float)
+            self._step(self.get_up.emulator.bounds.clip(found))
+
+    def stand_up(self) -> None:
+        """Hand all bodies that are upright to the walking policy, headed as they are."""
+        walkers = self.walkers
+        is_upright = self.tilts() < UPRIGHT
+        headings = heading_of(walkers.states[:, ORIENTATION])
+        rising = self.has_fallen & is_upright
+        walkers.states[rising, self.unseen[0]] = headings[rising]
+        self.has_fallen &= ~is_upright
+
+    def pose(self, offsets: dict[str, float]) -> Float[np.ndarray, " C"]:
+        """Return the servos' targets for the lying pose, with `offsets` of joints [rad]."""
+        targets = np.asarray(self.motion.frames[0], float)[list(self.motion.driven)]
+        for name, offset in offsets.items():
+            targets[self.walkers.system.model.actuator(name).id] += offset
+        return targets
+
+    def tilts(self) -> Float[np.ndarray, " N"]:
+        """Return the angles of trunks to the vertical [rad]."""
+        return np.arccos(np.clip(self._trunks()[:, 2, 2], -1, 1))
+
+    def lie_otherwise(self) -> Bool[np.ndarray, " N"]:
+        """Return whether each body has fallen and does not lie on its front."""
+        return self.has_fallen & (self._trunks()[:, 2, 0] > ON_FRONT)
+
+    def _trunks(self) -> Float[np.ndarray, "N 3 3"]:
+        walkers = self.walkers
+        model = walkers.system.model
+        data = mujoco.MjData(model)
+        trunks = []
+        for state in walkers.states:
+            data.qpos[:] = state[: model.nq]
+            mujoco.mj_kinematics(model, data)
+            trunks.append(data.xmat[walkers.trunk].reshape(3, 3).copy())
+        return np.array(trunks)
+
+    def _step(self, lying: Float[np.ndarray, "N C"]) -> None:
+        """Take one super step, with these controls for the bodies that have fallen."""
+        walkers = self.walkers
+        walkers.states = np.array(walkers.reference.with_command(walkers.states, walkers.told))
+        self.targets = np.where(self.has_fallen[:, None], lying, walkers.controls())
+        everyone = np.ones(len(self.targets), bool)
+        walkers.states = walkers.stepper(walkers.states, self.targets, everyone).states
+        self.states.append(walkers.states)
+
+
+def _moved(
+    states: Float[np.ndarray, "N S"],
+    origin: Float[np.ndarray, "N 3"],
+    turn: Float[np.ndarray, " N"],
+    velocity: int,
+) -> Float[np.ndarray, "N S"]:
+    """Return the states as seen from points on the floor below `origin` [m], turned by `turn` about the vertical [rad]."""
+    states = states.copy()
+    back = facing(-turn)
+    off = states[:, POSITION] - origin
+    states[:, :2] = rotate(back, off)[:, :2]
+    states[:, ORIENTATION] = multiply(back, states[:, ORIENTATION])
+    linear = slice(velocity, velocity + 3)
+    states[:, linear] = rotate(back, states[:, linear])
+    return states
+
+
+@eqx.filter_jit
+def _controls(policy: StatePolicy, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
+    return policy.control_of(states)
+
+
+def fallen_and_risen(
+    get_up: Path, count: int, aside: float = np.pi
+) -> tuple[Fallers, dict[str, Any]]:
+    """Return (`count` bodies after all of it, their counts), pushed in directions up to `aside` from straight ahead [rad]."""
+    policy, system, task = loaded_policy(
+        HUMAN / "human.policy.safetensors", HUMAN / "commanded.toml"
+    )
+    assert isinstance(system, MujocoSystem)
+    walkers = Walkers(policy, task, system, count, (SPEED, SPEED))
+    fallers = Fallers(walkers, load_state_policy(get_up))
+    fallers.walk(WALK_SECONDS, SPEED)
+    rng = np.random.default_rng(0)
+    headings = heading_of(walkers.states[:, ORIENTATION])
+    angles = headings + rng.uniform(-aside, aside, count)
+    for row, angle in enumerate(angles):
+        walkers.push(row, IMPULSE, angle)
+    fallers.walk(FALL_SECONDS, SPEED)
+    fell = fallers.has_fallen.copy()
+    on_back = fallers.lie_otherwise()
+    for _ in range(ROLLS):
+        rolls = fallers.lie_otherwise()
+        for offsets in ROLL:
+            fallers.take_pose(offsets, ROLL_SECONDS, rolls)
+        fallers.take_pose({}, SETTLE_SECONDS, rolls)
+    on_front = fell & ~fallers.lie_otherwise()
+    fallers.rise()
+    fallers.stand_up()
+    stands = fell & ~fallers.has_fallen
+    fallers.walk(PAUSE, 0.0)
+    fallers.walk(AFTER_SECONDS, SPEED)
+    row = {
+        "pushed": count,
+        "fell": int(fell.sum()),
+        "on their backs": int(on_back.sum()),
+        "on their fronts in the end": int(on_front.sum()),
+        "got up": int(stands.sum()),
+        "walked on for 10 s": int((stands & ~fallers.has_fallen).sum()),
+    }
+    return fallers, row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--get-up", type=Path, default=HUMAN / "get-up.policy.safetensors")
+    parser.add_argument("--dry", action="store_true", help="write no file")
+    arguments = parser.parse_args()
+    print(describe_machine())
+    _, row = fallen_and_risen(arguments.get_up, BODIES)
+    print_table([row])
+    if not arguments.dry:
+        write_csv(RESULTS / "getting_up.csv", [row])
+
+
+if __name__ == "__main__":
+    main()
