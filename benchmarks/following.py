@@ -62,7 +62,7 @@ CHANGES = {
         "reset_noise = 0.02": "reset_noise = 0.1",
     }
 }
-"""Lines of the TOML file that are others for a clip: getting up is not repeated, and begins near its first pose, as a fall ends."""
+"""Lines of the TOML file that are others for a clip: getting up is not repeated, and a fall ends only near its first pose."""
 
 STARTS = 100
 

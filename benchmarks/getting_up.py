@@ -219,26 +219,26 @@ def _controls(policy: StatePolicy, states: Float[Array, "N S"]) -> Float[Array, 
 
 
 def fallen_and_risen(
-    get_up: Path, count: int, aside: float = np.pi
+    get_up: Path, angles: Float[np.ndarray, " N"]
 ) -> tuple[Fallers, dict[str, Any]]:
-    """Return (`count` bodies after all of it, their counts), pushed in directions up to `aside` from straight ahead [rad]."""
+    """Return (bodies after all of it, their counts), one for each angle of a push from straight ahead to the left [rad]."""
     policy, system, task = loaded_policy(
         HUMAN / "human.policy.safetensors", HUMAN / "commanded.toml"
     )
     assert isinstance(system, MujocoSystem)
-    walkers = Walkers(policy, task, system, count, (SPEED, SPEED))
+    walkers = Walkers(policy, task, system, len(angles), (SPEED, SPEED))
     fallers = Fallers(walkers, load_state_policy(get_up))
     fallers.walk(WALK_SECONDS, SPEED)
-    rng = np.random.default_rng(0)
     headings = heading_of(walkers.states[:, ORIENTATION])
-    angles = headings + rng.uniform(-aside, aside, count)
-    for row, angle in enumerate(angles):
+    for row, angle in enumerate(headings + angles):
         walkers.push(row, IMPULSE, angle)
     fallers.walk(FALL_SECONDS, SPEED)
     fell = fallers.has_fallen.copy()
     on_back = fallers.lie_otherwise()
     for _ in range(ROLLS):
         rolls = fallers.lie_otherwise()
+        if not rolls.any():
+            break
         for offsets in ROLL:
             fallers.take_pose(offsets, ROLL_SECONDS, rolls)
         fallers.take_pose({}, SETTLE_SECONDS, rolls)
@@ -249,7 +249,7 @@ def fallen_and_risen(
     fallers.walk(PAUSE, 0.0)
     fallers.walk(AFTER_SECONDS, SPEED)
     row = {
-        "pushed": count,
+        "pushed": len(angles),
         "fell": int(fell.sum()),
         "on their backs": int(on_back.sum()),
         "on their fronts in the end": int(on_front.sum()),
@@ -267,7 +267,8 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
-    _, row = fallen_and_risen(arguments.get_up, BODIES)
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, BODIES)
+    _, row = fallen_and_risen(arguments.get_up, angles)
     print_table([row])
     if not arguments.dry:
         write_csv(RESULTS / "getting_up.csv", [row])

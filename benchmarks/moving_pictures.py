@@ -1,12 +1,13 @@
-"""Make the moving pictures of the README and the documentation: a leap, a swing-up, a shark among small fish, a human.
+"""Make the moving pictures of the README and the documentation: a leap, a swing-up, a shark, a human who walks, one who falls.
 
 python benchmarks/moving_pictures.py                # into docs/images; four minutes
 python benchmarks/moving_pictures.py life           # one of them
 python benchmarks/moving_pictures.py --out pictures
 
-Leap, swing-up and human are on the true physics: the springs and the water of the dolphin, MuJoCo's arm, and MuJoCo's human, who
-is pushed; his motion is also written as GLB, with pictures of a round of his walk and of him inside the emulator. They need
-OpenGL (EGL or OSMesa). The shark's is the studio's page, drawn frame by frame in Chromium; all of its fish are emulators.
+Leap, swing-up and both humans are on the true physics: the springs and the water of the dolphin, MuJoCo's arm and his body, who
+is pushed, or pushed over; his motions are also written as GLB, with pictures of a round of his walk, of getting up, and of
+him inside the emulator. They need OpenGL (EGL or OSMesa). The shark's is the studio's page, drawn frame by frame in Chromium;
+all of its fish are emulators.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from commanded import Walkers, walked
 from contact_sheets import ROOT, clip_of, tile
 from following import HUMAN
+from getting_up import fallen_and_risen
 
 sys.path.insert(0, str(ROOT / "tests" / "studio"))
 from chromium import STEPPED, browsing, hosting, looking
@@ -118,6 +120,15 @@ HUMAN_SIZE = (960, 720)
 HUMAN_CUT = "crop=480:420:240:120"
 """The part of it that is kept."""
 
+FALL_ANGLE = 2.8
+"""[rad] Direction of the push that makes him fall, from straight ahead to the left: nearly from the front."""
+
+FALL_SECONDS = (1.5, 23.0)
+"""[s] Of the motion of `getting_up.py`: from walking until he has walked on for some seconds."""
+
+FALL_SHEET = (1.2, 14.0)
+"""[s] Its part that is shown step by step."""
+
 FOOD_AT = (2.0, 7.0)
 """[s] Times at which food is dropped."""
 
@@ -143,7 +154,7 @@ PALETTE = (
 
 def main() -> None:
     """Make the pictures that the command line names."""
-    makers = {"leap": leap, "swing-up": swing, "life": life, "human": human}
+    makers = {"leap": leap, "swing-up": swing, "life": life, "human": human, "fall": fall}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -213,7 +224,21 @@ def human(folder: Path) -> None:
     stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
     inside = walked(policy, task, system, list(INSIDE_COMMANDS), stepper)
     write_sheet(na.make_clip(policy.emulator, inside), folder / "human-inside.jpg")
-    out = folder / "human.mp4"
+    write_human(clip, folder / "human.mp4")
+
+
+def fall(folder: Path) -> None:
+    """Film a human who is pushed over, rolls onto his front, gets up and walks on, on the physics."""
+    fallers, _ = fallen_and_risen(HUMAN / "get-up.policy.safetensors", np.array([FALL_ANGLE]))
+    states = np.array(fallers.states)[:, 0]
+    clip = part_of(na.make_clip(fallers.walkers.policy.emulator, states), *FALL_SECONDS)
+    na.write_glb(clip, folder / "human-falls.glb")
+    write_sheet(part_of(clip, *FALL_SHEET), folder / "human-gets-up.jpg")
+    write_human(clip, folder / "human-falls.mp4")
+
+
+def write_human(clip: na.Clip, out: Path) -> None:
+    """Film a human small enough for a page of the documentation."""
     with tempfile.TemporaryDirectory() as place:
         drawn = Path(place) / "human.mp4"
         na.write_video(clip, drawn, size=HUMAN_SIZE, camera="follow")
