@@ -66,7 +66,8 @@ def run(
         show_dataset(place_of(file), json=json)
         return
     show = _policy if file.endswith(".policy.safetensors") else _emulator
-    everything, rows = show(file)
+    with phase("loading"):
+        everything, rows = show(file)
     if json:
         print(dumps(everything, indent=2, sort_keys=True))
     else:
