@@ -197,6 +197,8 @@ def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
             changed.setattr(sys, "stdout", out)
             changed.setattr(sys, "stderr", err)
             changed.setattr(terminal._screen, "shows_phases", False)
+            # How soon progress is told depends on the machine; tests count the other lines.
+            changed.setattr(terminal, "QUIET_FOR", 3600.0)
             changed.setattr(terminal, "_clock", terminal._Clock())
             changed.setattr(mujoco_warnings, "_heard", Counter())
             changed.delenv("NEUROANIMATOR_DEBUG", raising=False)
@@ -236,6 +238,7 @@ def cli_process() -> Cli:
         command = [
             sys.executable,
             "-c",
+            "from neuroanimator import terminal; terminal.QUIET_FOR = 3600.0\n"
             "from neuroanimator.cli.main import main; main()",
             *map(str, arguments),
         ]

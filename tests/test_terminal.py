@@ -25,6 +25,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is shown yet, and what is shown comes sooner than for people."""
     monkeypatch.setattr(terminal, "_screen", terminal._Screen())
     monkeypatch.setattr(terminal, "SHOWN_AFTER", LONG / 4)
+    monkeypatch.setattr(terminal, "QUIET_FOR", LONG / 5)
     monkeypatch.setattr(terminal, "LINE_EVERY", LONG / 5)
 
 
@@ -98,11 +99,33 @@ def test_a_pipe_is_told_now_and_then_how_far_it_is(capsys: pytest.CaptureFixture
     assert re.search(r"rounds: 1 of 2 after \d s, about \d s left \(J 3\)", lines)
 
 
+def test_a_pipe_is_told_early_and_then_seldom(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(terminal, "QUIET_FOR", LONG)
+    monkeypatch.setattr(terminal, "LINE_EVERY", 10.0)
+    show_phases()
+    with phase("settling"):
+        time.sleep(3 * LONG)
+    assert capsys.readouterr().err == "settling ... 0 s\n"
+
+
+def test_short_work_after_short_work_is_told_on_a_pipe_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(terminal, "QUIET_FOR", 2 * LONG)
+    show_phases()
+    for name in ("loading", "settling", "drawing"):
+        with phase(name):
+            time.sleep(0.9 * LONG)
+    assert capsys.readouterr().err.startswith("drawing ... 0 s\n")
+
+
 def test_nothing_is_shown_of_what_is_quick_or_has_no_command_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     show_phases()
-    monkeypatch.setattr(terminal, "LINE_EVERY", 10.0)
+    monkeypatch.setattr(terminal, "QUIET_FOR", 10.0)
     work()
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(terminal, "_screen", terminal._Screen())

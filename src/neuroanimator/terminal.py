@@ -28,8 +28,11 @@ from neuroanimator.text import print_line, printable
 SHOWN_AFTER = 0.3
 """Minimum duration of a phase that is shown [s]: shorter ones would only flicker."""
 
+QUIET_FOR = 1.0
+"""Time without a line, and without a terminal, after which work that begins or goes on is mentioned [s]."""
+
 LINE_EVERY = 10.0
-"""Time between two lines of progress without a terminal [s]."""
+"""Time between two lines on the same work without a terminal [s]."""
 
 
 class Bar:
@@ -71,7 +74,7 @@ class Bar:
 def progress_bar(title: str, total: int) -> Iterator[Bar]:
     """Show a bar of `total` units with rate and time left while the block runs.
 
-    Without a terminal, a command prints a line of progress every `LINE_EVERY` seconds.
+    Without a terminal, a command prints a line of progress after `QUIET_FOR`, and then every `LINE_EVERY` seconds.
     """
     with _screen.shown() as progress:
         bar = Bar(progress, title, total)
@@ -115,6 +118,7 @@ def phase(name: str) -> Iterator[None]:
 def show_phases() -> None:
     """Show phases from now on, as the command line does, but a library does not."""
     _screen.shows_phases = True
+    _screen.quiet_since = time.monotonic()
 
 
 def hide_progress() -> None:
@@ -174,9 +178,10 @@ class _Clock:
 
 
 class _PlainDisplay:
-    """Bars and phases without a terminal: every `LINE_EVERY` seconds a line on the innermost one."""
+    """Bars and phases without a terminal: lines on the innermost one, the first after `QUIET_FOR` without any."""
 
-    def __init__(self):
+    def __init__(self, screen: _Screen):
+        self._screen = screen
         self._tasks: dict[TaskID, _PlainTask] = {}
         self._is_over = Event()
         self._thread = Thread(target=self._run, daemon=True)
@@ -217,10 +222,15 @@ class _PlainDisplay:
     remove_task = stop_task
 
     def _run(self) -> None:
-        while not self._is_over.wait(LINE_EVERY):
+        due = self._screen.quiet_since + QUIET_FOR
+        while not self._is_over.wait(max(due - time.monotonic(), 0)):
             shown = [task for task in list(self._tasks.values()) if task.is_visible]
-            if shown:
-                print_line(str(shown[-1]), to_stderr=True)
+            if not shown:
+                due = time.monotonic() + SHOWN_AFTER
+                continue
+            print_line(str(shown[-1]), to_stderr=True)
+            self._screen.quiet_since = time.monotonic()
+            due = self._screen.quiet_since + LINE_EVERY
 
 
 @dataclass
@@ -258,6 +268,8 @@ class _Screen:
     def __init__(self):
         self.shows_phases = False
         self.is_hidden = False
+        self.quiet_since = time.monotonic()
+        """Time of the last line of progress, or of the command's beginning [s]."""
         self._progress: Display | None = None
         self._users = 0
 
@@ -269,7 +281,7 @@ class _Screen:
             yield None
             return
         if self._progress is None:
-            self._progress = _new_display() if is_terminal else _PlainDisplay()
+            self._progress = _new_display() if is_terminal else _PlainDisplay(self)
             self._progress.start()
         self._users += 1
         try:

@@ -158,20 +158,27 @@ def describe_bones(skeleton: Skeleton) -> list[dict[str, Any]]:
 
 
 def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
-    """Return the triangles of a skin, its colours (sRGB), and what its points follow; that of a model as files have it.
+    """Return the triangles of a skin, its colours (sRGB), and what its points follow; that of a model as `MeshSkin` has it.
 
     Those of deformable bodies are at rest, sorted by part. Each array is base64 of little-endian numbers: float32, and
     uint16 of `bones`, uint32 of `indices`. `uvs` are seen from the side: from nose to tail, and from belly to back.
     """
-    if skeleton.skin is None:
+    skin = skeleton.skin
+    if skin is None:
         return None
-    if skeleton.skin.kind == "mesh":
-        return skeleton.skin.model_dump(mode="json")
+    if skin.kind == "mesh":
+        # Files have these packed; the page takes them as they are.
+        return skin.model_dump(mode="json") | {
+            "vertices": base64.b64encode(skin.vertices).decode("ascii"),
+            "triangles": base64.b64encode(skin.triangles).decode("ascii"),
+            "influences": base64.b64encode(skin.influences).decode("ascii"),
+            "weights": base64.b64encode(skin.weights).decode("ascii"),
+        }
     mesh = skin_mesh(skeleton)
     parts = []
     order = []
     first = 0
-    for name, triangles in parts_of(skeleton.skin, mesh).items():
+    for name, triangles in parts_of(skin, mesh).items():
         parts.append([name, 3 * first, 3 * len(triangles)])
         order.append(triangles)
         first += len(triangles)
@@ -179,7 +186,7 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
         "positions": packed(mesh.points, "<f4"),
         "normals": packed(mesh.normals, "<f4"),
         "uvs": packed(_side_view(mesh.points), "<f4"),
-        "colours": packed(colours_of(skeleton.skin, mesh.shades), "<f4"),
+        "colours": packed(colours_of(skin, mesh.shades), "<f4"),
         "indices": packed(mesh.triangles[np.concatenate(order)], "<u4"),
         "bones": packed(mesh.bones, "<u2"),
         "weights": packed(mesh.weights, "<f4"),

@@ -6,6 +6,7 @@ import base64
 import functools
 import json
 import re
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import pytest
 from conftest import accessor, read_glb
 
 from neuroanimator import Clip, write_glb, write_usd
-from neuroanimator.appearance.mesh_skin import MAX_VERTICES, MeshSkin
+from neuroanimator.appearance.mesh_skin import MAX_VERTICES, PACKED, MeshSkin
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
@@ -179,6 +180,17 @@ def test_a_skin_is_the_same_after_a_file_and_after_it_is_made_again():
     assert MeshSkin.of(skin.arrays, skin.bones, skin.parts) == skin
 
 
+def test_a_skin_whose_arrays_are_not_packed_is_read_as_older_files_have_it():
+    described = json.loads(json.dumps(skeleton().to_json()))
+    for name in ("vertices", "triangles", "influences", "weights"):
+        packed = described["skin"][name]
+        plain = base64.b64encode(getattr(mesh_skin(), name)).decode()
+        assert packed.startswith(PACKED)
+        assert len(packed) < len(plain)
+        described["skin"][name] = plain
+    assert Skeleton.from_json(described, human().nq) == skeleton()
+
+
 def test_every_triangle_is_of_one_part_in_its_colour():
     skin = mesh_skin()
     mesh = skin_mesh(skeleton())
@@ -209,11 +221,22 @@ def coded(byte: int, size: int, vertices: int | None = None) -> str:
     return base64.b64encode(bytes([byte]) * (size * vertices)).decode()
 
 
+def packed(content: bytes, after: bytes = b"") -> str:
+    return PACKED + base64.b64encode(zlib.compress(content, 9) + after).decode()
+
+
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
         (lambda skin: skin.update(triangles="/" * 8), "parts do not have all"),
-        (lambda skin: skin.update(triangles=skin["triangles"][:-8]), "parts do not have all"),
+        (lambda skin: skin.update(triangles=packed(bytes(6))), "parts do not have all"),
+        (lambda skin: skin.update(triangles=skin["triangles"][:-8]), "cut off"),
+        (lambda skin: skin.update(triangles=packed(bytes(6), b"x")), "cut off"),
+        (lambda skin: skin.update(triangles=packed(bytes(10**7))), "larger than 120,000 bytes"),
+        (lambda skin: skin.update(triangles=PACKED + "AAAA"), "damaged"),
+        (lambda skin: skin.update(triangles=PACKED), "cut off"),
+        (lambda skin: skin.update(triangles=[0, 1, 2]), "no text"),
+        (lambda skin: skin.update(triangles="A"), "not base64"),
         (lambda skin: skin.update(weights=coded(255, 3, 1)), "cut off"),
         (lambda skin: skin.update(weights=coded(255, 4, 1)), "four weights"),
         (lambda skin: skin.update(weights=coded(255, 4)), "do not add up"),

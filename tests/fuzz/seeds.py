@@ -117,6 +117,19 @@ CHARACTER = {
 }
 """A character's document: two nodes, of which one goes along."""
 
+SKIN = {
+    "kind": "mesh",
+    "bones": [{"number": 0, "position": [0, 0, 0], "orientation": [1, 0, 0, 0]}],
+    "parts": [{"name": "a", "colour": [1, 0, 0], "triangles": 1}],
+    "lowest": [0, 0, 0],
+    "step": 3.0517578125e-05,
+    "vertices": "zlib:eNpjYACDBgYYaAAABhIBAQ==",
+    "triangles": "zlib:eNpjYGBkYGIAAAAOAAQ=",
+    "influences": "zlib:eNpjYEAAAAAMAAE=",
+    "weights": "zlib:eNr7z8DA8B+KARf0Av4=",
+}
+"""A skin of one triangle that follows a bone."""
+
 WALK = b"time [s],x [m],y [m],z [m],heading [rad]\n0,0,0,1,0\n0.5,1,0,1,0.2\n1,2,0,1,0.4\n"
 TURN = b"time,x,y,z,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n1,2,0,1,0.8,0,0,0.6\n"
 
@@ -134,6 +147,7 @@ def seeds() -> dict[str, dict[str, bytes]]:
         key: metadata[key]
         for key in ("bounds", "features", "network", "frame", "rest", "rates", "state", "dt")
     }
+    skinned = {"skeleton": {"bones": metadata["skeleton"], "skin": SKIN}}
     shard = {
         "tensors": {
             "states": ["F32", [2, 41, 6], 0],
@@ -168,7 +182,10 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "csv": {"good": RECORDING.encode()},
         "dataset": {"good": json.dumps(shard).encode()},
         "definition": {"model": text.encode()},
-        "emulator": {key: json.dumps({key: value}).encode() for key, value in parts.items()},
+        "emulator": {
+            **{key: json.dumps({key: value}).encode() for key, value in parts.items()},
+            "skin": json.dumps(skinned).encode(),
+        },
         "glb": {"good": json.dumps(CHARACTER).encode()},
         "model": {"mjcf": MODEL.encode(), "urdf": ROBOT.encode()},
         "npz": {"plain": plain.getvalue(), "packed": packed.getvalue()},

@@ -1,16 +1,16 @@
-"""A skin of triangles that follow the bones of a model, as an emulator's file carries it: integers in base64."""
+"""A skin of triangles that follow the bones of a model, as an emulator's file carries it: packed integers in base64."""
 
 from __future__ import annotations
 
 import base64
-import binascii
+import zlib
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from neuroanimator.files.names import LABEL_PATTERN
 from neuroanimator.files.tables import Share, Table
@@ -30,8 +30,11 @@ MAX_BONES = 255
 MAX_BONE = 10_000
 """Largest bone number accepted before the skeleton is known."""
 
-MAX_TEXT = 2**20
-"""Maximum number of characters of an array."""
+MAX_BYTES = 6 * MAX_TRIANGLES
+"""Maximum size of an array [bytes]: a stranger's few may unpack to very many."""
+
+PACKED = "zlib:"
+"""Prefix of base64 whose bytes are packed; those of older files are not."""
 
 INFLUENCES = 4
 """Number of bones a vertex follows, as in glTF."""
@@ -51,8 +54,36 @@ Coordinate = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
 Component = Annotated[float, Field(ge=-2, le=2, allow_inf_nan=False)]
 """A component of a quaternion."""
 
-Numbers = Annotated[str, Field(max_length=MAX_TEXT, pattern=r"^[A-Za-z0-9+/]*={0,2}$")]
-"""Little-endian unsigned integers, in base64."""
+
+def _packed(numbers: bytes) -> str:
+    """Return the text of an array in a file."""
+    return PACKED + base64.b64encode(zlib.compress(numbers, zlib.Z_BEST_COMPRESSION)).decode()
+
+
+def _unpacked(text: Any) -> bytes:
+    """Return the array that `_packed` wrote, or an older file holds; ValueError if it is damaged. Bytes stay as they are."""
+    if isinstance(text, bytes):
+        return text
+    if not isinstance(text, str):
+        raise ValueError("an array is no text")
+    try:
+        content = base64.b64decode(text.removeprefix(PACKED), validate=True)
+    except ValueError as error:
+        raise ValueError("an array is not base64") from error
+    if not text.startswith(PACKED):
+        return content
+    stream = zlib.decompressobj()
+    try:
+        numbers = stream.decompress(content, MAX_BYTES + 1)
+    except zlib.error as error:
+        raise ValueError("an array is damaged") from error
+    if not stream.eof or stream.unused_data:
+        raise ValueError(f"an array is cut off, or larger than {MAX_BYTES:,} bytes")
+    return numbers
+
+
+Numbers = Annotated[bytes, BeforeValidator(_unpacked), PlainSerializer(_packed, when_used="json")]
+"""Little-endian unsigned integers: bytes in memory, text in a file."""
 
 
 class BoundBone(Table):
@@ -110,10 +141,10 @@ class MeshSkin(Table):
 
     @model_validator(mode="after")
     def _check(self) -> MeshSkin:
-        vertices = _unpacked(self.vertices, "<u2", 3)
-        triangles = _unpacked(self.triangles, "<u2", 3)
-        influences = _unpacked(self.influences, "u1", INFLUENCES)
-        weights = _unpacked(self.weights, "u1", INFLUENCES)
+        vertices = _rows(self.vertices, "<u2", 3)
+        triangles = _rows(self.triangles, "<u2", 3)
+        influences = _rows(self.influences, "u1", INFLUENCES)
+        weights = _rows(self.weights, "u1", INFLUENCES)
         count = len(vertices)
         if not 3 <= count <= MAX_VERTICES or len(triangles) > MAX_TRIANGLES:
             raise ValueError(f"{len(triangles)} triangles of {count} vertices")
@@ -142,12 +173,12 @@ class MeshSkin(Table):
     def arrays(self) -> SkinArrays:
         """The arrays as numbers to compute with."""
         numbers = np.array([bone.number for bone in self.bones])
-        steps = _unpacked(self.vertices, "<u2", 3)
+        steps = _rows(self.vertices, "<u2", 3)
         return SkinArrays(
             vertices=np.array(self.lowest) + self.step * steps,
-            triangles=_unpacked(self.triangles, "<u2", 3).astype(int),
-            bones=numbers[_unpacked(self.influences, "u1", INFLUENCES)],
-            weights=_unpacked(self.weights, "u1", INFLUENCES) / WHOLE,
+            triangles=_rows(self.triangles, "<u2", 3).astype(int),
+            bones=numbers[_rows(self.influences, "u1", INFLUENCES)],
+            weights=_rows(self.weights, "u1", INFLUENCES) / WHOLE,
         )
 
     @classmethod
@@ -168,10 +199,10 @@ class MeshSkin(Table):
             parts=tuple(parts),
             lowest=tuple(lowest.tolist()),
             step=step,
-            vertices=_packed(np.round((arrays.vertices - lowest) / step), "<u2"),
-            triangles=_packed(arrays.triangles, "<u2"),
-            influences=_packed(influences, "u1"),
-            weights=_packed(_whole_weights(arrays.weights), "u1"),
+            vertices=_bytes(np.round((arrays.vertices - lowest) / step), "<u2"),
+            triangles=_bytes(arrays.triangles, "<u2"),
+            influences=_bytes(influences, "u1"),
+            weights=_bytes(_whole_weights(arrays.weights), "u1"),
         )
 
 
@@ -183,17 +214,13 @@ def _whole_weights(weights: Float[np.ndarray, "V 4"]) -> Int[np.ndarray, "V 4"]:
     return whole
 
 
-def _packed(numbers: np.ndarray, kind: str) -> str:
-    return base64.b64encode(numbers.astype(kind).tobytes()).decode("ascii")
+def _bytes(numbers: np.ndarray, kind: str) -> bytes:
+    return numbers.astype(kind).tobytes()
 
 
-def _unpacked(text: str, kind: str, columns: int) -> np.ndarray:
-    """Return the rows of `columns` numbers that `_packed` wrote; ValueError if they are not whole."""
-    try:
-        content = base64.b64decode(text, validate=True)
-    except binascii.Error as error:
-        raise ValueError("an array is not base64") from error
+def _rows(numbers: bytes, kind: str, columns: int) -> np.ndarray:
+    """Return an array of the NumPy type `kind` as rows of `columns` numbers; ValueError if the last is not whole."""
     row_size = columns * np.dtype(kind).itemsize
-    if not content or len(content) % row_size:
+    if not numbers or len(numbers) % row_size:
         raise ValueError("an array is cut off")
-    return np.frombuffer(content, kind).reshape(-1, columns)
+    return np.frombuffer(numbers, kind).reshape(-1, columns)

@@ -245,7 +245,8 @@ def _moved_by_policy(
     is_inside: bool,
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, states of a motion): on command, or of an episode as in learning."""
-    from neuroanimator.cli.policy_returns import commanded_motion, policy_motion  # with MuJoCo
+    with phase("loading"):
+        from neuroanimator.cli.policy_returns import commanded_motion, policy_motion  # with MuJoCo
 
     if not command:
         return policy_motion(policy, system, seconds, seed or 0, is_inside=is_inside)

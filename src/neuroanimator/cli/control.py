@@ -170,9 +170,10 @@ def run(
         print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(synthesis, out, glb)
     if report:
-        from neuroanimator.export.control_report import write_control_report  # with matplotlib
+        with phase("drawing"):
+            from neuroanimator.export.control_report import write_control_report  # with matplotlib
 
-        write_control_report(synthesis, report, asked=[("start", search.start)])
+            write_control_report(synthesis, report, asked=[("start", search.start)])
     files = [("file", path) for path in (out, glb, log, report) if path]
     rows = [("start", search.start), *outcome_rows(synthesis), *time_rows(), *files]
     return print_rows(rows)

@@ -98,7 +98,8 @@ def run(
     if any(name.endswith(".policy.safetensors") for name in emulators):
         if len(emulators) > 1:
             raise ArgumentError(f"evaluate: wanted one policy, came {len(emulators)} files.")
-        from neuroanimator.cli.policy_returns import evaluate_policy  # needs the extra [gym]
+        with phase("loading"):
+            from neuroanimator.cli.policy_returns import evaluate_policy  # needs the extra [gym]
 
         evaluate_policy(Path(emulators[0]), system, episodes, seed, as_json=json, report=report)
         return

@@ -12,6 +12,7 @@ from neuroanimator.cli.inspection_output import print_components, print_weak_spo
 from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.control.policies.state_policy import StatePolicy, read_policy
 from neuroanimator.data.stored import open_to_measure
+from neuroanimator.emulator.artifact import emulator_from
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.trust_summary import UNJUDGED
@@ -65,7 +66,8 @@ def run(
         show_dataset(place_of(file), json=json)
         return
     show = _policy if file.endswith(".policy.safetensors") else _emulator
-    everything, rows = show(file)
+    with phase("loading"):
+        everything, rows = show(file)
     if json:
         print(dumps(everything, indent=2, sort_keys=True))
     else:
@@ -95,8 +97,8 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     """Return (all metadata of an emulator, the rows to show)."""
     path = find_emulator(file)
-    emulator = Emulator.load(path)
     tensors, metadata = read_tensors(path, "emulator")
+    emulator = emulator_from(path, tensors, metadata, Emulator)
     network = metadata["network"]
     widths = "x".join(map(str, network["widths"]))
     strides = ""

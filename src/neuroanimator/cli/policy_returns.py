@@ -87,7 +87,8 @@ def commanded_motion(
     """
     system = None
     if is_inside:
-        policy = load_state_policy(path)
+        with phase("loading"):
+            policy = load_state_policy(path)
     else:
         policy, system, _ = loaded_policy(path, toml)
     with phase("simulating"):
@@ -136,11 +137,13 @@ def evaluate_policy(
     returns = _returns(policy, system, task, episodes, seed)
     rows = _rows(path, task, returns)
     if report:
-        from neuroanimator.evaluation.policy_report import write_policy_report  # with Matplotlib
+        with phase("drawing"):
+            # Imports Matplotlib.
+            from neuroanimator.evaluation.policy_report import write_policy_report
 
-        told = read_reports(run_folder(path) / METRICS, LearningReport)
-        curve = [(point.steps, point.mean_return) for point in told]
-        write_policy_report(report, rows, curve, returns.outside, returns.inside)
+            told = read_reports(run_folder(path) / METRICS, LearningReport)
+            curve = [(point.steps, point.mean_return) for point in told]
+            write_policy_report(report, rows, curve, returns.outside, returns.inside)
     if as_json:
         print(dumps(_as_json(task, returns), indent=2))
         return

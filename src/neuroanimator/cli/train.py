@@ -148,8 +148,9 @@ def train_in_policy(
 
     The policy's return in it is printed beside that on the physics: one-step errors do not tell whether a body falls.
     """
-    from neuroanimator.cli.policy_returns import evaluate_policy, loaded_policy  # needs [gym]
-    from neuroanimator.gym.policy_transitions import COUNT, TRAINING, policy_transitions
+    with phase("loading"):
+        from neuroanimator.cli.policy_returns import evaluate_policy, loaded_policy  # needs [gym]
+        from neuroanimator.gym.policy_transitions import COUNT, TRAINING, policy_transitions
 
     count = count or COUNT
     if not out.name.endswith(POLICY_ENDING):

@@ -56,8 +56,14 @@ def check_readable(emulator: SuperStep, folder: Path, provenance: dict[str, Any]
 
 def load(path: Path, kind: type[Made]) -> Made:
     """Return the emulator at `path`, of the class `kind`, with every name, text, shape and number checked."""
+    return emulator_from(path, *read_tensors(path, "emulator"), kind)
+
+
+def emulator_from(
+    path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any], kind: type[Made]
+) -> Made:
+    """Return the emulator whose file at `path` has these contents, checked as `load` does."""
     keep_programs()
-    tensors, metadata = read_tensors(path, "emulator")
     check_format(path, metadata.get("format"), FORMAT, MAKER)
     try:
         weights, shapes = _parted(tensors)
