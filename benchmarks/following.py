@@ -5,7 +5,7 @@ python benchmarks/following.py jog --policy jog.policy.safetensors      one that
 python benchmarks/following.py walk --updates 400 --seed 2 --dry
 python benchmarks/following.py walk --policy walk.policy.safetensors --sheet walk.png --dry
 
-Each run is `neuroanimator policy` with examples/human/human.toml, with another clip for the jog and for getting up; see CHANGES.
+Each run is `neuroanimator policy` with examples/human/human.toml, with another clip for the jog, or with get-up.toml beside it.
 Of 100 starts at random phases, without noise, those count that are on the motion after eleven rounds of it, or at the end of
 getting up, never off by more than 0.25 m at the pelvis or 0.8 rad at the trunk. Slip is the distance per step that the lowest
 point of a sole moves along the floor while within 5 mm of it, given beside that of the motion itself. Core seconds are CPU time,
@@ -55,15 +55,6 @@ PROGRAM = Path(sys.executable).parent / "neuroanimator"
 UPDATES = {"walk": 480, "jog": 1000, "get-up": 1200}
 """Number of updates of the policy, of 4,096 transitions each."""
 
-CHANGES = {
-    "get-up": {
-        "laps = 12": "laps = 1",
-        "reach = 0.5": "reach = 1.0",
-        "reset_noise = 0.02": "reset_noise = 0.1",
-    }
-}
-"""Lines of the TOML file that are others for a clip: getting up is not repeated, and a fall ends only near its first pose."""
-
 STARTS = 100
 
 FLOOR = 0.005
@@ -85,10 +76,9 @@ def learn(clip: str, seed: int, updates: int, place: Path) -> tuple[Path, float,
     for name in ("human.xml", f"{clip}.csv"):
         (place / name).write_bytes((HUMAN / name).read_bytes())
     shutil.copytree(HUMAN / "skin", place / "skin", dirs_exist_ok=True)
-    toml = (HUMAN / "human.toml").read_text().replace("walk.csv", f"{clip}.csv")
-    for line, changed in CHANGES.get(clip, {}).items():
-        toml = toml.replace(line, changed)
-    (place / "human.toml").write_text(toml)
+    own = HUMAN / f"{clip}.toml"
+    toml = own if own.exists() else HUMAN / "human.toml"
+    (place / "human.toml").write_text(toml.read_text().replace("walk.csv", f"{clip}.csv"))
     file = place / f"{clip}.policy.safetensors"
     began = seconds_of_children()
     command = [PROGRAM, "policy", "human.toml", "--seed", seed, "--updates", updates, "--out", file]

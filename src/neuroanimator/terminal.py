@@ -35,6 +35,10 @@ LINE_EVERY = 10.0
 """Time between two lines on the same work without a terminal [s]."""
 
 
+LOOK_EVERY = 0.1
+"""Time between two looks, without a terminal, at whether a line is due [s]."""
+
+
 class Bar:
     """A progress bar; does nothing if progress is not shown."""
 
@@ -222,15 +226,19 @@ class _PlainDisplay:
     remove_task = stop_task
 
     def _run(self) -> None:
-        due = self._screen.quiet_since + QUIET_FOR
-        while not self._is_over.wait(max(due - time.monotonic(), 0)):
+        screen = self._screen
+        while not self._is_over.wait(LOOK_EVERY):
             shown = [task for task in list(self._tasks.values()) if task.is_visible]
             if not shown:
-                due = time.monotonic() + SHOWN_AFTER
                 continue
-            print_line(str(shown[-1]), to_stderr=True)
-            self._screen.quiet_since = time.monotonic()
-            due = self._screen.quiet_since + LINE_EVERY
+            innermost = shown[-1]
+            is_known = innermost.description == screen.mentioned
+            quiet = time.monotonic() - screen.quiet_since
+            if quiet < (LINE_EVERY if is_known else QUIET_FOR):
+                continue
+            print_line(str(innermost), to_stderr=True)
+            screen.mentioned = innermost.description
+            screen.quiet_since = time.monotonic()
 
 
 @dataclass
@@ -270,6 +278,8 @@ class _Screen:
         self.is_hidden = False
         self.quiet_since = time.monotonic()
         """Time of the last line of progress, or of the command's beginning [s]."""
+        self.mentioned = ""
+        """Title of the work that this line was about."""
         self._progress: Display | None = None
         self._users = 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from json import dumps
 from pathlib import Path
 from typing import NamedTuple
@@ -55,7 +56,7 @@ def policy_motion(
 ) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
     """Return (the policy's emulator, the states of an episode on the true physics, at most `seconds` of it).
 
-    With `is_inside` the episode is in the emulator.
+    With `is_inside` the episode is in the emulator. A recorded motion is followed from its beginning.
     """
     try:
         policy, system, task = loaded_policy(path, toml)
@@ -75,7 +76,11 @@ def policy_motion(
         stepper = physics_stepper(system, system.scheme, policy.dt)
         if is_inside:
             stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
-        return policy.emulator, motion_of(policy, stepper, task.rules, steps, seed)
+        rules = task.rules
+        if task.motion is not None and task.motion.commands is None:
+            first = np.asarray(task.motion.frames[0], float)
+            rules = replace(rules, draw_start=lambda _: first)
+        return policy.emulator, motion_of(policy, stepper, rules, steps, seed)
 
 
 def commanded_motion(
