@@ -14,6 +14,7 @@ from soft_bodies import hasty_emulator
 
 from neuroanimator import Emulator, NeuroAnimatorError, load_system
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
+from neuroanimator.export.csv_file import read_table
 from neuroanimator.export.programs.formats import export_programs
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.gym.bodies import episodes_of
@@ -173,3 +174,15 @@ def test_a_human_from_its_toml_to_its_motion(emulator: Emulator, cli: Cli, tmp_p
     assert "0 of them at its end" in told(*evaluated)
     told("animate", file, "--system", str(TOML), "--seconds", "0.3", "--out", "walk.glb")
     assert (tmp_path / "walk.glb").stat().st_size > 1000
+
+
+def test_the_policy_that_ships_gets_up_from_the_floor(system: System, cli: Cli, tmp_path: Path):
+    toml = TOML.with_name("get-up.toml")
+    policy = TOML.with_name("get-up.policy.safetensors")
+    out = tmp_path / "up.csv"
+    done = cli("animate", str(policy), "--system", str(toml), "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    _, states = read_table(out, system.state)
+    height = states[:, 2]
+    assert height[0] < 0.2
+    assert height[-1] > 0.8
