@@ -72,7 +72,7 @@ def start_state(model, text):
         if len(numbers) != span.stop - span.start or not np.isfinite(numbers).all():
             wanted = span.stop - span.start
             raise ValueError(
-                f"Start: wanted {wanted} finite numbers for '{name.strip()}', came '{values}'."
+                f"Start: wanted {wanted} finite numbers for '{name.strip()}', got '{values}'."
             )
         state[span] = numbers
     return state

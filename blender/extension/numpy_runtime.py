@@ -118,7 +118,7 @@ class Program:
 
     def __init__(self, nodes, inputs, outputs, constants):
         if len(nodes) > MAX_NODES:
-            raise ValueError(f"wanted at most {MAX_NODES} operators, came {len(nodes)}")
+            raise ValueError(f"wanted at most {MAX_NODES} operators, got {len(nodes)}")
         self._inputs = inputs
         self._constants = constants
         known = {*inputs, *constants}
@@ -238,7 +238,7 @@ def load(file):
             arrays = {name: content[name] for name in content.files}
         told = json.loads(bytes(arrays.pop("program")).decode("ascii"))
         if told["format"] != FORMAT:
-            raise ValueError(f"wanted {FORMAT!r}, came {told['format']!r}")
+            raise ValueError(f"wanted {FORMAT!r}, got {told['format']!r}")
         constants = {name: arrays.pop(name) for name in told["constants"]}
         outputs = [told["output"], *told.get("more_outputs", ())]
         program = Program(told["nodes"], told["inputs"], outputs, constants)
@@ -252,6 +252,6 @@ def _check_size(file):
     with zipfile.ZipFile(file) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > MAX_SIZE:
-        raise ValueError(f"wanted at most {MAX_SIZE:,} bytes, came {size:,}")
+        raise ValueError(f"wanted at most {MAX_SIZE:,} bytes, got {size:,}")
     if hasattr(file, "seek"):
         file.seek(0)

@@ -153,7 +153,7 @@ def test_a_control_out_of_bounds_is_refused_by_name(cli: Cli, tmp_path: Path):
     path.write_text("time s,torque[0] N·m,torque[1] N·m,torque[2] N·m\n0,0,0,0\n0.05,0,99,0\n")
     result = cli("animate", "pendulum", "--controls", path, "--out", tmp_path / "c.glb")
     assert result.returncode == 2
-    assert "torque[1] N·m out of bounds; wanted between -14 and 14, came 99" in result.stderr
+    assert "torque[1] N·m out of bounds; wanted between -14 and 14, got 99" in result.stderr
 
 
 def test_emulator_and_physics_take_turns_in_a_clip(cli: Cli, tmp_path: Path):

@@ -226,7 +226,7 @@ def test_without_a_compiler_there_is_none_and_jax_takes_over(monkeypatch: pytest
 
 
 def test_an_unknown_backend_is_refused_by_name(monkeypatch: pytest.MonkeyPatch):
-    with pytest.raises(ArgumentError, match="wanted one of auto, c, jax, came 'cuda'"):
+    with pytest.raises(ArgumentError, match="wanted one of auto, c, jax, got 'cuda'"):
         set_backend("cuda")
     monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     monkeypatch.setenv("NEUROANIMATOR_BACKEND", "gpu")

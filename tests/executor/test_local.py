@@ -109,5 +109,5 @@ def test_a_function_that_cannot_be_imported_is_refused(two: Executor):
 
 @pytest.mark.parametrize("workers", [0, -1, 5000])
 def test_a_number_of_workers_nobody_can_have_is_refused(workers: int):
-    with pytest.raises(ArgumentError, match=f"workers: wanted 1 to 1024, came {workers}"):
+    with pytest.raises(ArgumentError, match=f"workers: wanted 1 to 1024, got {workers}"):
         LocalExecutor(workers)

@@ -52,7 +52,7 @@ def written(folder: Path, *changes: tuple[str, str]):
         ([(ANSWER, "np.array([state[0] + dt * speed, np.nan])")], "returns NaN for speed[0] m/s in the state [0., 0.]"),
         ([(ANSWER, "np.array([state[0] + dt * speed, np.sqrt(speed)])")], "returns NaN for speed[0]"),
         ([("- 9.0", "+ 1e5")], "trial runs under random controls diverged"),
-        ([("STEP = 0.01", "STEP = 86400")], "from 1e-08 to 3600 s, came 86400"),
+        ([("STEP = 0.01", "STEP = 86400")], "from 1e-08 to 3600 s, got 86400"),
         (
             [("STEP", 'REST = {"place": 5e7}\nSTEP'), ("9.0 * state[0]", "9.0 * (state[0] - 5e7)")],
             "comes to 5e+07; an emulator takes at most 1e+06",

@@ -44,7 +44,7 @@ def test_a_start_is_read_as_it_is_typed():
         ("root.position", "wanted NAME=NUMBERS such as root.position=3,-2,8"),
         ("root.position=a,b,c", "'root.position': wanted numbers with commas between"),
         ("root.position=", "wanted numbers with commas between"),
-        ("root.position=1,2", "'root.position' has 3 numbers [m], came 2"),
+        ("root.position=1,2", "'root.position' has 3 numbers [m], got 2"),
         ("root.position=1,2,nan", "'root.position': wanted finite numbers"),
         (
             "root.plce=1,2,3",

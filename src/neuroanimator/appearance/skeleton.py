@@ -283,7 +283,7 @@ def _unit_vector(value: Any, label: str, size: int) -> Numbers:
     vector = numbers(value, f"{label}: axis or turn", size, MAX_COMPONENT)
     if abs(np.linalg.norm(vector) - 1) > UNIT_TOLERANCE:
         raise ValueError(
-            f"{label}: wanted an axis or a turn of length 1, came {quoted(list(vector))}"
+            f"{label}: wanted an axis or a turn of length 1, got {quoted(list(vector))}"
         )
     return vector
 

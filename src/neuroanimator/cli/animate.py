@@ -273,7 +273,7 @@ def _paths(texts: list[str]) -> dict[str, str]:
         name, equals, source = text.partition("=")
         if not equals or not name or not source:
             raise ArgumentError(
-                f"path: wanted MOVER=FILE such as torso=walk.csv, came {quoted(text)}."
+                f"path: wanted MOVER=FILE such as torso=walk.csv, got {quoted(text)}."
             )
         if name in paths:
             raise ArgumentError(f"path: {quoted(name)} has two. Give it one.")

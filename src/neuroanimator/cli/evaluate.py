@@ -97,7 +97,7 @@ def run(
     """
     if any(name.endswith(".policy.safetensors") for name in emulators):
         if len(emulators) > 1:
-            raise ArgumentError(f"evaluate: wanted one policy, came {len(emulators)} files.")
+            raise ArgumentError(f"evaluate: wanted one policy, got {len(emulators)} files.")
         from neuroanimator.cli.policy_returns import evaluate_policy  # needs the extra [gym]
 
         evaluate_policy(Path(emulators[0]), system, episodes, seed, as_json=json, report=report)
@@ -122,7 +122,7 @@ def _evaluate(
         if files.worst:
             check_worst_path(files.worst)
         if files.card and len(loaded) > 1:
-            raise ArgumentError(f"evaluate --card: wanted one emulator, came {len(loaded)}.")
+            raise ArgumentError(f"evaluate --card: wanted one emulator, got {len(loaded)}.")
         transitions = open_to_measure(data) if data else None
         if transitions is not None:
             # Older files lack a score; it is fitted to the data.
@@ -195,7 +195,7 @@ def _sweep(
 
     if len(systems) != 1:
         raise ArgumentError(
-            f"evaluate --sweep: wanted one system or TOML file, came {len(systems)}."
+            f"evaluate --sweep: wanted one system or TOML file, got {len(systems)}."
         )
     counts = whole_numbers("substeps", substeps)
     done = 0

@@ -76,7 +76,7 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
     """Print where an emulator is good and where it is weak."""
     if Path(file).is_dir():
         raise ArgumentError(
-            f"errors: wanted an emulator, came the folder {file}. Leave --errors out, and it says what the data cover."
+            f"errors: wanted an emulator, got the folder {file}. Leave --errors out, and it says what the data cover."
         )
     with phase("loading"):
         if system:

@@ -67,7 +67,7 @@ def policy_motion(
     if seconds is not None:
         if not policy.dt <= seconds <= task.steps * policy.dt:
             raise ArgumentError(
-                f"seconds: wanted between {policy.dt:g} and {task.steps * policy.dt:g}, the length of an episode, came "
+                f"seconds: wanted between {policy.dt:g} and {task.steps * policy.dt:g}, the length of an episode, got "
                 f"{seconds:g}."
             )
         steps = round(seconds / policy.dt)
@@ -106,11 +106,11 @@ def _read_command(text: str) -> tuple[float, float, float]:
         seconds, speed, turn = (number_in(cell) for cell in text.split(","))
     except ValueError:
         raise ArgumentError(
-            f"command: wanted SECONDS,SPEED,TURN such as 3,0.7,0.4, came {quoted(text)}."
+            f"command: wanted SECONDS,SPEED,TURN such as 3,0.7,0.4, got {quoted(text)}."
         ) from None
     if not 0 < seconds <= MAX_SECONDS:
         raise ArgumentError(
-            f"command: wanted more than 0 s and at most {MAX_SECONDS:g} s, came {seconds:g}."
+            f"command: wanted more than 0 s and at most {MAX_SECONDS:g} s, got {seconds:g}."
         )
     return seconds, speed, turn
 
@@ -126,7 +126,7 @@ def evaluate_policy(
 ) -> None:
     """Print the returns of `episodes` episodes without noise, and write them with the learning curve to the page `report`."""
     if not 1 <= episodes <= MAX_EPISODES:
-        raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
+        raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, got {episodes:,}.")
     policy, system, task = loaded_policy(path, toml)
     if task.motion is not None and report is not None:
         raise ArgumentError("report: a policy that follows a motion has none yet. Leave it out.")

@@ -153,7 +153,7 @@ def train_in_policy(
 
     count = count or COUNT
     if not out.name.endswith(POLICY_ENDING):
-        raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, came {out.name}.")
+        raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, got {out.name}.")
     policy, system, task = loaded_policy(path, toml)
     with progress_bar("simulating what it does", PERCENT) as bar:
         data = policy_transitions(

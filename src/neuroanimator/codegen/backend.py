@@ -49,4 +49,4 @@ def backend_in_words() -> str:
 
 def _check(name: str, label: str) -> None:
     if name not in BACKENDS:
-        raise ArgumentError(f"{label}: wanted one of {', '.join(BACKENDS)}, came {quoted(name)}.")
+        raise ArgumentError(f"{label}: wanted one of {', '.join(BACKENDS)}, got {quoted(name)}.")

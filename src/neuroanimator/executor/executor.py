@@ -170,5 +170,5 @@ def check_function(function: Callable[..., Any]) -> None:
     name = getattr(function, "__qualname__", "")
     if module in (None, "__main__") or "<" in name:
         raise ArgumentError(
-            f"function: wanted one that workers can import, came {name} of {module}. Put it into a module."
+            f"function: wanted one that workers can import, got {name} of {module}. Put it into a module."
         )

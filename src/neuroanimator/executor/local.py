@@ -46,7 +46,7 @@ class LocalExecutor(Executor):
 
     def __init__(self, workers: int = 1, threads: int = 1):
         if not 1 <= workers <= MAX_WORKERS:
-            raise ArgumentError(f"workers: wanted 1 to {MAX_WORKERS}, came {workers}.")
+            raise ArgumentError(f"workers: wanted 1 to {MAX_WORKERS}, got {workers}.")
         self.workers = workers
         self.threads = threads
         self._idle: list[WorkerProcess] = []

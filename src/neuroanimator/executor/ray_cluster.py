@@ -53,7 +53,7 @@ class RayExecutor(Executor):
 
     def __init__(self, address: str | None = None, workers: int = 1, threads: int = 1):
         if workers < 1:
-            raise ArgumentError(f"workers: wanted 1 or more, came {workers}.")
+            raise ArgumentError(f"workers: wanted 1 or more, got {workers}.")
         self.workers = workers
         self.threads = threads
         self.shares_disk = address is None
@@ -169,7 +169,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
     host, _, port = address.removeprefix(CLIENT).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16 or set(host) & set("/@?#"):
         raise ArgumentError(
-            f"executor: wanted local, ray, ray://HOST:PORT or HOST:PORT, came {quoted(address)}."
+            f"executor: wanted local, ray, ray://HOST:PORT or HOST:PORT, got {quoted(address)}."
         )
     return host.strip("[]"), int(port)
 

@@ -75,7 +75,7 @@ class Glb:
         described = object_at(self.objects("accessors"), accessor, "accessor")
         what = f"accessor {accessor}"
         if described.get("type") != element:
-            raise ValueError(f"{what}: wanted {element}, came {quoted(described.get('type'))}")
+            raise ValueError(f"{what}: wanted {element}, got {quoted(described.get('type'))}")
         if "sparse" in described or "bufferView" not in described:
             raise ValueError(f"{what}: a sparse array. Save the file without them")
         count = whole(described.get("count"), f"{what}: count", 1, MAX_COUNT)
@@ -125,7 +125,7 @@ def objects_in(owner: dict[str, Any], kind: str) -> list[dict[str, Any]]:
 
 def _object(value: Any, what: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ValueError(f"{what}: wanted JSON objects, came {quoted(value)}")
+        raise ValueError(f"{what}: wanted JSON objects, got {quoted(value)}")
     return value
 
 

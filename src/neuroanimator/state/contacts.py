@@ -270,7 +270,7 @@ def in_order(points: Iterable[ContactPoint], kinematics: Kinematics) -> tuple[Co
 def _at_most(rows: Any, what: str, read: Callable[[Any, str], T], most: int) -> tuple[T, ...]:
     found = listed(rows, what, read)
     if len(found) > most:
-        raise ValueError(f"{what}: wanted at most {most}, came {len(found)}")
+        raise ValueError(f"{what}: wanted at most {most}, got {len(found)}")
     return found
 
 

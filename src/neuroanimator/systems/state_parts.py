@@ -66,7 +66,7 @@ def _refuse_empty_bounds(part: ControlPart) -> None:
     if not has_partners or not all(low < high for low, high in pairs):
         raise ArgumentError(
             f"control.{part.name}: wanted as many numbers in low as in high, each below its partner, "
-            f"came {list(part.low)} and {list(part.high)}."
+            f"got {list(part.low)} and {list(part.high)}."
         )
 
 
@@ -82,7 +82,7 @@ def numbers_of(
         numbers = getattr(part, key) or (0.0,) * part.size
         if len(numbers) != part.size:
             raise ArgumentError(
-                f"state.{part.name}.{key}: wanted {part.size} numbers, came {len(numbers)}."
+                f"state.{part.name}.{key}: wanted {part.size} numbers, got {len(numbers)}."
             )
         vector += numbers
     return np.array(vector, float)

@@ -67,7 +67,7 @@ def test_updates_are_given_up_as_soon_as_those_done_show_that_all_take_too_long(
 
 
 def test_minutes_below_none_are_refused(wrong: Emulator):
-    with pytest.raises(NeuroAnimatorError, match="minutes: wanted 0 or more, came -1"):
+    with pytest.raises(NeuroAnimatorError, match="minutes: wanted 0 or more, got -1"):
         found_within(wrong, -1, [])
 
 

@@ -178,9 +178,9 @@ def test_bad_arguments_are_refused_by_name(options, message: str, shipped: Emula
     ("options", "message"),
     [
         ({"method": "magic"}, "Methods: adam, gauss-newton, lbfgs, momentum"),
-        ({"iterations": 0}, "iterations and starts: wanted at least 1, came 0 and 1"),
-        ({"starts": 0}, "iterations and starts: wanted at least 1, came 18 and 0"),
-        ({"starts": 3, "first": np.zeros((2, 20, 3))}, "3 starts, came 2"),
+        ({"iterations": 0}, "iterations and starts: wanted at least 1, got 0 and 1"),
+        ({"starts": 0}, "iterations and starts: wanted at least 1, got 18 and 0"),
+        ({"starts": 3, "first": np.zeros((2, 20, 3))}, "3 starts, got 2"),
     ],
 )
 def test_bad_options_are_refused_where_they_are_made(options, message: str):

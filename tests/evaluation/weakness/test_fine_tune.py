@@ -93,7 +93,7 @@ def test_a_recordings_super_steps_are_those_of_the_emulator(shipped: Emulator, r
                 lines[41].replace(lines[41].split(",")[3], "nan"),
                 *lines[42:],
             ],
-            r"r.csv, line 42, column 4 \(state.angle.1 rad\): wanted a finite number, came 'nan'",
+            r"r.csv, line 42, column 4 \(state.angle.1 rad\): wanted a finite number, got 'nan'",
         ),
         (
             lambda lines: [line.replace("state.angle.0", "state.tilt") for line in lines],

@@ -165,7 +165,7 @@ def test_info_tells_errors_of_an_emulator_and_of_nothing_else(
     assert sum(everything["errors"]["counts"]) == everything["samples"]
     refused = cli("info", dataset, "--errors")
     assert refused.returncode == 2
-    assert "errors: wanted an emulator, came the folder" in refused.stderr
+    assert "errors: wanted an emulator, got the folder" in refused.stderr
 
 
 def few_runs(held_out_runs: Callable[..., HeldOut], *arguments: Any, **options: Any) -> HeldOut:

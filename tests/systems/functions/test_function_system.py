@@ -170,7 +170,7 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
     [
         (
             ("STEP = 0.01", ""),
-            "broken.py: STEP: wanted a line like `STEP = 0.01`, from 1e-08 to 3600 s, came nothing",
+            "broken.py: STEP: wanted a line like `STEP = 0.01`, from 1e-08 to 3600 s, got nothing",
         ),
         (("STATE = ", "STATES = "), "STATE: wanted a line like"),
         (('"m/s"}', '"knots"}'), "state.speed: unknown unit 'knots'. Convert to one of: 1, m, m/s"),
@@ -184,7 +184,7 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
         (("    speed = ", "    spee d = "), "broken.py, line 13: invalid syntax"),
         (("control[0]", "control[1]"), "broken.py, line 13: IndexError: index 1 is out of bounds"),
         (("[state[0] + dt * speed, speed]", "[speed]"), "broken.py: step returned shape"),
-        (("ODE = True", "ODE = 1"), "broken.py: ODE: wanted a line like `ODE = True`, came 1"),
+        (("ODE = True", "ODE = 1"), "broken.py: ODE: wanted a line like `ODE = True`, got 1"),
         (
             ("import numpy as np", "import numpy as np\nimport sys\nsys.exit(4)"),
             "broken.py, line 3: SystemExit: 4",

@@ -256,12 +256,12 @@ GOOD = [HEADER, "0,0.00,0.1,0,1", "0,0.02,0.2,0,2", "0,0.04,0.3,0,1"]
         ),
         (
             [*GOOD, "0,0.06,nan,0,1"],
-            "bad.csv, line 5, column 3 (state.angle rad): wanted a finite number, came 'nan'",
+            "bad.csv, line 5, column 3 (state.angle rad): wanted a finite number, got 'nan'",
         ),
         ([*GOOD, "0,0.06,0.4,inf,1"], "bad.csv, line 5, column 4"),
         (
             [*GOOD, "0,0.06,1_0,0,1"],
-            "column 3 (state.angle rad): wanted a finite number, came '1_0'",
+            "column 3 (state.angle rad): wanted a finite number, got '1_0'",
         ),
         ([*GOOD, "0,0.06,0.4,٣,1"], "bad.csv, line 5, column 4"),
         ([*GOOD, "0,0.06,0.4,0,on"], "bad.csv, line 5, column 5 (control.torque N·m)"),

@@ -314,7 +314,7 @@ def test_other_movers_and_another_kind_are_refused(toml: Path, tmp_path: Path):
     text = toml.read_text()
     (tmp_path / "rope.toml").write_text(text.replace("[movers.hand]", "[movers.foot]"))
     with pytest.raises(
-        NeuroAnimatorError, match=r"wanted the mocap bodies of rope.xml, hand; came 'foot'"
+        NeuroAnimatorError, match=r"wanted the mocap bodies of rope.xml, hand; got 'foot'"
     ):
         na.load_system(str(tmp_path / "rope.toml"))
     rigid = 'name = "rope"\nmodel = "rope.xml"\n[physics]\nstep = 0.002\ntruth_step = 0.001\nfine_step = 0.0002\n'

@@ -127,7 +127,7 @@ def _window_steps(dt: float, window: float | None) -> int:
         steps = SHORTEST * round(steps / SHORTEST)  # so that it can be split
     if steps < MIN_STEPS:
         raise ArgumentError(
-            f"window: wanted at least {MIN_STEPS} super steps, {MIN_STEPS * dt:g} s, came {window:g} s."
+            f"window: wanted at least {MIN_STEPS} super steps, {MIN_STEPS * dt:g} s, got {window:g} s."
         )
     return steps
 

@@ -55,7 +55,7 @@ def check_objective(
     weights = [float(term.weight) for term in objective.terms]
     if any(not 0 <= weight < math.inf for weight in weights):
         raise ArgumentError(
-            f"objective: wanted weights of at least 0, came {min(weights, key=_rank):g}."
+            f"objective: wanted weights of at least 0, got {min(weights, key=_rank):g}."
         )
     if not objective.functions and not any(weights):
         raise ArgumentError(
@@ -124,9 +124,9 @@ def _check_function(function: CostFunction, trajectory: Trajectory) -> None:
             f"objective: '{name}' failed: {type(error).__name__}: {error}"
         ) from error
     if not hasattr(shape, "shape") or shape.shape != ():
-        came = getattr(shape, "shape", type(shape).__name__)
+        given = getattr(shape, "shape", type(shape).__name__)
         raise ArgumentError(
-            f"objective: '{name}' must return one number, came {came}. Sum or average it."
+            f"objective: '{name}' must return one number, got {given}. Sum or average it."
         )
 
 

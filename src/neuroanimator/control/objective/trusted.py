@@ -49,7 +49,7 @@ def stay_trusted(
     """
     if not 0 < threshold < np.inf:  # NaN is refused too
         raise ArgumentError(
-            f"threshold: wanted a score above 0, came {threshold}. 1 is the edge of training."
+            f"threshold: wanted a score above 0, got {threshold}. 1 is the edge of training."
         )
     if emulator.meter is None:
         raise ArgumentError(

@@ -50,9 +50,7 @@ class ParameterEstimator:
                 f"{emulator.system}: its emulator is of one body and has no parameters to estimate. Use one of a family."
             )
         if min(windows, every) < 1:
-            raise ArgumentError(
-                f"windows and every: wanted at least 1, came {windows} and {every}."
-            )
+            raise ArgumentError(f"windows and every: wanted at least 1, got {windows} and {every}.")
         self.emulator = emulator
         self.windows = windows
         self.every = every

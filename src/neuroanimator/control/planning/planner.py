@@ -107,19 +107,19 @@ class Planner:
         check_method(method)
         if min(steps, iterations) < 1:
             raise ArgumentError(
-                f"steps and iterations: wanted at least 1, came {steps} and {iterations}."
+                f"steps and iterations: wanted at least 1, got {steps} and {iterations}."
             )
         if not 0 <= guesses <= MAX_GUESSES:
-            raise ArgumentError(f"guesses: wanted 0 to {MAX_GUESSES}, came {guesses}.")
+            raise ArgumentError(f"guesses: wanted 0 to {MAX_GUESSES}, got {guesses}.")
         if not 1 <= starts <= max(1, guesses):
             raise ArgumentError(
-                f"starts: wanted 1 to the {max(1, guesses)} guesses, came {starts}. Give more guesses."
+                f"starts: wanted 1 to the {max(1, guesses)} guesses, got {starts}. Give more guesses."
             )
         if parametrisation is None:
             parametrisation = EachStep.of(steps, bounds or emulator.bounds)
         if parametrisation.steps != steps:
             raise ArgumentError(
-                f"parametrisation: wanted one of {steps} super steps, came {parametrisation.steps}."
+                f"parametrisation: wanted one of {steps} super steps, got {parametrisation.steps}."
             )
         check_objective(objective, emulator, emulator.rest, steps)
         problem = pose_problem(emulator, objective, parametrisation, emulator.rest)

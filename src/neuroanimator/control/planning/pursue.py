@@ -108,7 +108,7 @@ def pursue_goal(
     horizon = HORIZON_STEPS * dt if horizon is None else horizon
     if not 2 * dt <= horizon <= MAX_HORIZON_STEPS * dt:
         raise ArgumentError(
-            f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, came {horizon:g}."
+            f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, got {horizon:g}."
         )
     begin = np.asarray(goal_start(system, name) if start is None else start, float)
     # Effort is counted per second, and slow systems take many.

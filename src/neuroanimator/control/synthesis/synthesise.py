@@ -191,7 +191,7 @@ def finetune(
 ) -> Attempt:
     """Return the best of `attempt` and others with emulators trained on the physics around it, with the cost of all."""
     if not minutes >= 0:
-        raise ArgumentError(f"minutes: wanted 0 or more, came {minutes:g}.")
+        raise ArgumentError(f"minutes: wanted 0 or more, got {minutes:g}.")
     if not minutes:
         return attempt
     seconds_left = 60 * minutes

@@ -256,7 +256,7 @@ def check_parts(
         )
     if widths.count(0) != 1 or 0 in (widths[0], widths[-1]) or min(widths) < 0:
         raise ArgumentError(
-            f"widths: wanted the upper network's layers, 0, a child's layers; came {list(widths)}."
+            f"widths: wanted the upper network's layers, 0, a child's layers; got {list(widths)}."
         )
     above = parts[0]
     children = parts[1:]

@@ -153,7 +153,7 @@ def improve(
             "Give it more recordings: improve --from recording.csv."
         )
     if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ArgumentError(f"tolerance: wanted a number above 0, came {tolerance:g}.")
+        raise ArgumentError(f"tolerance: wanted a number above 0, got {tolerance:g}.")
     distributions = distributions_of(system, emulator.dt)
     begin = emulator.rest if start is None else np.asarray(start, float)
     for name, controls in (controllers or {}).items():

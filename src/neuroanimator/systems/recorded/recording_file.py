@@ -47,7 +47,7 @@ class RecordingFile:
             )
         if abs(recording.step - self.step) > STEP_TOLERANCE * recording.step:
             raise ArgumentError(
-                f"physics.step: {recording.file} is sampled every {recording.step:g} s, came {self.step:g}."
+                f"physics.step: {recording.file} is sampled every {recording.step:g} s, got {self.step:g}."
             )
         return recording
 

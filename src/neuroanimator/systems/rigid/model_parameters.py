@@ -381,7 +381,7 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
     match = PATTERN.fullmatch(table.sets)
     if match is None or match["element"] not in ATTRIBUTES:
         raise ArgumentError(
-            f"{where}: wanted element/name/attribute such as body/forearm/mass, came {quoted(table.sets)}. "
+            f"{where}: wanted element/name/attribute such as body/forearm/mass, got {quoted(table.sets)}. "
             f"Elements: {listed(ATTRIBUTES)}."
         )
     element = match["element"]
@@ -399,7 +399,7 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
     if index is None or index >= attribute.numbers:
         raise ArgumentError(
             f"{where}: wanted which of its {attribute.numbers} numbers, {match['attribute']}[0] to "
-            f"[{attribute.numbers - 1}], came {quoted(table.sets)}."
+            f"[{attribute.numbers - 1}], got {quoted(table.sets)}."
         )
     target = Target(element, numbers, match["attribute"], attribute, index)
     _refuse_unfit(model, where, target, table)

@@ -68,7 +68,7 @@ class FlexScene(SoftScene):
         bodies = mover_names(model)
         if set(bodies) != set(definition.movers):
             raise ArgumentError(
-                f"movers: wanted the mocap bodies of {main}, {listed(sorted(bodies))}; came "
+                f"movers: wanted the mocap bodies of {main}, {listed(sorted(bodies))}; got "
                 f"{listed([quoted(name) for name in definition.movers])}. Name the same ones."
             )
         self.bodies = [bodies[name] for name in definition.movers]

@@ -100,7 +100,7 @@ def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
     version, kind = lines.words(3)[:2]
     if version not in VERSIONS or kind != "0":
         raise BadFileError(
-            f"{name}: wanted Gmsh MSH 2.2 or 4.1 in ASCII, came version {quoted(version)}, kind {quoted(kind)}. "
+            f"{name}: wanted Gmsh MSH 2.2 or 4.1 in ASCII, got version {quoted(version)}, kind {quoted(kind)}. "
             "Save it again: gmsh -3 -format msh41 solid.geo"
         )
     is_old = version == "2.2"

@@ -127,7 +127,7 @@ class Scene(SoftScene):
         for name, table in self.definition.parameters.items():
             if table.sets not in WIND:
                 raise ArgumentError(
-                    f"parameters.{name}.sets: wanted one of {listed(WIND)}, came {quoted(table.sets)}."
+                    f"parameters.{name}.sets: wanted one of {listed(WIND)}, got {quoted(table.sets)}."
                 )
             own = self.wind[WIND.index(table.sets)]
             parameters.append(parameter_from_table(name, table, "m/s", own))
