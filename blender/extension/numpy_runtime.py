@@ -196,9 +196,7 @@ class Model:
 
     def _check_has_scores(self):
         if "trust" not in self.outputs:
-            raise ValueError(
-                "this file has no scores of trust; one that is exported again may have them"
-            )
+            raise ValueError("this file has no trust scores; export it again")
 
     def rollout(self, state, controls):
         """Return the states (T+1, S) from `state` (S,) on under `controls` (T, C)."""
@@ -244,7 +242,7 @@ def load(file):
         program = Program(told["nodes"], told["inputs"], outputs, constants)
         return Model(told["facts"], program, outputs, told["body"], arrays)
     except DAMAGED as error:
-        raise ValueError(f"no program of NeuroAnimator's: {error}") from error
+        raise ValueError(f"not a NeuroAnimator file: {error}") from error
 
 
 def _check_size(file):
