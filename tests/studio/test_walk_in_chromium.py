@@ -67,7 +67,7 @@ def test_a_human_goes_where_arrow_keys_say_and_ten_others_go_their_ways(tmp_path
         hold(page, "ArrowLeft", 6)
         let_time_go(page, 2)
         hold(page, "ArrowRight", 6)
-        others = page.locator("button", has_text=re.compile("each on its way"))
+        others = page.locator("button", has_text=re.compile("each going its own way"))
         others.click()
         expect(others).to_have_attribute("aria-pressed", "false")
         let_time_go(page, 2)

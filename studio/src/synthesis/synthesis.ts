@@ -36,7 +36,7 @@ const OTHER_OPACITY = 0.25;
 const FIND = "Find controls";
 
 /** Reason why nothing is proved without a server. */
-const NO_PHYSICS = "the true physics of this system runs on the server alone; start it with 'neuroanimator studio'";
+const NO_PHYSICS = "the true physics of this system runs on the server only; start it with 'neuroanimator studio'";
 
 /** The wanted result. */
 interface Sought {
