@@ -231,7 +231,7 @@ def park_in_a_bay(system: System, emulator: Emulator) -> PageDescent:
     parametrisation = Spline.of(steps, PARKING_KNOTS, system.bounds)
     guesses = _guesses(emulator, parametrisation, PARKING_STARTS)
     problem = pose_problem(emulator, objective, parametrisation, system.rest)
-    about = "Parks where it is told, and touches nothing."
+    about = "Parks at the chosen place, touching nothing."
     return PageDescent("park", about, problem, guesses, movable)
 
 

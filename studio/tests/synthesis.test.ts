@@ -141,5 +141,5 @@ test("a worker that is stopped is said to be, and nobody waits for it", async ()
   const synthesiser = new Synthesiser(descentOf("pendulum-50"), await compiled("pendulum-50"), deaf);
   const first = synthesiser.descend({ start: synthesiser.facts.start }).next();
   (deaf.onerror as () => void)();
-  await expect(first).rejects.toThrow("the worker that descends was stopped; reload the page");
+  await expect(first).rejects.toThrow("the optimising worker was stopped; reload the page");
 });

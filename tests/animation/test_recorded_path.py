@@ -159,9 +159,9 @@ FORGED = {
     "an offset below": (lambda document: document["accessors"][0].update(byteOffset=-4), "byteOffset: wanted"),
     "numbers elsewhere": (lambda document: document["buffers"][0].update(uri="a.bin"), "another file"),
     "compressed": (lambda document: document["bufferViews"][0].update(extensions={"a": {}}), "compressed"),
-    "few values": (lambda document: document["accessors"][1].update(count=1), "1 values at 2 key frames"),
+    "few values": (lambda document: document["accessors"][1].update(count=1), "1 values at 2 keyframes"),
     "huge": (lambda document: document["nodes"][0].update(scale=[1e9, 1, 1]), "scale: wanted a number"),
-    "flat": (lambda document: document["nodes"][1].update(matrix=[0] * 16), "no rotation and scale"),
+    "flat": (lambda document: document["nodes"][1].update(matrix=[0] * 16), "not a rotation and a scale"),
 }  # fmt: skip
 """By name, a change of a character's document, and what is said of it."""
 

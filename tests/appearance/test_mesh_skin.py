@@ -212,14 +212,14 @@ def coded(byte: int, size: int, vertices: int | None = None) -> str:
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
-        (lambda skin: skin.update(triangles="/" * 8), "parts do not have all"),
-        (lambda skin: skin.update(triangles=skin["triangles"][:-8]), "parts do not have all"),
-        (lambda skin: skin.update(weights=coded(255, 3, 1)), "cut off"),
+        (lambda skin: skin.update(triangles="/" * 8), "parts do not cover all"),
+        (lambda skin: skin.update(triangles=skin["triangles"][:-8]), "parts do not cover all"),
+        (lambda skin: skin.update(weights=coded(255, 3, 1)), "is truncated"),
         (lambda skin: skin.update(weights=coded(255, 4, 1)), "four weights"),
         (lambda skin: skin.update(weights=coded(255, 4)), "do not add up"),
         (lambda skin: skin.update(influences=coded(255, 4)), "follows a bone"),
         (lambda skin: skin.update(vertices=coded(0, 6, 3)), "four bones"),
-        (lambda skin: skin.update(vertices="AAAA"), "cut off"),
+        (lambda skin: skin.update(vertices="AAAA"), "is truncated"),
         (lambda skin: skin.update(vertices="A" * (8 * MAX_VERTICES + 8)), "vertices"),
         (lambda skin: skin.update(vertices="é"), "vertices"),
         (lambda skin: skin.update(step=float("nan")), "step"),

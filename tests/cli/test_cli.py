@@ -182,7 +182,7 @@ def test_info_and_list_and_doctor_answer(cli: Cli):
     assert names[0] == "dolphin"
     assert names[len(SYSTEMS) - 1] == "cube"  # nothing ships for it
     assert "swims by commands, speed and turn, through dolphin-50" in listed
-    assert "video drawn by" in cli("doctor").stdout
+    assert "video rendered by" in cli("doctor").stdout
 
 
 def test_doctor_says_what_every_extra_is_for_and_whether_it_is_there(cli: Cli):
@@ -225,7 +225,7 @@ def test_the_version_is_told_without_heavy_imports(cli_process: Cli):
 
 def test_a_gap_is_told_in_words():
     assert "physics does even better" in gap_in_words(0.956, 0.315)
-    assert "does what the emulator foretold" in gap_in_words(0.30, 0.31)
+    assert "does what the emulator predicted" in gap_in_words(0.30, 0.31)
     assert "a little worse" in gap_in_words(0.3, 0.5)
     assert "much worse" in gap_in_words(0.3, 1.4)
     assert "lower is better" in gap_in_words(0.3, 1.4)
@@ -233,6 +233,6 @@ def test_a_gap_is_told_in_words():
 
 def test_of_a_missed_goal_nobody_says_that_the_physics_does_what_was_foretold():
     told = gap_in_words(3.0, 3.05, is_reached=False)
-    assert told.endswith("the goal is missed: the emulator foretold as high a J")
+    assert told.endswith("the goal is missed: the emulator predicted as high a J")
     assert "the goal is missed: the physics does a little worse" in gap_in_words(0.3, 0.5, False)
     assert "missed" not in gap_in_words(0.3, 0.5, is_reached=True)

@@ -181,8 +181,8 @@ def _follower(
     if headings is not None and np.ptp(headings) > TURNS:
         angle = np.rad2deg(np.ptp(headings))
         remarks.append(
-            f"{path.name}: it turns by {angle:.0f} degrees, but {mover.name} only moves. Set 'turns = true' of {mover.name} in "
-            "the TOML file and train again, or leave it so."
+            f"{path.name}: it turns by {angle:.0f} degrees, but {mover.name} does not, so the turn is ignored. To keep it, set "
+            f"'turns = true' of {mover.name} in the TOML file and train again."
         )
     return Follower(mover, positions), remarks
 
@@ -214,8 +214,8 @@ def _remarks_on_speed(
         return []
     slower = np.floor(100 * SLACK * speed / factor) / 100
     return [
-        f"{path.name}: {mover.name} moves {told}, {factor:.3g} times as fast as in training, and is followed beyond what the "
-        f"emulator knows. Give --path-speed {slower:g}, or raise '{bound}' of {mover.name} in the TOML file and train again."
+        f"{path.name}: {mover.name} moves {told}, {factor:.3g} times as fast as in training, beyond what the emulator "
+        f"knows. Give --path-speed {slower:g}, or raise '{bound}' of {mover.name} in the TOML file and train again."
     ]
 
 

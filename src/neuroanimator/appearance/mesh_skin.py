@@ -118,15 +118,15 @@ class MeshSkin(Table):
         if not 3 <= count <= MAX_VERTICES or len(triangles) > MAX_TRIANGLES:
             raise ValueError(f"{len(triangles)} triangles of {count} vertices")
         if len(influences) != count or len(weights) != count:
-            raise ValueError("wanted four bones and four weights a vertex")
+            raise ValueError("wanted four bones and four weights per vertex")
         if len({part.name for part in self.parts}) < len(self.parts):
-            raise ValueError("two parts of one name")
+            raise ValueError("two parts with the same name")
         if sum(part.triangles for part in self.parts) != len(triangles):
-            raise ValueError("its parts do not have all triangles")
+            raise ValueError("its parts do not cover all triangles")
         if triangles.max() >= count:
-            raise ValueError("a triangle has a vertex that is not there")
+            raise ValueError("a triangle names a vertex that does not exist")
         if influences.max() >= len(self.bones):
-            raise ValueError("a vertex follows a bone that is not there")
+            raise ValueError("a vertex follows a bone that does not exist")
         if (weights.sum(axis=1, dtype=int) != WHOLE).any():
             raise ValueError(f"the weights of a vertex do not add up to {WHOLE}")
         for bone in self.bones:
@@ -195,5 +195,5 @@ def _unpacked(text: str, kind: str, columns: int) -> np.ndarray:
         raise ValueError("an array is not base64") from error
     row_size = columns * np.dtype(kind).itemsize
     if not content or len(content) % row_size:
-        raise ValueError("an array is cut off")
+        raise ValueError("an array is truncated")
     return np.frombuffer(content, kind).reshape(-1, columns)

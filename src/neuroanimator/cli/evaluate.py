@@ -226,7 +226,7 @@ def _sweep(
         print(dumps(table, indent=2))
         return
     print_table(table)
-    verdict = "none of them; train longer, or take smaller n"
+    verdict = "none of them; train longer, or use smaller n"
     if best:
         verdict = f"n = {best.substeps}"
     print(

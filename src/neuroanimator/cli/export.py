@@ -60,7 +60,7 @@ def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
 def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, camera: str) -> None:
 
     if emulator is None:
-        raise ArgumentError(f"{clip}: a clip needs --emulator, the one that it belongs to.")
+        raise ArgumentError(f"{clip}: a clip needs --emulator, the one it belongs to.")
     film = read_film(size, camera)
     with phase("loading"):
         model = emulator_for(out, emulator)

@@ -54,7 +54,7 @@ def run(
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
-    """Simulate random motions and store transitions. Killed and started again, it goes on where it stopped."""
+    """Simulate random motions and store transitions. If killed, run it again: it resumes where it stopped."""
     with phase("loading"):
         if system.endswith(".toml"):
             trust_files(system)

@@ -85,7 +85,7 @@ def _rows(
     model: Emulator, result: Identification, out: Path | None, report: Path | None
 ) -> list[tuple[str, object]]:
     measurements = result.measurements
-    proof = "none: there is no physics at hand, so the emulator's word stands alone"
+    proof = "none: no physics is available, so the result rests on the emulator alone"
     if result.proven is not None:
         proof = f"{result.seconds_of_physics:.1f} s, {result.proven.iterations} steps in all"
     rows: list[tuple[str, object]] = [

@@ -114,7 +114,7 @@ def _improve(
 ) -> None:
     """Improve an emulator where it is weak, under progress bars."""
     if start and not controls:
-        raise ArgumentError("improve: --start is where --controls begin. Give these, too.")
+        raise ArgumentError("start: applies to --controls only. Give --controls, too.")
     controllers = {str(path): read_table(path, model.control)[1] for path in controls}
     start_state = named_start(model, read_starts(start)) if start else None
     with (

@@ -114,7 +114,7 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
         corrections=CORRECTIONS,
         measures_trust=True,
         on_refine=lambda gap: print(
-            f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr
+            f"    gap {gap:.2f}: training on the physics around the motion", file=sys.stderr
         ),
     )
 

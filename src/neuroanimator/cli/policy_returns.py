@@ -254,6 +254,6 @@ def _evaluate_following(
         ),
     ]
     if inside.returns.mean() < TRUE_RETURN * found.returns.mean():
-        advice = "useless as physics; 'neuroanimator train' makes one of what the policy does"
+        advice = "useless as physics; 'neuroanimator train' makes one from the policy's motions"
         rows.append(("the emulator", advice))
     print_rows(rows)

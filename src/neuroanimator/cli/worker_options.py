@@ -21,7 +21,8 @@ RAY = "ray"
 Where = Annotated[
     str,
     typer.Option(
-        "--executor", help="Where: local; ray starts Ray here; ray://HOST:PORT joins a cluster."
+        "--executor",
+        help="Where to run: local; ray starts Ray here; ray://HOST:PORT joins a cluster.",
     ),
 ]
 """The option `--executor`."""

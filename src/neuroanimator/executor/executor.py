@@ -147,7 +147,7 @@ def raise_first(failed: dict[int, NeuroAnimatorError], count: int) -> None:
     first = failed[min(failed)]
     if len(failed) == 1:
         raise first
-    raise same_kind(first, f"{first} So failed {len(failed)} of {count} tasks.") from first
+    raise same_kind(first, f"{first} {len(failed)} of {count} tasks failed.") from first
 
 
 def same_kind(error: NeuroAnimatorError, message: str) -> NeuroAnimatorError:

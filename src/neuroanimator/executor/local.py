@@ -122,7 +122,7 @@ class WorkerProcess:
             self.connection.close()
         how = f"of signal {-code}" if code < 0 else f"with exit code {code}"
         raise LostTaskError(
-            f"its worker died {how}. Give it fewer workers or more memory, and start it again: it goes on where it was."
+            f"its worker died {how}. Use fewer workers or more memory, and run it again: it resumes where it stopped."
         )
 
     def end(self) -> None:

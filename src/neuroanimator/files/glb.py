@@ -108,7 +108,7 @@ class Glb:
             raise ValueError(f"{what}: compressed. Save the file without compression")
         buffer = object_at(self.objects("buffers"), view.get("buffer"), "buffer")
         if view.get("buffer") != 0 or "uri" in buffer:
-            raise ValueError(f"{what}: its numbers lie in another file. Save all in one .glb file")
+            raise ValueError(f"{what}: its data is in another file. Save all in one .glb file")
         offset = whole(view.get("byteOffset", 0), f"{what}: byteOffset", 0, len(self.binary))
         room = len(self.binary) - offset
         length = whole(view.get("byteLength"), f"{what}: byteLength", 1, room)

@@ -250,7 +250,7 @@ class Learner:
         """Return states in which episodes begin."""
         draw_start = self.rules.draw_start
         if draw_start is None:
-            raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
+            raise ArgumentError("rules: wanted rules with draw_start, which draws starts.")
         rng = self._rng(-1)
         return as_jax(np.stack([draw_start(rng) for _ in range(STARTS)]))
 

@@ -30,7 +30,7 @@ def gymnasium_task(env_id: str) -> TaskTable:
     """
     if default_of(env_id, "forward_reward_weight") is None:
         raise ArgumentError(
-            f"{env_id} pays for something else than going forward. Write its reward as na.gym.EpisodeRules."
+            f"{env_id} rewards something other than going forward. Write its reward as na.gym.EpisodeRules."
         )
     is_ended = default_of(env_id, "terminate_when_unhealthy") is not None
     given: dict[str, Any] = {}

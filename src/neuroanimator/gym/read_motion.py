@@ -245,7 +245,7 @@ def _check_seam(
     if apart[worst] > SEAM:
         name = layout.names[entries[worst]]
         raise BadFileError(
-            f"{path}: its last pose is not its first: '{name}' differs by {apart[worst]:.2g}. Close the loop, or say "
+            f"{path}: its last pose is not its first: '{name}' differs by {apart[worst]:.2g}. Close the loop, or set "
             "follow.laps = 1."
         )
 

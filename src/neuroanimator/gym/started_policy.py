@@ -20,7 +20,7 @@ def check_start(start: StatePolicy, emulator: Emulator, view: View) -> None:
     known = len(start.view.mean)
     if known > len(view.mean):
         raise ArgumentError(
-            f"start: it is shown {known} numbers, this task shows {len(view.mean)}. Give a policy of a like task."
+            f"start: the policy observes {known} numbers, this task has {len(view.mean)}. Give a policy of a similar task."
         )
 
 

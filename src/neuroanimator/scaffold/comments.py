@@ -117,22 +117,22 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
     if is_urdf(found.motion.values):
         notes.append(f"a motor of <limit effort>; new --passive {name} leaves it out")
     if actuator in actuators_without_range(model):
-        notes.append("the model gives no range: say what your motor can do")
+        notes.append("the model gives no range: set what your motor can do")
     if found.hold.source and abs(held) > OFF_MIDDLE * (high - low):
         notes.append(f"{held:.3g}: {found.hold.source}")
     if found.motion.values["control"][name] != (low, high):
         why = "as far to either side"
         if found.motion.share < 1:
-            why = "with all of which it would fall, or turn too fast to learn; widen if need be"
+            why = "at full range it would fall, or turn too fast to learn; widen if needed"
         notes.append(f"of {low:.4g} to {high:.4g}, {why}")
     return "; ".join(notes)
 
 
 def _warm_up_note(system: ModelSystem, motion: Motion) -> str:
     """Return why runs are or are not driven before they are recorded."""
-    note = "none: nothing can touch anything"
+    note = "none: nothing can collide"
     if system.warm_up:
-        note = "something can touch something: let contacts settle first"
+        note = "bodies can collide: let contacts settle first"
     elif system.sampling.above_ground:
         note = "none, as it falls"
     if system.sampling.above_ground:
@@ -164,7 +164,7 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
         motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
         added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"
         if values["base"] == "free":
-            added += "; a floor, as slippery as MuJoCo's usually are"
+            added += "; a floor, with MuJoCo's default friction"
         added += f"; a step of {model.opt.timestep:g} s, if the file sets none"
         rows.append(("added", added))
     if values["sampling"]["above_ground"]:
@@ -230,7 +230,7 @@ def _fall_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
             )
         else:
             yield (
-                f"{name}: there is no floor and no control holds it, so it falls for ever. Add a plane, or set "
+                f"{name}: there is no floor and no control holds it, so it falls forever. Add a plane, or set "
                 'gravity="0 0 0" if it floats.'
             )
     if found.motion.upright < MOST:

@@ -347,8 +347,9 @@ def _refuse_memory(trial: Trial) -> None:
         if not np.allclose(one, other, **TOLERANCES, equal_nan=True):
             entry = int(np.argmax(np.abs(one - other)))
             raise BadFileError(
-                f"{system.file}: step answers the same state and control with {one[entry]:.6g} and with "
-                f"{other[entry]:.6g} for {system.state.names[entry]}. It must keep nothing between calls and draw no lots."
+                f"{system.file}: step returns both {one[entry]:.6g} and {other[entry]:.6g} for "
+                f"{system.state.names[entry]}, from the same state and control. It must keep nothing between "
+                "calls and use no random numbers."
             )
 
 
@@ -371,7 +372,7 @@ def _takes_batches(trial: Trial, declared: Declarations) -> bool:
     is_same = np.allclose(np.stack(singly), together.T, **TOLERANCES, equal_nan=True)
     if declared.BATCHED and not is_same:
         raise BadFileError(
-            f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out."
+            f"{system.file}: BATCHED: step gives other results for (S, B) arrays than for (S,). Leave it out."
         )
     return is_same
 

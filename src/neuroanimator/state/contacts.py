@@ -226,7 +226,7 @@ class Contacts:
         def point(row: Any, what: str) -> ContactPoint:
             link, x, y, z, radius = numbers(row, what, 5, MAX_DISTANCE)
             if link not in range(len(kinematics.links)):
-                raise ValueError(f"{what}: on a bone that is not there")
+                raise ValueError(f"{what}: on a bone that does not exist")
             return ContactPoint(int(link), x, y, z, radius)
 
         def plane(row: Any, what: str) -> Plane:

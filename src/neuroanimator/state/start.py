@@ -69,7 +69,7 @@ def start_state(
         length = np.linalg.norm(orientation)
         if length < SHORTEST:
             raise ArgumentError(
-                "start: a quaternion of zeros turns nowhere. Give 1, 0, 0, 0 for no turn."
+                "start: a quaternion of zeros is no rotation. Give 1, 0, 0, 0 for none."
             )
         orientation /= length
     return start
@@ -104,7 +104,7 @@ def _read_numbers(name: str, text: str) -> tuple[float, ...]:
         return tuple(float(number) for number in text.split(","))
     except ValueError:
         raise ArgumentError(
-            f"start: '{name}': wanted numbers with commas between, got '{text[:60]}'."
+            f"start: '{name}': wanted numbers separated by commas, got '{text[:60]}'."
         ) from None
 
 

@@ -26,7 +26,7 @@ MAX_STATE = 1000
 def layout_of_state(parts: Sequence[StatePart]) -> Layout:
     """Return the parts as a vector.
 
-    Raises ArgumentError for two parts of one name, for too many numbers and for an unknown unit.
+    Raises ArgumentError for two parts with the same name, for too many numbers and for an unknown unit.
     """
     _refuse_clash("state", [part.name for part in parts])
     if sum(part.size for part in parts) > MAX_STATE:
@@ -43,7 +43,7 @@ def layout_of_state(parts: Sequence[StatePart]) -> Layout:
 def layout_of_control(parts: Sequence[ControlPart]) -> tuple[Layout, Bounds]:
     """Return the parts as a vector with its bounds.
 
-    Raises ArgumentError for two parts of one name, for bounds that are empty and for an unknown unit.
+    Raises ArgumentError for two parts with the same name, for bounds that are empty and for an unknown unit.
     """
     _refuse_clash("control", [part.name for part in parts])
     for part in parts:

@@ -61,7 +61,7 @@ def sample_of(data: Dataset, config: TrainingConfig) -> Transitions:
         if sample.diverged:
             lost = f" {sample.diverged} runs diverged and were dropped: use a smaller step."
         raise ArgumentError(
-            f"count: {taken} transitions are too few to train on; wanted some hundred.{lost}"
+            f"count: {taken} transitions are too few to train on; wanted a few hundred.{lost}"
         )
     return sample
 

@@ -592,9 +592,9 @@ REFUSED_COSTS = {
     "weights of at least 0, got -1": lambda: Objective.of(effort(-1.0), effort(1.0)),
     "weights of at least 0, got nan": lambda: Objective.of(effort(float("nan"))),
     "weights of at least 0, got inf": lambda: Objective.of(effort(float("inf"))),
-    "is not finite. Mend the term that makes it": lambda: Objective.of(not_a_number),
+    "is not finite. Correct the term that causes it": lambda: Objective.of(not_a_number),
     "'many_numbers' must return one number, got (6,)": lambda: Objective.of(many_numbers),
-    "J has no finite slope": lambda: Objective.of(square_root),
+    "J has no finite gradient": lambda: Objective.of(square_root),
     "'failing' failed: KeyError: 'speed'": lambda: Objective.of(failing),
 }
 

@@ -145,7 +145,7 @@ def test_types_name_what_the_es_module_has(lander: Path):
 def test_a_module_that_does_something_else_is_refused(lander: Path):
     emulator = load_emulator("lander-100")
     module = wasm_file.Module(wasmtime, (lander / "lander.wasm").read_bytes(), "lander")
-    with pytest.raises(NeuroAnimatorError, match="does not do what JAX does"):
+    with pytest.raises(NeuroAnimatorError, match="disagrees with JAX"):
         check_steps(module.call, make_vectors(definition_of(emulator), emulator))
 
 

@@ -193,7 +193,7 @@ def test_nodes_and_springs_that_make_no_body_are_refused(
         (put(["top", "tial"], "groups", "back"), "groups.back: no node called 'tial'"),
         (
             put(["nose", "top", "left"], "faces", 0),
-            r"faces: \['nose', 'top', 'left'\] and .* look to opposite sides",
+            r"faces: \['nose', 'top', 'left'\] and .* face opposite sides",
         ),
         (put([["nose", "top", "left"]], "faces"), r"faces: \['nose', 'top', 'left'\] looks inward"),
         (put(["nose", "tail", "nose"], "faces", 0), "faces: .* has no area"),

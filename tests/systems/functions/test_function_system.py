@@ -119,7 +119,7 @@ def test_an_evaluation_says_that_the_function_at_its_own_step_is_the_truth(tmp_p
     emulator = train(read_transitions(tmp_path / "data"), settings, tmp_path / "e.safetensors")
     found = evaluate(emulator, budget=FAST)
     assert found.is_own_reference
-    assert "held against the physics at its own step, which is the truth" in found.note
+    assert "measured against the physics at its own step, which is the truth" in found.note
     write_report([found], tmp_path / "report.html")
     report = (tmp_path / "report.html").read_text()
     assert "which is the truth here" in report

@@ -285,18 +285,18 @@ REFUSED = {
     "follow a coarser grid": model_of(
         GROUND + JELLY.replace("dim=", 'dof="trilinear" dim=') + BALL
     ),
-    "go along without inertia": model_of(BALL.replace("</body>", CLOTH + "</body>")),
+    "be carried along without inertia": model_of(BALL.replace("</body>", CLOTH + "</body>")),
     "moves by joints, beside the soft body": model_of(
         CLOTH + BALL + '<body name="box" pos="1 1 1"><freejoint/><geom size="0.1"/></body>'
     ),
     "inside a body that moves": model_of(
         '<body name="box" pos="1 1 1"><freejoint/><geom size="0.1"/>' + CLOTH + "</body>" + BALL
     ),
-    "hangs on a body that moves": model_of(
+    "is attached to a body that moves": model_of(
         BALL + '<body name="a"><freejoint/><geom size="0.1"/></body><body name="b" pos="1 0 0"/>',
         '<deformable><flex name="f" dim="1" body="a b" vertex="0 0 0 0 0 0" element="0 1"/></deformable>',
     ),
-    "falls for ever": model_of(JELLY + BALL),
+    "falls forever": model_of(JELLY + BALL),
 }
 
 

@@ -254,13 +254,13 @@ def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
     notes = []
     for name in findings.not_shown:
         notes.append(
-            f"{name}: the recordings never show it; its value is hardly more than the nominal one. Record motions that "
+            f"{name}: the recordings do not determine it; its value is little more than the nominal one. Record motions that "
             "depend on it."
         )
     for names in findings.confused:
         notes.append(
-            f"{', '.join(names)}: cannot be told apart; only a combination of them is known. Fix one, by a range around what "
-            "you measured otherwise, or record other motions."
+            f"{', '.join(names)}: cannot be told apart; only a combination of them is known. Fix one, by a narrow range "
+            "around a measured value, or record other motions."
         )
     for name in findings.at_end:
         place = unknowns.names.index(name)
@@ -297,14 +297,14 @@ def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
     notes = []
     if delay not in known and is_sure[delay] and change[delay] > LATE * emulator.dt:
         notes.append(
-            f"what was measured seems to be {change[delay] * 1e3:.2g} ms late: --delay finds that as well."
+            f"the measurements seem to be {change[delay] * 1e3:.2g} ms late: --delay finds the delay, too."
         )
     for place, entry in enumerate(unknowns.offsets, delay + 1):
         is_large = abs(change[place]) > NOTEWORTHY * fit.noise[entry]
         if place not in known and is_sure[place] and is_large:
             name = unknowns.names[place].removeprefix("offset of ")
             notes.append(
-                f"{name} seems to be off by {change[place]:.3g} {unknowns.units[place]} throughout: --offsets finds that as "
-                "well."
+                f"{name} seems to be off by {change[place]:.3g} {unknowns.units[place]} throughout: --offsets finds the "
+                "offset, too."
             )
     return notes

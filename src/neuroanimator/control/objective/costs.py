@@ -329,7 +329,7 @@ def reach_node(
     shapes = system.skeleton.shapes
     if shapes is None:
         raise ArgumentError(
-            f"node: {system.name} is no soft body, which alone has nodes. reach_point is for a point of a body."
+            f"node: {system.name} is no soft body, so it has no nodes. Use reach_point for a point of a body."
         )
     if not 0 <= node < len(shapes.mean):
         raise ArgumentError(f"node: wanted 0 to {len(shapes.mean) - 1}, got {node}.")
@@ -495,7 +495,7 @@ def travel(
     names = [bone.name for bone in system.skeleton.bones if bone.joints]
     if body is None and names and not has_pose(system.structure):
         raise ArgumentError(
-            f'travel: {system.name} has no free root. Say which body is to come forward: body = "{names[0]}", '
+            f'travel: {system.name} has no free root. Name the body to move forward: body = "{names[0]}", '
             f"or another of {', '.join(names)}."
         )
     if body is None:

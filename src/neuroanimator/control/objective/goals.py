@@ -208,7 +208,7 @@ def _judged_entries(system: System, goal: Goal) -> list[tuple[int, int, float]]:
         own = wanted.keys() & set(range(placed.entries.start, placed.entries.stop))
         if own and not placed.segment.change_size:
             raise ArgumentError(
-                f"goal: '{_part_of(system, min(own))}' follows the controls exactly, and no goal judges it. Name a part that "
+                f"goal: '{_part_of(system, min(own))}' follows the controls exactly, so it cannot be a goal. Name a part that "
                 "moves by itself, or a node of the body (reach_node)."
             )
         for number in range(placed.segment.change_size):

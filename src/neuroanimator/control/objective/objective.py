@@ -87,7 +87,7 @@ def checked_rows(term: StateTerm, steps: int, dt: float) -> Int[np.ndarray, " K"
     if len(beyond):
         raise ArgumentError(
             f"objective: {type(term).__name__} looks at state {beyond[0]} of a motion with states 0 to {steps}. "
-            "Make the motion longer, or mend the term's rows."
+            "Make the motion longer, or correct the term's rows."
         )
     return rows % (steps + 1)
 

@@ -53,6 +53,6 @@ def stay_trusted(
         )
     if emulator.meter is None:
         raise ArgumentError(
-            "threshold: this emulator's file is from before there were scores. na.fit_trust(emulator, data) gives it one."
+            "threshold: this emulator's file is too old to have trust scores. na.fit_trust(emulator, data) adds them."
         )
     return StayTrusted(emulator, as_parameter(threshold), as_parameter(weight))

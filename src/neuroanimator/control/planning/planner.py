@@ -161,7 +161,7 @@ class Planner:
         """Return this planner for an objective of the same costs with other numbers: nothing is recompiled."""
         if not bool(eqx.tree_equal(_without_numbers(objective), _without_numbers(self.objective))):
             raise ArgumentError(
-                "objective: wanted the planner's costs with other numbers. Make a new planner."
+                "objective: only numbers in the planner's costs may change. Make a new planner."
             )
         problem = pose_problem(self.emulator, objective, self.parametrisation, self.emulator.rest)
         return replace(self, objective=objective, _evaluator=evaluator_of(problem))

@@ -129,7 +129,7 @@ def pursue_goal(
     regulator = regulator_of(plant, system, wanted, emulator.bounds, dt, weight)
     way_steps = min(steps, steps_in(wanted.seconds, dt, MAX_SECONDS * slowness(dt)))
     began = time.perf_counter()
-    with phase("searching for the way there"):
+    with phase("searching for a motion to the goal"):
         way = _way(emulator, system, name, weight, begin, way_steps, regulator)
     search_seconds = time.perf_counter() - began
     motion = drive(plant, begin, lambda step, _: way[step], way_steps, on_step=on_step)
@@ -210,5 +210,5 @@ def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
     if pursuit.is_reached:
         answer = f"yes, from {pursuit.seconds_to_goal:.4g} s on"
     elif pursuit.is_at_goal.any():
-        answer = "no: it was there, and left again"
+        answer = "no: reached, then left again"
     return [*rows, (f"goal reached {where}", answer)]

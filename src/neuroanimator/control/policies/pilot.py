@@ -219,7 +219,7 @@ class Pilot:
         if not self._is_begin_measured or abs(passed - self._super_step) > TINY:
             raise ArgumentError(
                 f"state: an estimator learns from states one super step, {self._super_step:g} s, apart. "
-                "Hand one over at each, with dt=pilot.policy.dt."
+                "Pass one at each, with dt=pilot.policy.dt."
             )
 
     def _interpolated(self) -> Float[np.ndarray, " S"]:

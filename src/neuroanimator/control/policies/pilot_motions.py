@@ -163,7 +163,7 @@ class CommandedMotion(PilotMotion):
 
     def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
         if climb != 0:
-            raise ArgumentError(f"climb: this body walks on the ground, got {climb:g}. Say 0.")
+            raise ArgumentError(f"climb: this body walks on the ground, got {climb:g}. Use 0.")
         told = self.reference.with_command(state, np.array([speed, turn]))
         controls = np.asarray(_control(self.policy, as_jax(told)), float)
         controls = self.policy.emulator.bounds.clip(controls)

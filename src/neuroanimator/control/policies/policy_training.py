@@ -249,7 +249,7 @@ def gait_speed(emulator: Emulator) -> float:
     spec = emulator.spec
     if spec.gait is None:
         raise ArgumentError(
-            f"The system {spec.system} has no gait. Give its definition one, to know its speed."
+            f"The system {spec.system} has no gait, which sets its speed. Add one to its definition."
         )
     steps = round(GAIT_SECONDS / emulator.dt)
     controls = spec.gait.controls(steps, emulator.dt, spec.bounds)

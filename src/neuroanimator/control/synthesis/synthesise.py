@@ -202,7 +202,7 @@ def finetune(
         if not latest.has_large_gap or search.is_enough(best.outcome.physics_states):
             break
         on_refine(latest.outcome.gap)
-        with phase("learning the physics around the motion"):
+        with phase("training on the physics around the motion"):
             # Imports training, which most motions do not need.
             from neuroanimator.control.synthesis.finetune import Deadline, OutOfTimeError, refined
 

@@ -264,7 +264,7 @@ def check_parts(
         sees_what_is_there = _are_below(part.odd, odd) and _are_below(part.even, even)
         if not sees_what_is_there or not {*part.hears} <= {*above.answers}:
             raise ArgumentError(
-                f"hierarchy: part {quoted(part.name)} sees or hears what is not there."
+                f"hierarchy: part {quoted(part.name)} refers to an input that does not exist."
             )
         if part.like < 0:
             continue

@@ -116,7 +116,7 @@ class Improvement:
             return f"every error is at most {self.tolerance:.3g} after {taken}"
         if all(error.after == error.before for error in self.errors):
             return f"no better after {taken}, if usual errors are to stay: try a larger network, or more --updates"
-        return f"not every error is at most {self.tolerance:.3g} after {taken}: give it more --rounds, or --samples"
+        return f"not every error is at most {self.tolerance:.3g} after {taken}: allow more --rounds, or --samples"
 
 
 def improve(

@@ -8,12 +8,12 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.errors import ArgumentError
 
 CAMERAS = {
-    "follow": "goes along at the body's side, a little above",
-    "side": "goes along exactly beside it, level",
-    "front": "goes ahead of it and looks back",
-    "back": "goes behind it",
-    "top": "goes along above it and looks down",
-    "still": "stays where it is, with the whole motion in view",
+    "follow": "moves along beside the body, a little above",
+    "side": "moves along exactly beside it, level",
+    "front": "moves ahead of it, looking back",
+    "back": "moves behind it",
+    "top": "moves along above it, looking down",
+    "still": "stays still, with the whole motion in view",
 }
 """Cameras by name, with descriptions."""
 

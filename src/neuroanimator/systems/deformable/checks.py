@@ -63,7 +63,7 @@ def check_springs(
         pair = [names[i] for i in ends]
         if length < MIN_SPRING_LENGTH:
             raise ArgumentError(
-                f"springs: {pair} has no length at rest: both ends are at one place. Move one, or leave it out."
+                f"springs: {pair} has no length at rest: both ends are at the same place. Move one, or leave it out."
             )
         if frozenset(ends) in earlier:
             raise ArgumentError(

@@ -105,7 +105,7 @@ def _check_mirror(
     face_images = Counter(_ring(body, nodes[face][::-1]) for face in body.faces)
     for ring in face_images - faces:
         raise ArgumentError(
-            f"mirror: a face is missing: {list(ring)}, the mirror image of one that is there. "
+            f"mirror: a face is missing: {list(ring)}, the mirror image of one that exists. "
             "Add it, or leave out the mirror."
         )
     forces: Numbers = {}

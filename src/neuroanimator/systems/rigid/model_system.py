@@ -129,7 +129,7 @@ class ModelSystem(MujocoSystem):
         entry = height_entry(self.model)
         if entry is None:
             raise ArgumentError(
-                "sampling.above_ground: wanted a root with a free joint or a vertical slide. Say false."
+                "sampling.above_ground: wanted a root with a free joint or a vertical slide. Set it to false."
             )
         return entry
 

@@ -392,7 +392,7 @@ def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
             refuse_at(
                 element,
                 "",
-                "xacro's macros are not expanded. Run `xacro` on the file, and take what it writes",
+                "xacro's macros are not expanded. Run `xacro` on the file, and use its output",
             )
     root[:] = [child for child in root if child.tag in URDF_PARTS]
     for texture in root.iter("texture"):

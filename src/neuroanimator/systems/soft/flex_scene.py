@@ -89,7 +89,7 @@ class FlexScene(SoftScene):
         self.ground_height = ground_height(model, self.data)
         if self.anchor == FREE and self.ground_height is None:
             raise ArgumentError(
-                f"{main}: nothing holds the soft body, and it falls for ever. Add a horizontal plane, pin nodes, or tie some "
+                f"{main}: nothing holds the soft body, and it falls forever. Add a horizontal plane, pin nodes, or tie some "
                 "to a mocap body by an equality (connect)."
             )
         capsules: list[RoundCollider] = []

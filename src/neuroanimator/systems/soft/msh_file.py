@@ -146,7 +146,9 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
         positions += [lines.point(lines.words(3)) for _ in range(own)]
     places = {tag: place for place, tag in enumerate(tags)}
     if len(places) < len(tags) or min(tags, default=0) < 0:
-        raise BadFileError(f"{lines.name}: two nodes have one number, or none has. Save it again.")
+        raise BadFileError(
+            f"{lines.name}: two nodes have the same number, or a number is negative. Save it again."
+        )
     return places, positions
 
 
