@@ -73,7 +73,7 @@ def test_a_human_goes_where_arrow_keys_say_and_ten_others_go_their_ways(tmp_path
         let_time_go(page, 2)
         expect(others).to_have_attribute("aria-pressed", "true", timeout=PATIENCE)
         expect(page.locator(".chip.trust")).to_contain_text("covered by training")
-        page.locator("summary", has_text="Take with you").click()
+        page.locator("summary", has_text="Export").click()
         with page.expect_download(timeout=PATIENCE) as download:
             page.locator("button", has_text=re.compile("^CSV$")).click()
         times, heights, headings = states_of(download.value.path())

@@ -64,7 +64,7 @@ def run(
     updates: Annotated[
         int | None,
         typer.Option(
-            help="Weight updates (default 40000, half a minute; with contacts 16000, some minutes)."
+            help="Weight updates (default 40000, half a minute; with contacts 16000, a few minutes)."
         ),
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,

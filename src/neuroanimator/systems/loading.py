@@ -206,7 +206,7 @@ def _find_model(name: str, named: Any, text: str) -> ModelFiles:
         )
     raise MissingPhysicsError(
         f"{name}: its physics was not found: wanted {toml} and its model beside it, or --system {toml} (in Python "
-        f"trust_files({toml!r})). Without it an emulator animates, can be exported, and finds controls, but cannot prove them."
+        f"trust_files({toml!r})). Without it an emulator animates, can be exported, and finds controls, but cannot verify them."
     )
 
 
@@ -308,7 +308,7 @@ def _find_shapes(name: str, files: dict[str, Any], text: str) -> Path:
             return path
     raise MissingPhysicsError(
         f"{name}: its shapes were not found: wanted {files['name']}, which --system with its TOML file makes again. Without "
-        "them an emulator animates, can be exported, and finds controls, but cannot prove them."
+        "them an emulator animates, can be exported, and finds controls, but cannot verify them."
     )
 
 

@@ -143,7 +143,7 @@ function startOptions(session: Session): string[] {
 export type Filming = (onProgress: (share: number) => void, signal: AbortSignal) => Promise<Film>;
 
 export function takePanel(session: Session, live: Live | null, banners: Banners, makeFilm: Filming): Panel {
-  const { details, body } = panel("Take with you", false);
+  const { details, body } = panel("Export", false);
   const save = (name: string, text: string): void => saveFile(name, new Blob([text], { type: "text/csv" }));
   const film = button({
     label: "Film",

@@ -229,7 +229,7 @@ def test_without_its_physics_nothing_is_proved_and_that_is_said(
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert not found["is_proven"]
-    assert found["notes"][0].startswith("not proved: ")
+    assert found["notes"][0].startswith("not verified: ")
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def identify(
 
     The state at the start of every window of `window` seconds is found as well, so that noise in it does no harm and
     velocities need not be measured. `delay` also finds the sensors' common delay, `offsets` the offset of
-    each sensor. By default the result is corrected and proved on the `physics`, if available.
+    each sensor. By default the result is corrected and verified on the `physics`, if available.
 
     Raises ArgumentError for an emulator without parameters, BadFileError for recordings that do not fit it.
     """
@@ -132,7 +132,7 @@ def identify(
     slopes = fitter.slopes(emulated)
     system = replayable_system(emulator) if physics else None
     if system is not None and system.can_simulate:
-        with phase("proving it on the physics"):
+        with phase("verifying it on the physics"):
             nominal = _at_nominal(fitter, emulated, system)
             first = replace(stages[0], values=emulated.values)
             proven = _on_physics(fitters, first, system)
@@ -246,7 +246,7 @@ def _unproven(system: System | None) -> list[str]:
     """Return why nothing was proved, if the physics is missing."""
     if system is None or not system.missing:
         return []
-    return [f"not proved: {system.missing} Parameters are as good as the emulator."]
+    return [f"not verified: {system.missing} Parameters are as good as the emulator."]
 
 
 def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:

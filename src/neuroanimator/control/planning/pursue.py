@@ -204,7 +204,9 @@ def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
         way = f"searched for in {pursuit.search_seconds:.1f} s and played for {played:.4g} s"
         rows.append(("way there", way))
     where = (
-        "on the true physics" if pursuit.is_on_physics else "on the emulator, which proves nothing"
+        "on the true physics"
+        if pursuit.is_on_physics
+        else "on the emulator, which verifies nothing"
     )
     answer = "no"
     if pursuit.is_reached:

@@ -14,7 +14,7 @@ MINUTES_SPARE = 2.0
 SMALL_GAP = 0.05
 """Relative difference up to which two values of J are called equal."""
 
-UNPROVED = "not proved: this controller was tried on the emulator alone. Use it with care"
+UNPROVED = "not verified: this controller was tried on the emulator alone. Use it with care"
 """Text for a controller that was tried on the emulator alone."""
 
 
@@ -69,7 +69,7 @@ def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     ]
     if synthesis.is_reached is not None:
         answer = "yes" if synthesis.is_reached else "no"
-        rows.append(("goal reached on the emulator, which proves nothing", answer))
+        rows.append(("goal reached on the emulator, which verifies nothing", answer))
     return rows
 
 

@@ -128,7 +128,7 @@ def synthesise(
     `measures_trust` measures whether the emulator's gradient can be trusted, at random controls: at its optimum it vanishes.
 
     Without physics, as for recordings or a missing model, the controller is the best on the emulator,
-    which proves nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
+    which verifies nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
 
     Raises ArgumentError for an objective that cannot be descended, DivergedError if the physics diverges at the first guess.
     """
