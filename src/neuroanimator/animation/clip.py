@@ -86,7 +86,7 @@ def together(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Clip]:
     if ghost is not None and (len(every) > 1 or ghost.skeleton != every[0].skeleton):
         names = " and ".join(clip.name for clip in every[:3])
         raise ArgumentError(
-            f"ghost: wanted another motion of the same body, got {ghost.name} beside {names}."
+            f"ghost: wanted another motion of the same body, got {ghost.name} for {names}."
         )
     return every
 

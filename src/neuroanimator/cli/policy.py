@@ -134,7 +134,7 @@ def run(
         best = max(report.mean_return for report in told)
         rows += [
             ("super steps", f"{told[-1].steps:,} on the physics"),
-            ("mean return", f"{best:,.0f}, the best on the way"),
+            ("mean return", f"{best:,.0f}, the best while learning"),
         ]
     print_rows([*rows, ("judge it", f"neuroanimator evaluate {out} --episodes 100")])
 

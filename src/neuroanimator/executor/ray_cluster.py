@@ -116,7 +116,7 @@ class RayExecutor(Executor):
         job = None if address.startswith(CLIENT) else self._job()
         with _one_line(
             f"The Ray cluster at {printable(address)} does not let this process in; "
-            "RAY_AUTH_MODE=token and its RAY_AUTH_TOKEN may be wanted"
+            "RAY_AUTH_MODE=token and its RAY_AUTH_TOKEN may be needed"
         ):
             self._ray.init(address=address, job_config=job, **TALKS_LITTLE)
             self._count_workers()

@@ -55,7 +55,7 @@ def task_of(definition: str, label: str) -> TaskTable:
         return written.task
     raise ArgumentError(
         f"{label}: no [task]. 'neuroanimator new Hopper-v5' writes one for Gymnasium's environments that go forward; "
-        "copy it and change its numbers, or learn by na.gym.EpisodeRules of your own."
+        "copy it and change its numbers, or write your own na.gym.EpisodeRules."
     )
 
 

@@ -162,7 +162,9 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
     rows = []
     if is_urdf(values):
         motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
-        added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"
+        added = (
+            f"motors on {motors}, of <limit effort>; for a joint without a motor: --passive JOINT"
+        )
         if values["base"] == "free":
             added += "; a floor, with MuJoCo's default friction"
         added += f"; a step of {model.opt.timestep:g} s, if the file sets none"

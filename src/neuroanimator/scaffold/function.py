@@ -89,8 +89,8 @@ LATER = 5
 """Number of steps after which a control should have had an effect."""
 
 AT_ITS_OWN_STEP = (
-    "the function at its own step is the truth. Where it integrates an equation and is the better the smaller dt is, "
-    "say ODE = True in {file}"
+    "the function at its own step is the truth. If it integrates an equation, and is more accurate with a smaller dt, "
+    "set ODE = True in {file}"
 )
 """Note on the teacher's step if the file does not say that it integrates an equation."""
 
@@ -249,7 +249,7 @@ def _teacher(trial: Trial) -> tuple[int, float]:
     states = trial.states
     if np.array_equal(trial.after(states), trial.after(states, 0.5)):
         raise BadFileError(
-            f"{trial.system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step."
+            f"{trial.system.file}: ODE: step gives the same result for every dt. Leave ODE out, or use dt in step."
         )
     exact = trial.after(states, parts=FINE_PARTS)
     unit = np.maximum((exact - states).std(axis=0), MIN_CHANGE)

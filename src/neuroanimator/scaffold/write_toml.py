@@ -119,7 +119,7 @@ def _propose_without_model(source: Path, path: Path, has_model_options: bool) ->
     """Return the proposal for a step function or recordings, by the suffix of the file."""
     if path.parent.resolve() != source.parent.resolve():
         raise ArgumentError(
-            f"{path}: the TOML file must lie beside {source.name}, in {source.parent or '.'}."
+            f"{path}: the TOML file must be beside {source.name}, in {source.parent or '.'}."
         )
     if has_model_options:
         raise ArgumentError(

@@ -149,7 +149,7 @@ def _make_model(definition: Definition, files: Any, text: str) -> System:
     model = compile_model(found, definition.base, definition.passive)
     if model.nflex:
         raise BadFileError(
-            f"{found.main}: it has a soft body, which 'kind = \"mujoco\"' has not. Write the TOML file again: "
+            f"{found.main}: it has a soft body, which 'kind = \"mujoco\"' does not support. Write the TOML file again: "
             f"neuroanimator new {found.main} --force"
         )
     return ModelSystem(definition, model, text)
@@ -396,7 +396,7 @@ def _whole_table(values: dict[str, Any]) -> dict[str, Any]:
     ]
     if base not in bases:
         raise ArgumentError(
-            f"family_of: no system called {quoted(base)} ships of which there are families. Systems: {', '.join(bases)}."
+            f"family_of: no system with families is called {quoted(base)}. Systems: {', '.join(bases)}."
         )
     return tables[base] | values
 

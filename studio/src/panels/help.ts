@@ -14,7 +14,7 @@ const KEYS: readonly (readonly [keys: string, does: string])[] = [
   ["G", "physics beside the emulator, as a ghost"],
   ["T", "target: swim to it, drag it"],
   ["C", "camera: follow, chase, stay"],
-  ["H", "camera: back to its first place"],
+  ["H", "camera: reset"],
   ["Shift + arrows", "turn the camera"],
   ["+  −", "nearer, further"],
   ["Ctrl + Z", "undo: back to the motion shown before"],
@@ -25,7 +25,7 @@ const KEYS: readonly (readonly [keys: string, does: string])[] = [
 const MOUSE: readonly (readonly [keys: string, does: string])[] = [
   ["Drag the background", "turn the camera; with the right button move it; wheel: nearer, further"],
   ["Drag the body", "push it"],
-  ["Drag what moves a cloth", "lead it, at most at its own speed limit; Shift keeps its height, the wheel moves it nearer or away"],
+  ["Drag what moves a cloth", "lead it, up to its maximum speed; Shift keeps its height, the wheel moves it nearer or away"],
   ["Drag the target", "move it"],
   ["Click the water", "where small fish live around a shark: drop food"],
   ["Drop a file", "an emulator of your own, where there is a server"],

@@ -236,7 +236,7 @@ REFUSED: dict[str, tuple[Any, dict[str, Any]]] = {
         Broken(unwrapped=None), {},
     ),
     "state_of: wanted": (PendulumWorld(), {"state_of": lambda world, seen: np.zeros(4)}),
-    "its step of 0.03 s does not fill the emulator's super step of 0.05 s a whole number": (
+    "the emulator's super step of 0.05 s is not a whole multiple of its step of 0.03 s": (
         Broken(dt=0.03), {},
     ),
     "steps and hold: wanted at least 1, got 60 and 0": (PendulumWorld(), {"hold": 0}),

@@ -141,10 +141,10 @@ def test_an_arm_that_stays_is_filmed_by_a_camera_that_stays():
 
 def test_clips_that_cannot_be_seen_together_are_refused(tmp_path: Path):
     fish, cube = held("fish", np.ones(9)), held("cube", np.ones(9))
-    with pytest.raises(ArgumentError, match="wanted several of one system, got cube beside fish"):
+    with pytest.raises(ArgumentError, match="wanted clips of one system, got fish and cube"):
         write_video([fish, cube], tmp_path / "a.mp4")
     slow = Clip("fish", fish.skeleton, fish.times * 2, fish.states)
-    with pytest.raises(ArgumentError, match="wanted one rate, got 15 beside 30"):
+    with pytest.raises(ArgumentError, match="wanted one rate, got 30 and 15 frames"):
         write_video([fish, slow], tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
 

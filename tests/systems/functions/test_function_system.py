@@ -134,7 +134,7 @@ def test_a_function_that_fails_at_a_smaller_step_is_never_called_with_one(tmp_pa
 
 
 def test_a_function_that_ignores_dt_cannot_be_an_equation(tmp_path: Path):
-    with pytest.raises(NeuroAnimatorError, match="ODE: step does the same for every dt"):
+    with pytest.raises(NeuroAnimatorError, match="ODE: step gives the same result for every dt"):
         system_from(
             tmp_path, SPRING.replace("control, dt):", "control, dt):\n    dt = 0.01"), "fixed"
         )

@@ -321,5 +321,5 @@ def test_other_movers_and_another_kind_are_refused(toml: Path, tmp_path: Path):
     (tmp_path / "rope.toml").write_text(rigid)
     with pytest.raises(NeuroAnimatorError, match="it has a soft body"):
         na.load_system(str(tmp_path / "rope.toml"))
-    with pytest.raises(NeuroAnimatorError, match="begins as it hangs"):
+    with pytest.raises(NeuroAnimatorError, match="starts at rest as modelled"):
         write_definition(str(tmp_path / "rope.xml"), force=True, keyframe="home")

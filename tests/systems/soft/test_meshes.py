@@ -73,7 +73,7 @@ def spoilt(change):
         (lambda p, f: (np.vstack([p, [9, 9, 9]]), f, NO_PINS), "no face has the nodes 9"),
         (
             lambda p, f: (np.vstack([p, p[:1]]), np.vstack([f, [9, 1, 4]]), NO_PINS),
-            "lie where others do",
+            "coincide with others",
         ),
         (lambda p, f: (p, np.vstack([f, [0, 1, 2]]), NO_PINS), "face 8 has no area"),
         (lambda p, f: (p, np.vstack([f, f[:1]]), NO_PINS), "face opposite ways"),

@@ -362,7 +362,7 @@ def spoilt(change: str) -> str:
     ("change", "message"),
     [
         ("inside out", "tetrahedra 0, 1, 2, … are inside out. Swap two corners"),
-        ("doubled", "lie where others do. Merge"),
+        ("doubled", "coincide with others. Merge"),
         ("flat", "has no volume"),
         ("not finite", "wanted three coordinates"),
         ("no tetrahedra", "no tetrahedra. Mesh the inside"),

@@ -186,8 +186,8 @@ def _steps_in(dt: float, environment: Environment) -> int:
     count = round(dt / step)
     if count < 1 or abs(count * step - dt) > SAME_TIME * dt:
         raise ArgumentError(
-            f"environment: its step of {step:g} s does not fill the emulator's super step of {dt:g} s a whole number of "
-            "times. Train with --substeps that make such a multiple."
+            f"environment: the emulator's super step of {dt:g} s is not a whole multiple of its step of {step:g} s. "
+            "Train with --substeps that make it one."
         )
     return count
 

@@ -398,7 +398,7 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
         index = int(match["index"])
     if index is None or index >= attribute.numbers:
         raise ArgumentError(
-            f"{where}: wanted which of its {attribute.numbers} numbers, {match['attribute']}[0] to "
+            f"{where}: wanted one of its {attribute.numbers} numbers, {match['attribute']}[0] to "
             f"[{attribute.numbers - 1}], got {quoted(table.sets)}."
         )
     target = Target(element, numbers, match["attribute"], attribute, index)

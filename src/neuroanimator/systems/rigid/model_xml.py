@@ -176,7 +176,7 @@ def _advice(folders: list[str]) -> str:
     """Return advice on a file that is not in the model's tree but may be in one of `folders`."""
     for folder in folders:
         if folder:
-            return f"If the model may read files there, say 'new --tree {quote(folder)}'"
+            return f"If the model may read files there, use 'new --tree {quote(folder)}'"
     return "Put the file beside the model"
 
 

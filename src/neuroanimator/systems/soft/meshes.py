@@ -214,7 +214,7 @@ def _check_nodes(
     doubled = np.setdiff1d(np.arange(count), first)
     if len(doubled):
         raise ArgumentError(
-            f"mesh: the nodes {some(doubled)} lie where others do. Merge vertices by distance."
+            f"mesh: the nodes {some(doubled)} coincide with others. Merge vertices by distance."
         )
 
 
