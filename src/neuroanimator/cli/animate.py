@@ -116,7 +116,7 @@ def run(
     school: Annotated[
         int | None,
         typer.Option(
-            help="Number of bodies that swim together, by the shipped policy of dolphin or fish."
+            help="Number of bodies that swim together, steered by the shipped policy of dolphin or fish."
         ),
     ] = None,
     rate: Annotated[

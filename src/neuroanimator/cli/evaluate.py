@@ -70,7 +70,7 @@ def run(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     sweep: Annotated[
-        bool, typer.Option("--sweep", help="Which n? Train several and compare.")
+        bool, typer.Option("--sweep", help="Train emulators of several n and compare them.")
     ] = False,
     substeps: Annotated[str, typer.Option(help="Sweep: the n to try.")] = "25,50,100",
     tolerance: Annotated[

@@ -34,7 +34,10 @@ def run(
         ),
     ],
     policy: Annotated[
-        bool, typer.Option("--policy", help="Where a name is both: the policy, not the emulator.")
+        bool,
+        typer.Option(
+            "--policy", help="If a name is both an emulator and a policy, export the policy."
+        ),
     ] = False,
     emulator: Annotated[
         str | None, typer.Option(help="For a clip: file or name of the emulator it belongs to.")

@@ -48,7 +48,7 @@ def run(
     threads: Annotated[
         int | None,
         typer.Option(
-            help="Threads of each worker; 0 or not given: all cores. The bytes do not depend on it."
+            help="Threads of each worker; 0 or not given: all cores. The result does not depend on it."
         ),
     ] = None,
     workers: Workers = None,
@@ -79,7 +79,7 @@ def run(
         ("runs diverged and dropped", diverged),
     ]
     if diverged:
-        rows.append(("to be replayed from", place / PATTERN))
+        rows.append(("kept for replay in", place / PATTERN))
     rows += [("shards", config.shards), ("folder", place)]
     print_rows(rows)
 

@@ -158,7 +158,7 @@ def _learn_from(
             bar.advance_to(report.update, f"error {report.error:.4f}")
 
         result = fine_tune(model, recording, out, config=config, data=old, on_report=on_report)
-    _print(result.errors, ("windows learnt from", result.windows), out)
+    _print(result.errors, ("windows trained on", result.windows), out)
 
 
 def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path) -> None:

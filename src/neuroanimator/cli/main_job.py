@@ -173,7 +173,7 @@ def _print(
                 f"after {break_even / 3600:.1f} simulated hours (data and training counted)",
             ),
             *outcome_rows(synthesis),
-            ("seconds in all", f"{summary['seconds_total']:.0f}"),
+            ("total seconds", f"{summary['seconds_total']:.0f}"),
             *(("file", path) for path in summary["files"]),
         ]
     )

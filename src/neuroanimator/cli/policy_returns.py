@@ -185,7 +185,7 @@ def _rows(path: Path, task: PolicyTask, returns: _Returns) -> list[tuple[str, ob
         ("policy", path),
         ("episodes", f"{len(outside):,} in {task.environment or 'the physics'}"),
         ("mean return", f"{outside.mean():.0f}"),
-        ("least, most", f"{outside.min():.0f}, {outside.max():.0f}"),
+        ("minimum, maximum", f"{outside.min():.0f}, {outside.max():.0f}"),
         ("in the emulator", f"{returns.inside.mean():.0f}"),
     ]
     bodies = returns.of_family
@@ -247,7 +247,7 @@ def _evaluate_following(
         ("episodes", f"{episodes:,} on the physics, of {task.steps * policy.dt:.3g} s at most"),
         ("on the motion", f"{kept:,} of them at its end"),
         ("mean return", f"{found.returns.mean():.0f} of {task.steps}"),
-        ("least, most", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
+        ("minimum, maximum", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
         (
             "in the emulator",
             f"{inside.returns.mean():.0f}, {kept_inside:,} on the motion at its end",

@@ -42,7 +42,7 @@ def run(
     data: Annotated[
         str,
         typer.Argument(
-            help="Folder or URL made by 'generate', a system, your own TOML file, or a fleet's; or a policy's file."
+            help="Folder or URL made by 'generate', a system, your own TOML file, or a fleet's; or a policy file."
         ),
     ],
     out: Annotated[
@@ -92,7 +92,7 @@ def run(
 ) -> None:
     """Train an emulator; for a system or a TOML file the data is generated first. Or train a fleet, see docs/scale.md.
 
-    For a policy's file, train the policy's own emulator, on the policy's motions on the physics; needs the extra [gym].
+    For a policy file, train the policy's own emulator, on the policy's motions on the physics; needs the extra [gym].
 
     If killed, run it again: it resumes, and ends with the same bytes.
     """
@@ -172,7 +172,9 @@ def train_in_policy(
     emulator, last = _train_with_bar(data, config, place)
     trained = replace(policy, emulator=emulator)
     trained.save(out, {"emulator": config.model_dump(mode="json")})
-    print_rows([("of its motions", f"{count:,} super steps"), *_rows(emulator, last, place)])
+    print_rows(
+        [("trained on", f"{count:,} super steps of its motions"), *_rows(emulator, last, place)]
+    )
     evaluate_policy(out, toml, EPISODES, 0, as_json=False)
 
 

@@ -202,7 +202,7 @@ def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
     if pursuit.way_steps:
         played = pursuit.way_steps * pursuit.dt
         way = f"searched for in {pursuit.search_seconds:.1f} s and played for {played:.4g} s"
-        rows.append(("way there", way))
+        rows.append(("motion to the goal", way))
     where = (
         "on the true physics"
         if pursuit.is_on_physics
