@@ -70,7 +70,9 @@ class RayExecutor(Executor):
         return self._remote.remote(packed_call, worker_environment(self.threads))
 
     def wait(self, calls: list[Any]) -> list[Any]:
-        with _one_line("The Ray cluster is lost. Run it again: it resumes where it stopped"):
+        with _one_line(
+            "The Ray cluster is lost. Run the command again: it resumes where it stopped"
+        ):
             ended, _ = self._ray.wait(calls, timeout=LOOK_PERIOD)
             self._count_workers()
         return ended
