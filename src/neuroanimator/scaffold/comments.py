@@ -48,7 +48,7 @@ COMMENTS = {
     "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
     "reset_share: of runs that begin just at rest or at a keyframe, but for reset_noise;\n"
     "warm_up: random driving before the others are recorded [s]; tilt: of a free root [rad].",
-    "task": "What 'neuroanimator policy' rewards: going forward along X, and staying healthy; the numbers are the environment's.\n"
+    "task": "What 'neuroanimator policy' rewards: going forward along X and staying healthy; the numbers are the environment's.\n"
     "hold: physics steps a control is held; steps: controls in an episode.",
     "sampling.above_ground": "lifts starts that would lie in the ground",
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
