@@ -226,7 +226,7 @@ def coded(byte: int, size: int, vertices: int | None = None) -> str:
         (lambda skin: skin["bones"][0].update(orientation=[0, 0, 0, 0]), "length 1"),
         (lambda skin: skin["bones"][0].update(number=500), "other bones"),
         (lambda skin: skin["parts"][0].update(name="a\n"), "name"),
-        (lambda skin: skin["parts"][0].update(name=skin["parts"][1]["name"]), "one name"),
+        (lambda skin: skin["parts"][0].update(name=skin["parts"][1]["name"]), "two parts with the same name"),
         (lambda skin: skin.update(more=1), "more"),
     ],
 )  # fmt: skip

@@ -117,12 +117,12 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (
             ["anmate", "pendulum"],
             2,
-            "Did you mean 'animate'? 'neuroanimator --help' shows what there is.",
+            "Did you mean 'animate'? 'neuroanimator --help' lists the options.",
         ),
         (
             ["generate", "pendulum", "--count", "1e5", "--out", "d"],
             2,
-            "'neuroanimator generate --help' shows",
+            "'neuroanimator generate --help' lists",
         ),
         (["generate", "pendulum"], 2, "Missing option '--out'"),
         (["--verison"], 2, "--verison"),

@@ -49,7 +49,7 @@ def test_an_error_names_its_task_and_the_others_end(workers: int):
     ended: list[Outcome[int]] = []
     with LocalExecutor(workers) as executor, pytest.raises(BadFileError) as raised:
         executor.map(square, tasks, on_done=ended.append)
-    assert str(raised.value) == "number 2: it is damaged. So failed 2 of 6 tasks."
+    assert str(raised.value) == "number 2: it is damaged. 2 of 6 tasks failed."
     results = sorted(outcome.value() for outcome in ended if outcome.error is None)
     assert results == [0, 1, 9, 25]
 

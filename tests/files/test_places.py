@@ -125,7 +125,7 @@ def test_a_url_of_this_machine_is_a_folder(tmp_path: Path):
     assert place_of(f"file://{tmp_path}/set") == tmp_path / "set"
     assert place_of(f"file://localhost{tmp_path}/set") == tmp_path / "set"
     for url in ("file://elsewhere/set", "file://set", "file://localhost", "file://localhost/"):
-        with pytest.raises(ArgumentError, match=f"'{url}': wanted a folder of this machine"):
+        with pytest.raises(ArgumentError, match=f"'{url}': wanted a folder on this machine"):
             place_of(url)
     assert place_of("a/folder") == Path("a/folder")
     assert place_of(tmp_path) == tmp_path

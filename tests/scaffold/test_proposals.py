@@ -195,7 +195,7 @@ def test_a_joint_that_is_flung_and_a_motor_that_does_nothing_are_named(tmp_path:
     motor = '<motor name="m" joint="wild" gear="{}" ctrlrange="-1 1"/>'
     xml = f"<mujoco><worldbody>{body}</worldbody><actuator>{motor}</actuator></mujoco>"
     (tmp_path / "wild.xml").write_text(xml.format(1))
-    with pytest.raises(NeuroAnimatorError, match="wild is flung first: use weaker actuators"):
+    with pytest.raises(NeuroAnimatorError, match="wild diverges first: use weaker actuators"):
         propose(tmp_path / "wild.xml")
     _, proposal = written(tmp_path, xml.format(0).replace('damping="-500"', ""))
     assert proposal.warnings[0].startswith("control: m move no joint.")

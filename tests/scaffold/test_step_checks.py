@@ -55,7 +55,7 @@ def written(folder: Path, *changes: tuple[str, str]):
         ([("STEP = 0.01", "STEP = 86400")], "from 1e-08 to 3600 s, got 86400"),
         (
             [("STEP", 'REST = {"place": 5e7}\nSTEP'), ("9.0 * state[0]", "9.0 * (state[0] - 5e7)")],
-            "comes to 5e+07; an emulator takes at most 1e+06",
+            "reaches 5e+07; an emulator takes at most 1e+06",
         ),
     ],
 )  # fmt: skip

@@ -106,7 +106,7 @@ def test_control_says_already_there_and_writes_nothing(cli: Cli, tmp_path: Path)
         "control", "lander", "--goal", "pad", "--start", "root.position=0,0,1.9529", "--out", out
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Already there: lander")
+    assert done.stdout.startswith("Nothing to find, so nothing was written: lander")
     assert "reached" not in done.stdout
     assert not out.exists()
 

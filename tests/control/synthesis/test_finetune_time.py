@@ -74,6 +74,4 @@ def test_minutes_below_none_are_refused(wrong: Emulator):
 def test_control_says_before_it_learns_for_how_long_it_may(capsys: pytest.CaptureFixture[str]):
     _say_gap(0.5, 1.25)
     told = capsys.readouterr().err
-    assert told.startswith(
-        "gap 1.25: training on the physics around the motion, for at most 30 s in"
-    )
+    assert told.startswith("gap 1.25: training on the physics around the motion, at most 30 s in")

@@ -195,7 +195,7 @@ def test_what_no_motion_can_reach_is_refused_before_any_descent(shipped: Emulato
         keep_speed(system, 5.0, within=0.1),
         reach_positions(system, [[1.0, 0, 0]], [0.2], within=0.1),
     ):
-        with pytest.raises(NeuroAnimatorError, match="training showed 0.185 m/s at most"):
+        with pytest.raises(NeuroAnimatorError, match="training reached 0.185 m/s at most"):
             descend(fish, Objective.of(term), system.rest, steps=10)
     wild = stand_upright()
     goal = np.array(wild.terms[1].goal)

@@ -374,7 +374,7 @@ def test_semicolons_decimal_commas_and_units_in_brackets_say_the_same(
 @pytest.mark.parametrize(
     ("scale", "offset", "message"),
     [
-        (1e8, 0.0, "state.angle rad comes to"),
+        (1e8, 0.0, "state.angle rad reaches"),
         (1e-8, 0.0, "taken for rounding. Give it in another unit"),
         (1.0, 1e4, "1 of 2400 samples lie more than 10 times as far out"),
     ],
