@@ -63,7 +63,7 @@ def test_what_nobody_foresaw_is_said_in_one_line(two: Executor):
 def test_f05_a_task_whose_worker_dies_is_told_and_the_others_end(two: Executor):
     tasks = [Square(n, fault="dies" if n == 1 else "") for n in NUMBERS]
     ended: list[Outcome[int]] = []
-    with pytest.raises(LostTaskError, match="number 1: its worker died of signal 9. Give"):
+    with pytest.raises(LostTaskError, match="number 1: its worker died of signal 9. Use"):
         two.map(square, tasks, on_done=ended.append)
     assert len(ended) == len(NUMBERS)
 
