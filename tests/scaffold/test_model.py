@@ -241,7 +241,7 @@ def test_models_that_cannot_be_emulated_are_refused_by_name(change, message: str
         ),
         (
             lambda toml: toml.replace('hinge = "sine"', 'hinge = "placed"'),
-            "state.hinge: a hinge joint cannot be 'placed'. Ways: sine",
+            "state.hinge: a hinge joint cannot be 'placed'. Features: sine",
         ),
         (
             lambda toml: toml.replace('hinge = "sine"', 'hinjge = "sine"'),
