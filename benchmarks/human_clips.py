@@ -3,7 +3,7 @@
 git clone https://github.com/google-deepmind/mujoco_mpc
 python benchmarks/human_clips.py mujoco_mpc/mjpc/tasks/humanoid/tracking/keyframes
 
-The key frames of that tracking task (Apache-2.0) hold the positions of sixteen points of an actor's body, 30 times a second, and
+The keyframes of that tracking task (Apache-2.0) hold the positions of sixteen points of an actor's body, 30 times a second, and
 angles of the first pose only. The data were obtained from mocap.cs.cmu.edu; that database was created with funding from NSF
 EIA-0196217.
 
@@ -38,7 +38,7 @@ STEPS = 4
 """Number of physics steps between two states: for so long a control is held."""
 
 RATE = 30.0
-"""Number of key frames a second."""
+"""Number of keyframes a second."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ Poses = Float[np.ndarray, "K Q"]
 
 
 def read_markers(path: Path) -> Float[np.ndarray, "K 16 3"]:
-    """Return the positions of the markers [m] in each key frame."""
+    """Return the positions of the markers [m] in each keyframe."""
     keys = ElementTree.parse(path).findall(".//key")
     rows = [[float(number) for number in key.attrib["mpos"].split()] for key in keys]
     return np.array(rows).reshape(len(rows), len(ATTACHMENTS), 3)
@@ -400,7 +400,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("keyframes", type=Path, help="folder of the tracking task's key frames")
+    parser.add_argument("keyframes", type=Path, help="folder of the tracking task's keyframes")
     parser.add_argument("--out", type=Path, default=HUMAN)
     arguments = parser.parse_args()
     system = load_system(str(HUMAN / "human.toml"))

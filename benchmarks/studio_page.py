@@ -102,7 +102,7 @@ def work_at_60(page: Page) -> float:
     The panel says what it is at the pace at which pictures are drawn here, which is slower, so that one image has more
     super steps to do: that times the images drawn in a second is the work for a second of motion.
     """
-    row = page.locator("dt", has_text="emulator's work an image").locator(
+    row = page.locator("dt", has_text="emulator's time per frame").locator(
         "xpath=following-sibling::dd"
     )
     before = images(page)

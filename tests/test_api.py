@@ -60,7 +60,7 @@ def test_every_public_name_is_there_and_documented(package: str):
 
 def test_an_objective_within_an_objective_is_refused():
     inner = na.Objective.of(na.effort(0.1))
-    with pytest.raises(na.NeuroAnimatorError, match=r"came Objective\(Effort\) within another"):
+    with pytest.raises(na.NeuroAnimatorError, match=r"got Objective\(Effort\) within another"):
         na.Objective.of(na.smoothness(), inner)  # pyright: ignore[reportArgumentType]
     outer = na.Objective.of(na.smoothness(), *inner.terms, *inner.functions)
     assert len(outer.terms) == 2

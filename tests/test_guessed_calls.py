@@ -47,17 +47,17 @@ for guess in GUESSES:
 ANSWERS = (
     "Objective.of(effort(), ...) takes costs one by one.",
     "Objective.of(effort(), ...) takes costs one by one.",
-    "steps: wanted a whole number of super steps, at least 1; came 1.5.",
+    "steps: wanted a whole number of super steps, at least 1; got 1.5.",
     "steps and seconds: wanted one of them, the length of the motion.",
     "steps and seconds: wanted one of them, the length of the motion.",
-    'came Emulator("pendulum"',
+    'got Emulator("pendulum"',
     "none of that name ships. Did you mean fish?",
     "none of that name ships. Did you mean dolphin?",
     "Did you mean pendulum?",
     "Did you mean upright?",
     "no part called 'root.headin'.",
     "Did you mean lower?",
-    "start: 'body.heading': wanted a number or several, came 'left'.",
+    "start: 'body.heading': wanted a number or several, got 'left'.",
 )
 
 

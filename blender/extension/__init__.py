@@ -20,8 +20,8 @@ from bpy_extras.io_utils import ImportHelper
 from . import bake, creature
 
 DRIVES = [
-    ("GAIT", "Gait", "The pattern it swims by"),
-    ("STEERED", "Steered", "By a policy that is told how fast to go and where to"),
+    ("GAIT", "Gait", "By its swimming pattern"),
+    ("STEERED", "Steered", "By a policy, at a commanded speed and heading"),
     ("CONTROLS", "Controls", "By motors, muscles and thrusters set by hand"),
 ]
 
@@ -38,19 +38,23 @@ class Settings(bpy.types.PropertyGroup):
     )
     start: StringProperty(
         name="Start",
-        description="Parts of the state it starts with, such as root.position=0,0,8; at rest if empty",
+        description="Parts of the initial state, such as root.position=0,0,8; at rest if empty",
     )
     drive: EnumProperty(name="Drive", items=DRIVES, default="CONTROLS")
     strength: FloatProperty(
-        name="Strength", description="Of the gait, 1 for its own", default=1.0, min=0.0, max=2.0
+        name="Strength",
+        description="Strength of the gait; 1 is its own",
+        default=1.0,
+        min=0.0,
+        max=2.0,
     )
-    target: PointerProperty(name="Target", description="Object it goes to", type=bpy.types.Object)
+    target: PointerProperty(name="Target", description="Object to move to", type=bpy.types.Object)
     speed: FloatProperty(
-        name="Speed", description="Asked of it [m/s]", default=0.12, soft_min=0.0, soft_max=10.0
+        name="Speed", description="Commanded speed [m/s]", default=0.12, soft_min=0.0, soft_max=10.0
     )
     turn: FloatProperty(
         name="Turn",
-        description="To the left, a second",
+        description="Commanded turn to the left, per second",
         default=0.0,
         subtype="ANGLE",
         soft_min=-2.0,
@@ -58,7 +62,7 @@ class Settings(bpy.types.PropertyGroup):
     )
     climb: FloatProperty(
         name="Climb",
-        description="How steeply it goes up",
+        description="Commanded climb angle",
         default=0.0,
         subtype="ANGLE",
         soft_min=-1.0,
@@ -118,7 +122,7 @@ class AddCreature(bpy.types.Operator):
         paths = dict(creature.shipped())
         if self.name not in paths:
             self.report(
-                {"ERROR"}, f"No creature is called '{self.name}'. Creatures: {', '.join(paths)}."
+                {"ERROR"}, f"No creature called '{self.name}'. Creatures: {', '.join(paths)}."
             )
             return {"CANCELLED"}
         return _add(self, context, paths[self.name])

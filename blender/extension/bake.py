@@ -42,7 +42,7 @@ def simulate(context, root, on_step=lambda share: None):
             state = model.step(state, drive.control(step, state))
             if not np.isfinite(state).all():
                 raise LostError(
-                    f"After {step * dt:g} s the motion is lost: what is asked lies far from what was learnt."
+                    f"After {step * dt:g} s the motion diverged: the commands are far from what was trained. Command less."
                 )
             states.append(state)
             on_step((step + 1) / steps)
@@ -61,9 +61,7 @@ def start_state(model, text):
     for part in filter(None, map(str.strip, text.split(";"))):
         name, _, values = part.partition("=")
         if name.strip() not in where:
-            raise ValueError(
-                f"Start: no part is called '{name.strip()}'. Parts: {', '.join(where)}."
-            )
+            raise ValueError(f"Start: no part called '{name.strip()}'. Parts: {', '.join(where)}.")
         try:
             numbers = [float(value) for value in values.split(",")]
         except ValueError:
@@ -72,7 +70,7 @@ def start_state(model, text):
         if len(numbers) != span.stop - span.start or not np.isfinite(numbers).all():
             wanted = span.stop - span.start
             raise ValueError(
-                f"Start: wanted {wanted} finite numbers for '{name.strip()}', came '{values}'."
+                f"Start: wanted {wanted} finite numbers for '{name.strip()}', got '{values}'."
             )
         state[span] = numbers
     return state

@@ -118,7 +118,7 @@ class Program:
 
     def __init__(self, nodes, inputs, outputs, constants):
         if len(nodes) > MAX_NODES:
-            raise ValueError(f"wanted at most {MAX_NODES} operators, came {len(nodes)}")
+            raise ValueError(f"wanted at most {MAX_NODES} operators, got {len(nodes)}")
         self._inputs = inputs
         self._constants = constants
         known = {*inputs, *constants}
@@ -196,9 +196,7 @@ class Model:
 
     def _check_has_scores(self):
         if "trust" not in self.outputs:
-            raise ValueError(
-                "this file has no scores of trust; one that is exported again may have them"
-            )
+            raise ValueError("this file has no trust scores; export it again")
 
     def rollout(self, state, controls):
         """Return the states (T+1, S) from `state` (S,) on under `controls` (T, C)."""
@@ -238,13 +236,13 @@ def load(file):
             arrays = {name: content[name] for name in content.files}
         told = json.loads(bytes(arrays.pop("program")).decode("ascii"))
         if told["format"] != FORMAT:
-            raise ValueError(f"wanted {FORMAT!r}, came {told['format']!r}")
+            raise ValueError(f"wanted {FORMAT!r}, got {told['format']!r}")
         constants = {name: arrays.pop(name) for name in told["constants"]}
         outputs = [told["output"], *told.get("more_outputs", ())]
         program = Program(told["nodes"], told["inputs"], outputs, constants)
         return Model(told["facts"], program, outputs, told["body"], arrays)
     except DAMAGED as error:
-        raise ValueError(f"no program of NeuroAnimator's: {error}") from error
+        raise ValueError(f"not a NeuroAnimator file: {error}") from error
 
 
 def _check_size(file):
@@ -252,6 +250,6 @@ def _check_size(file):
     with zipfile.ZipFile(file) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > MAX_SIZE:
-        raise ValueError(f"wanted at most {MAX_SIZE:,} bytes, came {size:,}")
+        raise ValueError(f"wanted at most {MAX_SIZE:,} bytes, got {size:,}")
     if hasattr(file, "seek"):
         file.seek(0)

@@ -2,7 +2,7 @@
 
 
 class NeuroAnimatorError(Exception):
-    """Base class: one line saying what was wanted, what came and what to do."""
+    """Base class: one line saying what was wanted, what was given and what to do."""
 
     exit_code = 1
 

@@ -66,7 +66,7 @@ def make_bundle(
         progress("compiling its policy")
         policy_wasm = checked_wasm(policy, definition_of(policy, licence), "policy").content
         write_whole(folder / "policy.wasm", policy_wasm)
-    progress("looking for a motion worth a look")
+    progress("looking for a motion to show")
     name = bundle_id or source.name.split(".")[0]
     write_facts(bundle_facts(source, emulator, policy, name, drive), folder)
     return folder

@@ -44,7 +44,7 @@ class Example(NamedTuple):
 EXAMPLE_BUNDLES = {
     "human": Example(
         "examples/human/human.policy.safetensors",
-        "A human who stands, walks and runs as he is told, after recorded motions; arrow keys steer him",
+        "A human who stands, walks and runs on command, as in recorded motions; arrow keys steer him",
     )
 }
 """Bundles of what was learnt in the examples, by id; they come last, each with its file: no emulator of the package is theirs."""

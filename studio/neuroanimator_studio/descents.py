@@ -231,7 +231,7 @@ def park_in_a_bay(system: System, emulator: Emulator) -> PageDescent:
     parametrisation = Spline.of(steps, PARKING_KNOTS, system.bounds)
     guesses = _guesses(emulator, parametrisation, PARKING_STARTS)
     problem = pose_problem(emulator, objective, parametrisation, system.rest)
-    about = "Parks where it is told, and touches nothing."
+    about = "Parks at the chosen place, touching nothing."
     return PageDescent("park", about, problem, guesses, movable)
 
 
@@ -387,10 +387,10 @@ def judge_motion(
         raise ArgumentError(f"descent: there is none for {system.name}.")
     steps = descent.problem.parametrisation.steps
     if len(states) != steps + 1:
-        raise ArgumentError(f"states: wanted {steps + 1} rows, came {len(states)}.")
+        raise ArgumentError(f"states: wanted {steps + 1} rows, got {len(states)}.")
     known = {movable.name: movable.value for movable in descent.movable}
     for name, value in values.items():
         if len(value) != len(known.get(name, ())):
-            raise ArgumentError(f"values: wanted {', '.join(known)}, came {name}.")
+            raise ArgumentError(f"values: wanted {', '.join(known)}, got {name}.")
     recipe = DESCENTS[system.name]
     return recipe.judge(system, emulator.dt, {**known, **values}, states)

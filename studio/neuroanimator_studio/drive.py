@@ -65,7 +65,7 @@ def checked_drive(spec: EmulatorSpec, wanted: Replay | Export, limits: Limits) -
     pushes = []
     for step, change in sorted(wanted.pushes, key=lambda row: row[0]):
         if step >= len(controls):
-            raise ArgumentError(f"pushes: wanted super steps below {len(controls)}, came {step}.")
+            raise ArgumentError(f"pushes: wanted super steps below {len(controls)}, got {step}.")
         pushes.append(Push(step, spec.state.check(change, "pushes")))
     return PushedDrive(start, controls, tuple(pushes))
 
@@ -75,7 +75,7 @@ def _checked_controls(
 ) -> Float[np.ndarray, "T C"]:
     if not 1 <= len(controls) <= limits.steps:
         raise ArgumentError(
-            f"controls: wanted 1 to {limits.steps:,} super steps, came {len(controls):,}."
+            f"controls: wanted 1 to {limits.steps:,} super steps, got {len(controls):,}."
         )
     rows = spec.control.check(controls, "controls")
     spec.bounds.check(rows, spec.control.names)
@@ -96,7 +96,7 @@ def checked_states(
         raise ArgumentError("states: wanted base64 of float32 numbers.") from error
     if not content or len(content) % (4 * size):
         raise ArgumentError(
-            f"states: wanted rows of {size} float32 numbers, came {len(content)} bytes."
+            f"states: wanted rows of {size} float32 numbers, got {len(content)} bytes."
         )
     rows = np.frombuffer(content, "<f4").reshape(-1, size).astype(float)
     return spec.state.check(rows, "states")

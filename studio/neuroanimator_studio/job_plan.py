@@ -67,4 +67,6 @@ def read_plan(folder: Path) -> Plan:
     try:
         return checked_plan(json.loads((folder / PLAN).read_text()))
     except (OSError, ValueError) as error:
-        raise BadFileError(f"{folder.name} is no training. Forget it.") from error
+        raise BadFileError(
+            f"{folder.name} is not a training job. Remove it with 'Forget'."
+        ) from error

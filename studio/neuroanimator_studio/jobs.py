@@ -126,13 +126,13 @@ class Jobs:
     def _find(self, job_id: str) -> Path:
         folder = self.folder / job_id
         if not JOB_ID.fullmatch(job_id) or not folder.is_dir():
-            raise ArgumentError("job: there is none of that id.")
+            raise ArgumentError("job: none has this id.")
         return folder
 
     def _check_room(self) -> None:
         running = [row for row in self.list() if row["is_running"]]
         if len(running) >= MOST_RUNNING:
-            raise ResourceError(f"{MOST_RUNNING} trainings run already. Stop one, or wait.")
+            raise ResourceError(f"{MOST_RUNNING} trainings are running already. Stop one, or wait.")
 
     def _launch(self, folder: Path) -> None:
         (folder / STATUS).unlink(missing_ok=True)
@@ -220,4 +220,6 @@ def _kept_folder() -> Path:
         own = folder / "jobs"
         own.mkdir(mode=0o700, exist_ok=True)
         return own
-    raise ResourceError("There is no folder to train in that nobody else can write to.")
+    raise ResourceError(
+        "No folder to train in that only you can write to. Set XDG_CACHE_HOME to one."
+    )

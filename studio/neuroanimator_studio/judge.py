@@ -53,7 +53,7 @@ def replay_physics(shown: Shown, drive: PushedDrive, limits: Limits) -> Replayed
     steps = count * system.truth.steps(dt)
     if steps > limits.physics_steps:
         raise ArgumentError(
-            f"controls: wanted a motion of at most {limits.physics_steps:,} physics steps, came {steps:,}. Shorten it."
+            f"controls: wanted a motion of at most {limits.physics_steps:,} physics steps, got {steps:,}. Shorten it."
         )
     began = time.perf_counter()
     states = drive.played(lambda start, held: _simulated(system, start, held, dt))

@@ -93,7 +93,7 @@ class Library:
             return find_emulator(bundle_id)
         folder = self.folder_of(bundle_id)
         if folder is None:
-            raise ArgumentError("bundle: there is none of that id. Reload the page.")
+            raise ArgumentError("bundle: none has this id. Reload the page.")
         return folder / EMULATOR
 
     def load(self, bundle_id: str) -> Shown:
@@ -149,7 +149,9 @@ def _kept_folder() -> Path:
         own = folder / "bundles"
         own.mkdir(mode=0o700, exist_ok=True)
         return own
-    raise ResourceError("There is no folder to keep bundles in that nobody else can write to.")
+    raise ResourceError(
+        "No folder to keep bundles in that only you can write to. Set XDG_CACHE_HOME to one."
+    )
 
 
 def _age(folder: Path) -> float:

@@ -82,7 +82,7 @@ class Models:
     def find(self, model_id: str) -> Model:
         """Return the model of that id; ArgumentError if there is none."""
         if model_id not in self._models:
-            raise ArgumentError("model: there is none of that id. Drop its file again.")
+            raise ArgumentError("model: none has this id. Drop its file again.")
         return self._models[model_id]
 
 
@@ -105,7 +105,7 @@ def _looked_at(file: Path) -> dict[str, Any]:
             timeout=MAX_LOOKING,
         )
     except subprocess.TimeoutExpired:
-        raise BadFileError("Looking at the model took too long. Make it simpler.") from None
+        raise BadFileError("Checking the model took too long. Make it simpler.") from None
     lines = looked.stderr.splitlines()
     if looked.returncode != 0:
         faults = [line.removeprefix(FAULT) for line in lines if line.startswith(FAULT)]

@@ -136,7 +136,7 @@ def read_request(text: str, largest: int) -> Asked:
     values = parse_json_object(text, largest, MAX_TEXTS)
     if str(values.get("do")) not in DOES:
         raise ArgumentError(
-            f"do: nothing is called {quoted(values.get('do'))}. There are: {', '.join(DOES)}."
+            f"do: no request called {quoted(values.get('do'))}. Requests: {', '.join(DOES)}."
         )
     return _checked(REQUEST, values)
 

@@ -86,7 +86,7 @@ def serve_studio(
     studio = Studio(gate, page, library_with(emulators), limits)
     if not gate.is_loopback:
         say(
-            f"Everybody on the network of {host} who knows the token below can use this machine's studio."
+            f"Anyone on the network of {host} who knows the token below can use this machine's studio."
         )
     say(gate.url)
     sys.stdout.flush()

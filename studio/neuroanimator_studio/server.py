@@ -197,8 +197,8 @@ async def _body(request: Request) -> bytes:
 
 def _check_type(request: Request, wanted: str) -> None:
     """Refuse a body that says it is something else: a form of a foreign page cannot say what we want."""
-    came = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if came != wanted:
+    given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if given != wanted:
         raise HTTPException(415, f"Wanted {wanted}.")
 
 

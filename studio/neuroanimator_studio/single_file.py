@@ -57,9 +57,7 @@ def _filled(page_files: dict[str, Path], files: dict[str, bytes]) -> str:
     script = SCRIPT.search(text)
     style = STYLE.search(text)
     if script is None or style is None:
-        raise ResourceError(
-            "The studio's page was built otherwise than this version expects. Run: make page"
-        )
+        raise ResourceError("The studio's page was built for another version. Run: make page")
     program = page_files[script["name"]].read_text(encoding="utf-8")
     rules = page_files[style["name"]].read_text(encoding="utf-8")
     prelude = (resources.files("neuroanimator_studio") / "prelude.js").read_text(encoding="utf-8")

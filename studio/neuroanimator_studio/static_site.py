@@ -37,7 +37,7 @@ def _check_folder(folder: Path) -> None:
         return
     if not folder.is_dir() or any(folder.iterdir()):
         raise ArgumentError(
-            f"export: '{folder.name}' is there and is no site. Name a new or an empty folder."
+            f"export: '{folder.name}' exists and is not a site. Name a new or an empty folder."
         )
 
 

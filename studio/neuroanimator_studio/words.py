@@ -14,7 +14,7 @@ FOLDERS = re.compile(r"(?<![\w./])/(?:[^\s/:'\"]+/)+")
 MAX_WORDS = 500
 """Characters of a line."""
 
-UNEXPECTED = "Something unexpected went wrong in the server. The terminal it runs in says what."
+UNEXPECTED = "Unexpected error in the server. The terminal it runs in says more."
 
 
 def public_words(words: str) -> str:

@@ -94,7 +94,7 @@ test("a batch goes where single super steps go", () => {
 });
 
 test("wrong sizes are refused by name", () => {
-  expect(() => emulator.step([1, 2], facts.control_low)).toThrow(/state: wanted 150 numbers, came 2/);
+  expect(() => emulator.step([1, 2], facts.control_low)).toThrow(/state: wanted 150 numbers, got 2/);
 });
 
 function mean(numbers: number[]): number {

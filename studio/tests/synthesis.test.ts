@@ -88,8 +88,8 @@ test("with the defects of a motion the emulator goes through it", async () => {
 
 test("numbers that do not fit are refused by name", async () => {
   const module = await opened("pendulum-50");
-  expect(() => module.pose([0, 0])).toThrow("start: wanted 6 numbers, came 2");
-  expect(() => module.pose(module.facts.start, { effort: [1, 2] })).toThrow("effort: wanted 1 numbers, came 2");
+  expect(() => module.pose([0, 0])).toThrow("start: wanted 6 numbers, got 2");
+  expect(() => module.pose(module.facts.start, { effort: [1, 2] })).toThrow("effort: wanted 1 numbers, got 2");
 });
 
 test("damped equations are solved, and those without a solution are known", () => {
@@ -131,7 +131,7 @@ test("a service yields every iteration, stops when it is told to, and goes on to
 
 test("what is wrong with a question comes back as one line", async () => {
   const { synthesiser, close } = await served("pendulum-50");
-  await expect(synthesiser.descend({ start: [1] }).next()).rejects.toThrow("start: wanted 6 numbers, came 1");
+  await expect(synthesiser.descend({ start: [1] }).next()).rejects.toThrow("start: wanted 6 numbers, got 1");
   await expect(synthesiser.correct(new Float32Array(3), new Float32Array(3))).rejects.toThrow("states: wanted 246 numbers");
   close();
 });
@@ -141,5 +141,5 @@ test("a worker that is stopped is said to be, and nobody waits for it", async ()
   const synthesiser = new Synthesiser(descentOf("pendulum-50"), await compiled("pendulum-50"), deaf);
   const first = synthesiser.descend({ start: synthesiser.facts.start }).next();
   (deaf.onerror as () => void)();
-  await expect(first).rejects.toThrow("the worker that descends was stopped; reload the page");
+  await expect(first).rejects.toThrow("the optimising worker was stopped; reload the page");
 });

@@ -118,12 +118,12 @@ def test_a_clip_written_is_the_path_that_is_read(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time,x,y,z\n0,0,0,0\n", "at least two times, came 1"),
+        ("time,x,y,z\n0,0,0,0\n", "at least two times, got 1"),
         ("time,x,y\n0,0,0\n1,0,0\n", "no column 'z'. .*Columns: 'time', 'x', 'y'"),
         ("time,x,y,z\n0,0,0,0\n1,nan,0,0\n", "not finite"),
-        ("time,x,y,z\n0,0,0,0\n1,,0,0\n", "line 3: wanted numbers, came '1,,0,0'"),
+        ("time,x,y,z\n0,0,0,0\n1,,0,0\n", "line 3: wanted numbers, got '1,,0,0'"),
         ("time,x,y,z\n0,0,0,0\n1,0,0\n", "line 3: 3 cells; wanted 4"),
-        ("time,x,y,z\n0,0,0,0\n0,0,0,0\n", "rising times, came 0 s after 0 s"),
+        ("time,x,y,z\n0,0,0,0\n0,0,0,0\n", "rising times, got 0 s after 0 s"),
         ("time,x,y,z\n0,0,0,0\n1,0,0,0\n2,0,0,0\n90,0,0,0\n", "nothing between 2 s and 90 s"),
         ("time,x,y,z\n0,0,0,0\n1800,0,0,0\n3601,0,0,0\n", "wanted at most 3600"),
         ("time,x [cm],y,z\n0,0,0,0\n1,0,0,0\n", "'x' is in 'cm'. Convert it to metres"),
@@ -159,9 +159,9 @@ FORGED = {
     "an offset below": (lambda document: document["accessors"][0].update(byteOffset=-4), "byteOffset: wanted"),
     "numbers elsewhere": (lambda document: document["buffers"][0].update(uri="a.bin"), "another file"),
     "compressed": (lambda document: document["bufferViews"][0].update(extensions={"a": {}}), "compressed"),
-    "few values": (lambda document: document["accessors"][1].update(count=1), "1 values at 2 key frames"),
+    "few values": (lambda document: document["accessors"][1].update(count=1), "1 values at 2 keyframes"),
     "huge": (lambda document: document["nodes"][0].update(scale=[1e9, 1, 1]), "scale: wanted a number"),
-    "flat": (lambda document: document["nodes"][1].update(matrix=[0] * 16), "no rotation and scale"),
+    "flat": (lambda document: document["nodes"][1].update(matrix=[0] * 16), "not a rotation and a scale"),
 }  # fmt: skip
 """By name, a change of a character's document, and what is said of it."""
 

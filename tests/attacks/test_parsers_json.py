@@ -17,10 +17,10 @@ ANY = 2**20 - 100
 """[bytes] Almost as much as a header may take."""
 
 TEXTS = {
-    "a list": ("[]", "wanted a JSON object, came a list"),
-    "a text": ('"a"', "wanted a JSON object, came a str"),
-    "a number": ("1", "wanted a JSON object, came a int"),
-    "nothing": ("null", "wanted a JSON object, came a NoneType"),
+    "a list": ("[]", "wanted a JSON object, got a list"),
+    "a text": ('"a"', "wanted a JSON object, got a str"),
+    "a number": ("1", "wanted a JSON object, got a int"),
+    "nothing": ("null", "wanted a JSON object, got a NoneType"),
     "deep lists": ('{"a":' + "[" * 100_000, "recursion limit"),
     "deep objects": ('{"a":' * 100_000, "recursion limit"),
     "a long whole number": ('{"a":' + "1" * 5_000 + "}", "number out of range"),

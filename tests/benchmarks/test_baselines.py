@@ -235,7 +235,7 @@ def test_unknown_baselines_and_systems_without_derivatives_are_refused_by_name()
         run("magic")
     cube = load_system("cube")
     with pytest.raises(
-        ArgumentError, match="ilqr: wanted a MuJoCo system driven by its own motors, came cube."
+        ArgumentError, match="ilqr: wanted a MuJoCo system driven by its own motors, got cube."
     ):
         run_baseline(
             "ilqr",

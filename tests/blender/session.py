@@ -136,12 +136,12 @@ def check_mistakes_get_one_line_and_lose_nothing():
     settings().start = "root.position=0,0"
     assert "wanted 3 finite numbers for 'root.position'" in refused(bpy.ops.neuroanimator.bake)
     settings().start = "nose=3"
-    assert "Start: no part is called 'nose'" in refused(bpy.ops.neuroanimator.bake)
+    assert "Start: no part called 'nose'" in refused(bpy.ops.neuroanimator.bake)
     settings().start = ""
     settings().drive = "GAIT"
     assert "has no gait" in refused(bpy.ops.neuroanimator.bake)
     assert all(part.animation_data is not None for part in keyed)
-    assert "No creature is called 'whale'" in refused(bpy.ops.neuroanimator.add, name="whale")
+    assert "No creature called 'whale'" in refused(bpy.ops.neuroanimator.add, name="whale")
     junk = Path(folder) / "junk.npz"
     junk.write_bytes(b"PK\x03\x04 nothing")
     assert "junk.npz" in refused(bpy.ops.neuroanimator.import_emulator, filepath=str(junk))

@@ -117,12 +117,12 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (
             ["anmate", "pendulum"],
             2,
-            "Did you mean 'animate'? 'neuroanimator --help' shows what there is.",
+            "Did you mean 'animate'? 'neuroanimator --help' lists the options.",
         ),
         (
             ["generate", "pendulum", "--count", "1e5", "--out", "d"],
             2,
-            "'neuroanimator generate --help' shows",
+            "'neuroanimator generate --help' lists",
         ),
         (["generate", "pendulum"], 2, "Missing option '--out'"),
         (["--verison"], 2, "--verison"),
@@ -153,7 +153,7 @@ def test_a_control_out_of_bounds_is_refused_by_name(cli: Cli, tmp_path: Path):
     path.write_text("time s,torque[0] N·m,torque[1] N·m,torque[2] N·m\n0,0,0,0\n0.05,0,99,0\n")
     result = cli("animate", "pendulum", "--controls", path, "--out", tmp_path / "c.glb")
     assert result.returncode == 2
-    assert "torque[1] N·m out of bounds; wanted between -14 and 14, came 99" in result.stderr
+    assert "torque[1] N·m out of bounds; wanted between -14 and 14, got 99" in result.stderr
 
 
 def test_emulator_and_physics_take_turns_in_a_clip(cli: Cli, tmp_path: Path):
@@ -182,7 +182,7 @@ def test_info_and_list_and_doctor_answer(cli: Cli):
     assert names[0] == "dolphin"
     assert names[len(SYSTEMS) - 1] == "cube"  # nothing ships for it
     assert "swims by commands, speed and turn, through dolphin-50" in listed
-    assert "video drawn by" in cli("doctor").stdout
+    assert "video rendered by" in cli("doctor").stdout
 
 
 def test_doctor_says_what_every_extra_is_for_and_whether_it_is_there(cli: Cli):
@@ -225,7 +225,7 @@ def test_the_version_is_told_without_heavy_imports(cli_process: Cli):
 
 def test_a_gap_is_told_in_words():
     assert "physics does even better" in gap_in_words(0.956, 0.315)
-    assert "does what the emulator foretold" in gap_in_words(0.30, 0.31)
+    assert "does what the emulator predicted" in gap_in_words(0.30, 0.31)
     assert "a little worse" in gap_in_words(0.3, 0.5)
     assert "much worse" in gap_in_words(0.3, 1.4)
     assert "lower is better" in gap_in_words(0.3, 1.4)
@@ -233,6 +233,6 @@ def test_a_gap_is_told_in_words():
 
 def test_of_a_missed_goal_nobody_says_that_the_physics_does_what_was_foretold():
     told = gap_in_words(3.0, 3.05, is_reached=False)
-    assert told.endswith("the goal is missed: the emulator foretold as high a J")
+    assert told.endswith("the goal is missed: the emulator predicted as high a J")
     assert "the goal is missed: the physics does a little worse" in gap_in_words(0.3, 0.5, False)
     assert "missed" not in gap_in_words(0.3, 0.5, is_reached=True)

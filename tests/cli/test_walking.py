@@ -36,4 +36,4 @@ def test_a_hopper_from_new_to_its_film(cli: Cli, tmp_path: Path):
     assert "11 of 12" in told("info", FILE)
     refused = cli("animate", FILE, "--start", "rootz=1", "--out", "hop.glb", cwd=tmp_path)
     assert refused.returncode == 2
-    assert "start: a policy moves the physics" in refused.stderr
+    assert "start: a policy determines its own start" in refused.stderr

@@ -129,7 +129,7 @@ def test_a_damaged_file_is_refused_when_read_and_other_runs_are_not_overwritten(
         read_diverged(tmp_path)
     config = read_config(tmp_path)
     with pytest.raises(
-        NeuroAnimatorError, match="diverged-00000.* holds other runs .* Move it away"
+        NeuroAnimatorError, match="diverged-00000.* holds runs of another dataset.* Move it away"
     ):
         generate(config, tmp_path)
     assert first.read_bytes() == second.read_bytes()

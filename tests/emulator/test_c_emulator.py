@@ -177,7 +177,7 @@ def test_a_program_that_does_something_else_is_refused(
     monkeypatch.setattr(module, "c_program", wrong)
     another = eqx.tree_at(lambda emulator: emulator.domain.low, shipped, shipped.domain.low - 1e-3)
     assert c_emulator(another) is None
-    assert "does not do what the emulator does in JAX" in capsys.readouterr().err
+    assert "disagrees with the emulator in JAX" in capsys.readouterr().err
 
 
 @needs_compiler
@@ -226,7 +226,7 @@ def test_without_a_compiler_there_is_none_and_jax_takes_over(monkeypatch: pytest
 
 
 def test_an_unknown_backend_is_refused_by_name(monkeypatch: pytest.MonkeyPatch):
-    with pytest.raises(ArgumentError, match="wanted one of auto, c, jax, came 'cuda'"):
+    with pytest.raises(ArgumentError, match="wanted one of auto, c, jax, got 'cuda'"):
         set_backend("cuda")
     monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     monkeypatch.setenv("NEUROANIMATOR_BACKEND", "gpu")

@@ -122,7 +122,7 @@ def test_networks_of_families_gate_what_is_even_and_keep_the_mirror(kind: str) -
 
 
 def test_bodies_outside_the_family_are_refused(family: Emulator) -> None:
-    with pytest.raises(NeuroAnimatorError, match="wanted 0.7 to 1.4 kg, came 3"):
+    with pytest.raises(NeuroAnimatorError, match="wanted 0.7 to 1.4 kg, got 3"):
         family.at(mass=3.0)
     with pytest.raises(NeuroAnimatorError, match="Did you mean mass"):
         family.at(mas=1.0)

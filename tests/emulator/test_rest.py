@@ -123,7 +123,7 @@ def test_controls_are_covered_up_to_their_own_bounds_and_no_further():
 def test_a_state_no_motion_follows_from_is_refused():
     emulator = emulator_called("fish-50")
     control = emulator.bounds.idle[None]
-    with pytest.raises(ArgumentError, match="no motion follows from it"):
+    with pytest.raises(ArgumentError, match="after one super step from it"):
         emulator.rollout(np.zeros(emulator.state.size), control)
 
 

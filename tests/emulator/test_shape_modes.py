@@ -276,8 +276,14 @@ def test_repeated_parts_share_weights():
     ("change", "word"),
     [
         (lambda parts: parts[:-1], "every number"),
-        (lambda parts: (*parts[:-1], replace(parts[-1], odd=(999,))), "sees or hears"),
-        (lambda parts: (*parts[:-1], replace(parts[-1], hears=(999,))), "sees or hears"),
+        (
+            lambda parts: (*parts[:-1], replace(parts[-1], odd=(999,))),
+            "refers to an input that does not exist",
+        ),
+        (
+            lambda parts: (*parts[:-1], replace(parts[-1], hears=(999,))),
+            "refers to an input that does not exist",
+        ),
         (lambda parts: (*parts[:-1], replace(parts[-1], like=7)), "weights of part 7"),
     ],
 )

@@ -150,10 +150,10 @@ def test_a_rollout_of_a_wrong_shape_is_refused_inside_jit_too(
 @pytest.mark.parametrize(
     ("state", "control", "message"),
     [
-        (np.zeros(5), np.zeros(3), "state: wanted 6 numbers, came shape (5,)"),
+        (np.zeros(5), np.zeros(3), "state: wanted 6 numbers, got shape (5,)"),
         (np.zeros((2, 6)), np.zeros((2, 3)), "jax.vmap(emulator.step)"),
-        (jnp.zeros(6), jnp.zeros(4), "control: wanted 3 numbers, came shape (4,)"),
-        (0.0, np.zeros(3), "state: wanted 6 numbers, came shape ()"),
+        (jnp.zeros(6), jnp.zeros(4), "control: wanted 3 numbers, got shape (4,)"),
+        (0.0, np.zeros(3), "state: wanted 6 numbers, got shape ()"),
         ([0, 0, 0, 0, 0, np.nan], np.zeros(3), "velocity[2] rad/s is not finite"),
     ],
 )

@@ -177,6 +177,6 @@ def test_a_motion_is_summed_up_in_a_line(shipped: Emulator):
     assert judged == f"there the emulator is {shipped.verdict}"
     assert "all of it within training" in str(summary_of(shipped, scores[:2]))
     old = replace(shipped, meter=None)
-    assert "75% of it within the ranges of training (the file is from" in str(
+    assert "75% of it within the ranges of training (the file is too old to have" in str(
         summary_of(old, scores)
     )

@@ -34,7 +34,7 @@ def test_a_card_says_what_it_is_and_what_was_measured(tmp_path: Path):
 def test_one_card_is_of_one_emulator(cli: Cli, tmp_path: Path):
     told = cli("evaluate", "pendulum", "fish", "--card", str(tmp_path / "card.md"))
     assert told.returncode == 2
-    assert "evaluate --card: wanted one emulator, came 2." in told.stderr
+    assert "evaluate --card: wanted one emulator, got 2." in told.stderr
     assert not (tmp_path / "card.md").exists()
 
 

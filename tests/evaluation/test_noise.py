@@ -161,5 +161,5 @@ def test_a_dataset_of_an_older_version_has_no_noise_and_a_wrong_one_is_refused(
     write_tensors(path, tensors, metadata)
     assert read_transitions(folder / "data").noise is None
     write_tensors(path, tensors | {"noise": -noise}, metadata)
-    with pytest.raises(NeuroAnimatorError, match="the noise is no number of 0 or more"):
+    with pytest.raises(NeuroAnimatorError, match="the noise is not a number of 0 or more"):
         read_transitions(folder / "data")

@@ -94,7 +94,7 @@ def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_targe
         "target_x.velocity",
         "target_y.velocity",
     ]
-    assert "Left out of all errors, for it never moves: target_x[0] m" in found.note
+    assert "Never moves, so left out of all errors: target_x[0] m" in found.note
     assert found.verdict.word in ("usable", "good")
     assert emulator.verdict is not None
     assert emulator.verdict.word in ("usable", "good")
@@ -213,7 +213,7 @@ def test_a_file_that_tells_no_errors_says_so(with_target):
     emulator, _, _ = with_target
     silent = replace(emulator, validation=None)
     assert silent.verdict is None
-    assert "how good it is there the file does not tell" in str(summary_of(silent, np.zeros(2)))
+    assert "the file does not say how good it is there" in str(summary_of(silent, np.zeros(2)))
 
 
 @pytest.mark.parametrize("errors", [-1.0, np.inf, np.nan])
@@ -260,8 +260,8 @@ CHEAP = {NO_CHANGE: 1.0, CONSTANT_VELOCITY: 0.8, "ridge regression": 0.01}
             "useless",
             "worse than predicting no change (2.4 against 1",
         ),
-        (math.nan, {}, "useless", "not even give finite numbers"),
-        (math.inf, {}, "useless", "not even give finite numbers"),
+        (math.nan, {}, "useless", "predictions are not even finite"),
+        (math.inf, {}, "useless", "predictions are not even finite"),
     ],
 )
 def test_a_verdict_is_a_word_and_its_reason(

@@ -49,7 +49,7 @@ def test_an_error_names_its_task_and_the_others_end(workers: int):
     ended: list[Outcome[int]] = []
     with LocalExecutor(workers) as executor, pytest.raises(BadFileError) as raised:
         executor.map(square, tasks, on_done=ended.append)
-    assert str(raised.value) == "number 2: it is damaged. So failed 2 of 6 tasks."
+    assert str(raised.value) == "number 2: it is damaged. 2 of 6 tasks failed."
     results = sorted(outcome.value() for outcome in ended if outcome.error is None)
     assert results == [0, 1, 9, 25]
 
@@ -63,7 +63,7 @@ def test_what_nobody_foresaw_is_said_in_one_line(two: Executor):
 def test_f05_a_task_whose_worker_dies_is_told_and_the_others_end(two: Executor):
     tasks = [Square(n, fault="dies" if n == 1 else "") for n in NUMBERS]
     ended: list[Outcome[int]] = []
-    with pytest.raises(LostTaskError, match="number 1: its worker died of signal 9. Give"):
+    with pytest.raises(LostTaskError, match="number 1: its worker died of signal 9. Use"):
         two.map(square, tasks, on_done=ended.append)
     assert len(ended) == len(NUMBERS)
 
@@ -109,5 +109,5 @@ def test_a_function_that_cannot_be_imported_is_refused(two: Executor):
 
 @pytest.mark.parametrize("workers", [0, -1, 5000])
 def test_a_number_of_workers_nobody_can_have_is_refused(workers: int):
-    with pytest.raises(ArgumentError, match=f"workers: wanted 1 to 1024, came {workers}"):
+    with pytest.raises(ArgumentError, match=f"workers: wanted 1 to 1024, got {workers}"):
         LocalExecutor(workers)

@@ -116,7 +116,7 @@ def test_a_ghosts_skin_hangs_on_its_own_bones(tmp_path: Path):
 
 def test_a_ghost_of_another_body_is_refused(tmp_path: Path):
     with pytest.raises(
-        ArgumentError, match="ghost: wanted another motion of the same body, came truck beside fish"
+        ArgumentError, match="ghost: wanted another motion of the same body, got truck for fish"
     ):
         write_glb(two_motions("fish")[0], tmp_path / "a.glb", ghost=two_motions("truck")[0])
     assert not list(tmp_path.iterdir())

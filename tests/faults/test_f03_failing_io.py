@@ -130,9 +130,9 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     for name in ("pipe", "folder"):
-        with pytest.raises(ResourceError, match=f"{name}: it is there, and is no file"):
+        with pytest.raises(ResourceError, match=f"{name}: it exists, and is not a file"):
             write_whole(tmp_path / name, b"x")
-    with pytest.raises(ResourceError, match="pipe: it is there, and is no file"):
+    with pytest.raises(ResourceError, match="pipe: it exists, and is not a file"):
         append_line(tmp_path / "pipe", "{}")
     with pytest.raises(ResourceError, match="metrics"):
         append_line(tmp_path / "nowhere" / "metrics.jsonl", "{}")

@@ -21,7 +21,7 @@ from neuroanimator.files.unfinished import is_running
 LONGEST = 8.0
 """[s] An end may take on a busy machine: half a second until a compiled call is given up, the rest for the machine."""
 
-GOES_ON = "neuroanimator: Stopped. Started again, it goes on where it stopped."
+GOES_ON = "neuroanimator: Stopped. Run the command again: it resumes where it stopped."
 WHOLE = "neuroanimator: Stopped. No file was left half-written."
 
 VERBS: dict[str, tuple[list[object], str]] = {

@@ -22,7 +22,7 @@ def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(cli: Cli,
     )
     assert result.returncode == 2
     assert (
-        f"wanted at most {MAX_LAYER} units in a hidden layer, came {MAX_LAYER + 2}" in result.stderr
+        f"wanted at most {MAX_LAYER} units in a hidden layer, got {MAX_LAYER + 2}" in result.stderr
     )
     assert list(tmp_path.iterdir()) == []
 

@@ -90,7 +90,7 @@ def test_the_command_line_takes_urls(s3: str, cli, tmp_path: Path):
     assert trained.returncode == 0, trained.stderr
     refused = cli("train", "s3://me:secret@bucket/set", "--out", tmp_path / "q")
     assert refused.returncode == 2
-    assert "stood in the URL" in refused.stderr
+    assert "the URL holds credentials or a query" in refused.stderr
     assert "secret" not in refused.stderr
 
 
@@ -125,7 +125,7 @@ def test_a_url_of_this_machine_is_a_folder(tmp_path: Path):
     assert place_of(f"file://{tmp_path}/set") == tmp_path / "set"
     assert place_of(f"file://localhost{tmp_path}/set") == tmp_path / "set"
     for url in ("file://elsewhere/set", "file://set", "file://localhost", "file://localhost/"):
-        with pytest.raises(ArgumentError, match=f"'{url}': wanted a folder of this machine"):
+        with pytest.raises(ArgumentError, match=f"'{url}': wanted a folder on this machine"):
             place_of(url)
     assert place_of("a/folder") == Path("a/folder")
     assert place_of(tmp_path) == tmp_path
@@ -189,7 +189,7 @@ def test_a_store_that_does_not_answer_is_said(no_kept_driver: str, monkeypatch: 
     ],
 )
 def test_credentials_in_a_url_are_refused_and_not_repeated(url: str, tally: Tally):
-    with pytest.raises(ArgumentError, match="stood in the URL") as raised:
+    with pytest.raises(ArgumentError, match="the URL holds credentials or a query") as raised:
         generate(SIX_THOUSAND, url)
     assert "very-secret" not in str(raised.value)
     assert "user" not in str(raised.value)
@@ -204,7 +204,7 @@ def test_what_is_no_url_is_refused(url: str):
 
 
 def test_a_url_that_was_made_a_path_is_refused():
-    with pytest.raises(ArgumentError, match="Give it as text"):
+    with pytest.raises(ArgumentError, match="Give it as a string"):
         place_of(Path("s3://bucket/set"))
 
 

@@ -107,7 +107,7 @@ def path(content: bytes) -> None:
 
 
 def glb(content: bytes) -> None:
-    """A character's document, about two key frames at 0 and 1 s; or the whole file, where it is no JSON."""
+    """A character's document, about two keyframes at 0 and 1 s; or the whole file, where it is no JSON."""
     document = _json(content)
     if isinstance(document, dict):
         content = glb_bytes(document, np.arange(8, dtype="<f4").tobytes())

@@ -255,10 +255,10 @@ def test_an_unknown_environment_is_answered_with_the_valid_ones():
     ("choices", "message"),
     [
         ({"emulator": "pendulun"}, "No emulator file 'pendulun'.*pendulum-50"),
-        ({"seconds": 0.0}, "seconds: wanted at least one super step of 0.05 s, came 0"),
+        ({"seconds": 0.0}, "seconds: wanted at least one super step of 0.05 s, got 0"),
         ({"seconds": float("nan")}, "seconds: wanted"),
         ({"num_envs": 0}, "num_envs: wanted one or more"),
-        ({"objective": stand_upright(), "reward": max}, "objective and reward: both came"),
+        ({"objective": stand_upright(), "reward": max}, "objective and reward: got both"),
     ],
 )
 def test_an_environment_that_makes_no_sense_is_refused(choices: dict, message: str):
@@ -272,7 +272,7 @@ def test_an_environment_that_makes_no_sense_is_refused(choices: dict, message: s
         ({"position": [0]}, "No reset option called 'position'. Options: state."),
         ({"state": np.zeros(5)}, "state: wanted 6 numbers"),
         ({"state": np.full(6, np.nan)}, "not finite"),
-        ({"state": np.zeros((3, 6))}, r"state: wanted shape \(6,\) or \(1, 6\), came \(3, 6\)"),
+        ({"state": np.zeros((3, 6))}, r"state: wanted shape \(6,\) or \(1, 6\), got \(3, 6\)"),
     ],
 )
 def test_a_start_that_makes_no_sense_is_refused(env: EmulatorEnv, options: dict, message: str):

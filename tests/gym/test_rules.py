@@ -139,7 +139,7 @@ def test_an_emulator_with_rules_has_the_spaces_of_the_environment(task: Any):
 
 def test_rules_and_a_reward_together_are_refused(shipped: Emulator):
     rules = EpisodeRules(lambda states, controls, following, dt: states[:, 0])
-    with pytest.raises(NeuroAnimatorError, match="reward and rules: both came. Give one"):
+    with pytest.raises(NeuroAnimatorError, match="reward and rules: got both. Give one"):
         EmulatorVectorEnv(shipped, rules=rules, reward=max)
 
 

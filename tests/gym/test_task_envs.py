@@ -250,7 +250,7 @@ def test_without_a_render_mode_there_is_no_picture():
         ),
         (
             lambda: TaskVectorEnv("pendulum-swing-up", 3).reset(options={"trial": [1, 2]}),
-            r"trial: wanted shape \(\) or \(3,\), came \(2,\)",
+            r"trial: wanted shape \(\) or \(3,\), got \(2,\)",
         ),
         (lambda: TaskEnv("pendulum-swing-up").step([np.nan] * 3), "not finite"),
     ],

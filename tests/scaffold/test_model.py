@@ -241,7 +241,7 @@ def test_models_that_cannot_be_emulated_are_refused_by_name(change, message: str
         ),
         (
             lambda toml: toml.replace('hinge = "sine"', 'hinge = "placed"'),
-            "state.hinge: a hinge joint cannot be 'placed'. Ways: sine",
+            "state.hinge: a hinge joint cannot be 'placed'. Features: sine",
         ),
         (
             lambda toml: toml.replace('hinge = "sine"', 'hinjge = "sine"'),
@@ -294,7 +294,7 @@ def test_a_tree_is_written_down_as_its_model_is(tmp_path: Path):
     model.write_text('<mujoco><include file="../cart.xml"/></mujoco>')
     tree = tmp_path / "robots"
     (tree / "cart.xml").write_text(CART)
-    with pytest.raises(NeuroAnimatorError, match=f"say 'new --tree {tree}'"):
+    with pytest.raises(NeuroAnimatorError, match=f"use 'new --tree {tree}'"):
         write_definition(str(model))
     within, _ = write_definition(str(model), tree / "cart.toml", tree=tree)
     elsewhere, _ = write_definition(str(model), tmp_path / "other.toml", tree=tree, name="cart")

@@ -118,7 +118,7 @@ def test_a_drones_controls_hover_in_the_middle(tmp_path: Path):
 def test_what_no_control_holds_and_no_floor_stops_is_said_to_fall_for_ever(tmp_path: Path):
     weak = drone().replace('ctrlrange="0 13"', 'ctrlrange="0 1"')
     _, proposal = written(tmp_path, weak)
-    assert any("falls for ever" in warning for warning in proposal.warnings)
+    assert any("falls forever" in warning for warning in proposal.warnings)
     flag = weak.replace('"0.01"/>', '"0.01"><flag gravity="disable"/></option>')
     (tmp_path / "mine.toml").unlink()
     _, proposal = written(tmp_path, flag)
@@ -195,7 +195,7 @@ def test_a_joint_that_is_flung_and_a_motor_that_does_nothing_are_named(tmp_path:
     motor = '<motor name="m" joint="wild" gear="{}" ctrlrange="-1 1"/>'
     xml = f"<mujoco><worldbody>{body}</worldbody><actuator>{motor}</actuator></mujoco>"
     (tmp_path / "wild.xml").write_text(xml.format(1))
-    with pytest.raises(NeuroAnimatorError, match="wild is flung first: use weaker actuators"):
+    with pytest.raises(NeuroAnimatorError, match="wild diverges first: use weaker actuators"):
         propose(tmp_path / "wild.xml")
     _, proposal = written(tmp_path, xml.format(0).replace('damping="-500"', ""))
     assert proposal.warnings[0].startswith("control: m move no joint.")

@@ -44,18 +44,18 @@ def written(folder: Path, *changes: tuple[str, str]):
         ([(ANSWER, f"{ANSWER}, 0.0, False, {{}}")], "a tuple of ndarray, float, bool, dict; wanted"),
         ([(ANSWER, "{'place': 0.0}")], "step returned a dict; wanted"),
         ([(ANSWER, ANSWER + " + 1j")], "step returned an array of complex128; wanted"),
-        ([("dt * (control", "dt * (np.random.normal() + control")], "draw no lots"),
+        ([("dt * (control", "dt * (np.random.normal() + control")], "use no random numbers"),
         (
             [("\n\ndef", "\nN = [0]\n\n\ndef"), ("    return", "    N[0] += 1\n    speed += N[0]\n    return")],
-            "step answers the same state and control with",
+            "from the same state and control. It must keep nothing between calls",
         ),
         ([(ANSWER, "np.array([state[0] + dt * speed, np.nan])")], "returns NaN for speed[0] m/s in the state [0., 0.]"),
         ([(ANSWER, "np.array([state[0] + dt * speed, np.sqrt(speed)])")], "returns NaN for speed[0]"),
         ([("- 9.0", "+ 1e5")], "trial runs under random controls diverged"),
-        ([("STEP = 0.01", "STEP = 86400")], "from 1e-08 to 3600 s, came 86400"),
+        ([("STEP = 0.01", "STEP = 86400")], "from 1e-08 to 3600 s, got 86400"),
         (
             [("STEP", 'REST = {"place": 5e7}\nSTEP'), ("9.0 * state[0]", "9.0 * (state[0] - 5e7)")],
-            "comes to 5e+07; an emulator takes at most 1e+06",
+            "reaches 5e+07; an emulator takes at most 1e+06",
         ),
     ],
 )  # fmt: skip

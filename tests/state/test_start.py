@@ -42,15 +42,15 @@ def test_a_start_is_read_as_it_is_typed():
     ("text", "message"),
     [
         ("root.position", "wanted NAME=NUMBERS such as root.position=3,-2,8"),
-        ("root.position=a,b,c", "'root.position': wanted numbers with commas between"),
-        ("root.position=", "wanted numbers with commas between"),
-        ("root.position=1,2", "'root.position' has 3 numbers [m], came 2"),
+        ("root.position=a,b,c", "'root.position': wanted numbers separated by commas"),
+        ("root.position=", "wanted numbers separated by commas"),
+        ("root.position=1,2", "'root.position' has 3 numbers [m], got 2"),
         ("root.position=1,2,nan", "'root.position': wanted finite numbers"),
         (
             "root.plce=1,2,3",
             "no part called 'root.plce'. Parts, how many numbers and their unit: root.position (3, m)",
         ),
-        ("root.orientation=0,0,0,0", "a quaternion of zeros turns nowhere"),
+        ("root.orientation=0,0,0,0", "a quaternion of zeros is no rotation"),
     ],
 )
 def test_a_start_that_makes_no_sense_is_refused_by_name(text: str, message: str):
@@ -106,7 +106,7 @@ def test_control_says_already_there_and_writes_nothing(cli: Cli, tmp_path: Path)
         "control", "lander", "--goal", "pad", "--start", "root.position=0,0,1.9529", "--out", out
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Already there: lander")
+    assert done.stdout.startswith("Nothing to find, so nothing was written: lander")
     assert "reached" not in done.stdout
     assert not out.exists()
 

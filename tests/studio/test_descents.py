@@ -99,9 +99,9 @@ def test_a_motion_of_another_length_and_unknown_values_are_refused():
     emulator = load_emulator("pendulum-50")
     system = system_of(emulator)
     states = np.zeros((41, 6))
-    with pytest.raises(ArgumentError, match="wanted 41 rows, came 3"):
+    with pytest.raises(ArgumentError, match="wanted 41 rows, got 3"):
         judge_motion(emulator, system, {}, states[:3])
-    with pytest.raises(ArgumentError, match="values: wanted effort, came weight"):
+    with pytest.raises(ArgumentError, match="values: wanted effort, got weight"):
         judge_motion(emulator, system, {"weight": [1.0]}, states)
 
 

@@ -214,7 +214,7 @@ def test_s07_while_a_large_request_is_read_others_are_answered(filling: str, stu
 
 def test_s07_of_a_million_faults_the_first_is_enough():
     """All of them took half a minute and 3 GB."""
-    with pytest.raises(ArgumentError, match=r"^controls\.0\.0: .* came 'None'") as refusal:
+    with pytest.raises(ArgumentError, match=r"^controls\.0\.0: .* got 'None'") as refusal:
         read_export(large_request("nothing"), 8 << 20)
     assert isinstance(refusal.value.__cause__, ValidationError)
     assert refusal.value.__cause__.error_count() == 1
@@ -226,7 +226,7 @@ def test_s07_what_is_too_long_is_not_written_out_to_show_its_beginning():
         Export.model_validate({**motion, "controls": [[0.5]] * 1_000_000})
     tracemalloc.start()
     try:
-        assert "came '[[0.5], [0.5], " in first_fault(refusal.value)
+        assert "got '[[0.5], [0.5], " in first_fault(refusal.value)
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -127,7 +127,7 @@ def test_s04_a_page_of_another_port_reads_and_changes_nothing(browser: Browser, 
 
 
 def take(page: Page, label: str) -> bytes:
-    """Press a button of "Take with you" and return the file that comes."""
+    """Press a button of "Export" and return the file that comes."""
     with page.expect_download(timeout=PATIENCE) as download:
         page.locator("button", has_text=re.compile(f"^{label}$")).click()
     return download.value.path().read_bytes()
@@ -141,7 +141,7 @@ def test_a_person_leaves_with_a_file_of_every_kind(browser: Browser, tmp_path: P
         expect(page.locator('nav button[aria-current="true"]')).to_be_visible(timeout=PATIENCE)
         for key in (".", ".", ".", ".", "l", "Space"):
             page.keyboard.press(key)
-        page.locator("summary", has_text="Take with you").click()
+        page.locator("summary", has_text="Export").click()
         assert take(page, "CSV").startswith(b"time s,angle[0] rad,")
         assert take(page, "Controls").startswith(b"time s,torque[0] ")
         assert take(page, "GLB").startswith(b"glTF")
@@ -200,7 +200,7 @@ def test_the_page_films_what_it_shows_itself_at_an_even_rate(
         # Live, it may have gone on for a super step before it was paused.
         seconds = float(page.locator(".timeline .scrub").get_attribute("max") or 0)
         assert seconds >= steps * facts["dt"]
-        page.locator("summary", has_text="Take with you").click()
+        page.locator("summary", has_text="Export").click()
         film.write_bytes(take(page, "Film"))
         expect(page.locator("dialog progress")).to_have_count(0)
         assert page.locator(".banner.error").count() == 0
@@ -222,7 +222,7 @@ def test_a_film_is_cancelled_by_a_key_and_leaves_nothing(browser: Browser, tmp_p
         page.set_viewport_size(WITH_PANELS)
         page.goto(site)
         assert is_something_drawn(page)
-        page.locator("summary", has_text="Take with you").click()
+        page.locator("summary", has_text="Export").click()
         downloads: list[Download] = []
         page.on("download", lambda download: downloads.append(download))
         page.locator("button", has_text=re.compile("^Film$")).click()

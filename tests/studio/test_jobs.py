@@ -144,11 +144,11 @@ def test_s06_what_is_no_model_is_refused_in_one_line(studio: Serving):
         ({"do": "train"}, "a system or a model"),
         ({"do": "train", "system": "pendlum"}, "No system called 'pendlum'. Systems: "),
         ({"do": "train", "system": "../x"}, "No system"),
-        ({"do": "train", "model": "none"}, "there is none of that id"),
+        ({"do": "train", "model": "none"}, "model: none has this id"),
         ({"do": "train", "system": "fish", "substeps": 0}, "substeps"),
         ({"do": "train", "system": "fish", "count": 1}, "count"),
-        ({"do": "stop", "job": "../../x"}, "there is none of that id"),
-        ({"do": "resume", "job": "0" * 16}, "there is none of that id"),
+        ({"do": "stop", "job": "../../x"}, "job: none has this id"),
+        ({"do": "resume", "job": "0" * 16}, "job: none has this id"),
     ],
 )
 def test_what_cannot_be_trained_is_said_in_one_line(

@@ -141,7 +141,7 @@ def test_physics_beside_it_is_pushed_with_it(browser: Browser, address: str) -> 
 
 
 def test_where_the_emulator_is_lost_physics_goes_on(browser: Browser, address: str) -> None:
-    press = "[...document.querySelectorAll('.banner button')].find((one) => one.textContent.startsWith('Let physics')).click()"
+    press = "[...document.querySelectorAll('.banner button')].find((one) => one.textContent.startsWith('Continue with')).click()"
     with open_page(browser, f"{address}&show=lander-50") as (page, complaints):
         shows(page, "lander")
         page.keyboard.press("h")

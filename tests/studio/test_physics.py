@@ -180,7 +180,7 @@ def test_the_server_pushes_as_the_page_does():
 @pytest.mark.parametrize(
     ("pushes", "line"),
     [
-        ([(12, [0.0] * 48)], "wanted super steps below 12, came 12"),
+        ([(12, [0.0] * 48)], "wanted super steps below 12, got 12"),
         ([(1, [0.0] * 47)], "pushes"),
     ],
 )

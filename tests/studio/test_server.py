@@ -237,7 +237,7 @@ def test_a_site_is_the_same_files_without_a_server(tmp_path: Path):
     export_site(page, bundles, site)  # again: an earlier site is replaced
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("mine")
-    with pytest.raises(na.NeuroAnimatorError, match="is no site"):
+    with pytest.raises(na.NeuroAnimatorError, match="is not a site"):
         export_site(page, bundles, tmp_path / "full")
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
 

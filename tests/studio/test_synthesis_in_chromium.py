@@ -202,7 +202,7 @@ def test_what_mujoco_moves_is_found_without_a_server_and_said_to_be_unproved(
 ):
     with without_server(browser, "pendulum-50", tmp_path) as look:
         verdict = press(look.page)
-        expect(verdict).to_contain_text("Found on the emulator, not proved: the true physics")
+        expect(verdict).to_contain_text("Found on the emulator, not verified: the true physics")
         expect(verdict).to_contain_text("start it with 'neuroanimator studio'")
         assert look.complaints == []
 
@@ -216,5 +216,5 @@ def test_what_a_lost_server_does_not_prove_is_kept(browser: Browser, tmp_path: P
             with page.expect_response(re.compile("worker"), timeout=PATIENCE):
                 find.hover(timeout=PATIENCE)
         expect(page.get_by_text("The server does not answer")).to_be_visible(timeout=PATIENCE)
-        expect(press(page)).to_contain_text("not proved: the server does not answer")
+        expect(press(page)).to_contain_text("not verified: the server does not answer")
         assert not [line for line in look.complaints if line.startswith("uncaught")]

@@ -230,5 +230,5 @@ def test_without_its_model_control_says_what_is_wanted_and_finds_what_nothing_pr
     result = cli("control", alone, "--goal", "turned", "--out", "c.csv", cwd=alone.parent)
     assert result.returncode == 0, result.stderr
     assert "wanted mine.toml and its model beside it, or --system mine.toml" in result.stderr
-    assert "nothing proves this controller" in result.stdout
+    assert "not verified: this controller was tried on the emulator alone" in result.stdout
     assert (alone.parent / "c.csv").is_file()

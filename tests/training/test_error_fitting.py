@@ -153,7 +153,7 @@ def test_levels_kinds_and_numbers_of_runs_that_there_are_not_are_refused(
     with pytest.raises(NeuroAnimatorError, match=r"wanted one of 0\.5, 0\.8, 0\.9, 0\.95"):
         bounded.error_bounds(*pair, level=0.85)
     few = UnseenRuns(runs.states[:20], runs.controls[:20])
-    with pytest.raises(NeuroAnimatorError, match="wanted 100 of a kind"):
+    with pytest.raises(NeuroAnimatorError, match="wanted at least 100 of each kind"):
         with_error_bounds(shipped, SYSTEM.structure, few)
     half = UnseenRuns(runs.states[:100], runs.controls[:100])
     alone = with_error_bounds(shipped, SYSTEM.structure, half)

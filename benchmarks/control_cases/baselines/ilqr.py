@@ -44,7 +44,7 @@ def linear_scheme(system: System, scheme: Scheme) -> Scheme:
     """
     if not is_usable_on(system):
         raise ArgumentError(
-            f"ilqr: wanted a MuJoCo system driven by its own motors, came {system.name}."
+            f"ilqr: wanted a MuJoCo system driven by its own motors, got {system.name}."
         )
     if scheme.integrator == "rk4":
         scheme = system.scheme

@@ -76,17 +76,17 @@ def together(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Clip]:
     """Return the clips that go into one file; ArgumentError if they cannot, or if the `ghost` shows another body."""
     if not isinstance(clips, Clip | Sequence):
         raise ArgumentError(
-            f"clips: wanted a clip or several, came {clips!r}. na.make_clip(emulator, states) makes one."
+            f"clips: wanted a clip or several, got {clips!r}. na.make_clip(emulator, states) makes one."
         )
     every = [clips] if isinstance(clips, Clip) else list(clips)
     if not 1 <= len(every) <= MAX_CLIPS:
-        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(every)}.")
+        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, got {len(every)}.")
     for clip in every:
         check_drawable(clip)
     if ghost is not None and (len(every) > 1 or ghost.skeleton != every[0].skeleton):
         names = " and ".join(clip.name for clip in every[:3])
         raise ArgumentError(
-            f"ghost: wanted another motion of the same body, came {ghost.name} beside {names}."
+            f"ghost: wanted another motion of the same body, got {ghost.name} for {names}."
         )
     return every
 
@@ -118,7 +118,7 @@ def make_clip(
     scores = np.asarray(trust, float)
     if scores.shape != (len(np.asarray(states)) - 1,):
         raise ArgumentError(
-            f"trust: wanted a score for each of {len(np.asarray(states)) - 1} super steps, came {scores.shape}."
+            f"trust: wanted a score for each of {len(np.asarray(states)) - 1} super steps, got {scores.shape}."
         )
     steps = np.minimum(clip.times / emulator.dt + STEP_ROUNDING, len(scores) - 1).astype(int)
     verdict = emulator.verdict
@@ -138,9 +138,7 @@ def clip_of(
     if rate is None:
         rate = USUAL_RATE / slowness(spec.dt)
     if not 0 < rate <= MAX_RATE:
-        raise ArgumentError(
-            f"rate: wanted between 0 and {MAX_RATE:g} frames a second, came {rate}."
-        )
+        raise ArgumentError(f"rate: wanted between 0 and {MAX_RATE:g} frames a second, got {rate}.")
     times = _frame_times((len(trajectory) - 1) * spec.dt, rate)
     interpolate = INTERPOLATIONS[interpolation]
     frames = interpolate(trajectory, spec.dt, times, spec.rates, orientations)

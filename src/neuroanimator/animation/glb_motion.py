@@ -24,7 +24,7 @@ MAX_VALUE = 1e6
 """Largest coordinate, scale or time accepted."""
 
 SAMPLING = 1 / 120
-"""Time between two samples [s]; every key frame is sampled, too."""
+"""Time between two samples [s]; every keyframe is sampled, too."""
 
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers per value of each property that can be animated, by its name in the format."""
@@ -40,7 +40,7 @@ AT_REST = {
 """Default properties of a node."""
 
 CUBIC_VALUES = 3
-"""Number of values per key frame of a cubic spline: in-tangent, value, out-tangent."""
+"""Number of values per keyframe of a cubic spline: in-tangent, value, out-tangent."""
 
 MAX_LENGTH_ERROR = 0.05
 """Maximum deviation of a quaternion's length from 1: files round."""
@@ -51,17 +51,17 @@ SHORT_ARC = 0.9995
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Values of one property at key frames."""
+    """Values of one property at keyframes."""
 
     times: Float[np.ndarray, " K"]
     """Increasing times [s]."""
     values: Float[np.ndarray, "R W"]
-    """One per key frame; `CUBIC_VALUES` for cubics."""
+    """One per keyframe; `CUBIC_VALUES` for cubics."""
     interpolation: str
     is_rotation: bool
 
     def at(self, times: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F W"]:
-        """Return the values at `times` [s], constant before the first key frame and after the last."""
+        """Return the values at `times` [s], constant before the first keyframe and after the last."""
         place = np.searchsorted(self.times, times, side="right") - 1
         first = np.clip(place, 0, max(len(self.times) - 2, 0))
         second = np.minimum(first + 1, len(self.times) - 1)
@@ -118,10 +118,10 @@ def node_motion(
     chain = _chain(nodes, _numbered(nodes, name))
     animations = file.objects("animations")
     if not animations:
-        raise ValueError("no animation. Export the character with one")
+        raise ValueError("no animation. Export the character with its animation")
     tracks, end = _tracks(file, animations[0], chain)
     if not any(tracks.values()):
-        raise ValueError(f"the first animation moves neither {quoted(name)} nor what is above it")
+        raise ValueError(f"the first animation moves neither {quoted(name)} nor any node above it")
     locals_up = [_local(nodes[number], number, tracks[number]) for number in chain]
     keys = [track.times for local in locals_up for track in local.tracks.values()]
     times = np.unique(np.concatenate([np.arange(0.0, end, SAMPLING), *keys, [0.0, end]]))
@@ -158,7 +158,7 @@ def _chain(nodes: list[dict[str, Any]], number: int) -> list[int]:
     while chain[-1] in parents:
         chain.append(parents[chain[-1]])
         if len(chain) > MAX_DEPTH:
-            raise ValueError(f"more than {MAX_DEPTH} nodes above one, or a node above itself")
+            raise ValueError(f"more than {MAX_DEPTH} nodes above a node, or a node above itself")
     return chain
 
 
@@ -178,7 +178,7 @@ def _tracks(
     for channel in objects_in(animation, "channels"):
         target = channel.get("target")
         if not isinstance(target, dict):
-            raise ValueError("an animation's channel without a target")
+            raise ValueError("an animation channel without a target")
         node = target.get("node")
         name = target.get("path")
         if node in chain and name in PROPERTIES:
@@ -189,7 +189,7 @@ def _tracks(
 
 def _rising(times: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     if times[0] < 0 or times[-1] > MAX_VALUE or (np.diff(times) <= 0).any():
-        raise ValueError("key frames whose times do not rise from 0 or more")
+        raise ValueError("keyframe times that do not rise, or are negative")
     return times
 
 
@@ -200,7 +200,7 @@ def _track(file: Glb, sampler: dict[str, Any], name: str, times: np.ndarray) -> 
     values = file.array(sampler.get("output"), f"VEC{WIDTHS[name]}")
     rows = CUBIC_VALUES if interpolation == "CUBICSPLINE" else 1
     if len(values) != rows * len(times):
-        raise ValueError(f"{name}: {len(values)} values at {len(times)} key frames")
+        raise ValueError(f"{name}: {len(values)} values at {len(times)} keyframes")
     if np.abs(values).max() > MAX_VALUE:
         raise ValueError(f"{name}: a number above {MAX_VALUE:g}")
     if name == "rotation":
@@ -229,7 +229,7 @@ def _local(node: dict[str, Any], number: int, tracks: dict[str, Track]) -> Local
 def _taken_apart(matrix: Float[np.ndarray, "4 4"], what: str) -> dict[str, np.ndarray]:
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     if scale.min() == 0 or np.linalg.det(matrix[:3, :3]) <= 0:
-        raise ValueError(f"{what}: a matrix that is no rotation and scale")
+        raise ValueError(f"{what}: a matrix that is not a rotation and a scale")
     w, x, y, z = quaternions_of(matrix[:3, :3] / scale)
     return {"translation": matrix[:3, 3], "rotation": np.array([x, y, z, w]), "scale": scale}
 

@@ -108,10 +108,10 @@ def random_drive(
         seconds = USUAL_SECONDS * slower
     if not emulator.dt <= seconds <= MAX_SECONDS * slower:
         raise ArgumentError(
-            f"seconds: wanted between {emulator.dt:g} and {MAX_SECONDS * slower:g}, came {seconds:g}."
+            f"seconds: wanted between {emulator.dt:g} and {MAX_SECONDS * slower:g}, got {seconds:g}."
         )
     if seed < 0:
-        raise ArgumentError(f"seed: wanted 0 or more, came {seed}.")
+        raise ArgumentError(f"seed: wanted 0 or more, got {seed}.")
     rng = np.random.default_rng(seed)
     bounds = emulator.bounds
     gait = emulator.gait

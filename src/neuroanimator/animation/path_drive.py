@@ -91,10 +91,10 @@ def path_drive(
     Raises ArgumentError for unknown movers, BadFileError for paths that cannot be followed.
     """
     if not paths:
-        raise ArgumentError("path: wanted a mover and its path, came none.")
+        raise ArgumentError("path: wanted a mover and its path, got none.")
     if not SPEEDS[0] <= speed <= SPEEDS[1]:
         raise ArgumentError(
-            f"path-speed: wanted {SPEEDS[0]:g} to {SPEEDS[1]:g} times the path's, came {speed:g}."
+            f"path-speed: wanted {SPEEDS[0]:g} to {SPEEDS[1]:g} times the path's, got {speed:g}."
         )
     movers = movers_of(emulator)
     recorded: dict[str, RecordedPath] = {}
@@ -158,12 +158,12 @@ def _times(
     steps = int((end - begin) / (speed * dt) + STEP_ROUNDING)
     if seconds is not None:
         if not seconds >= dt:
-            raise ArgumentError(f"seconds: wanted at least {dt:g}, came {seconds:g}.")
+            raise ArgumentError(f"seconds: wanted at least {dt:g}, got {seconds:g}.")
         steps = min(steps, int(np.ceil(seconds / dt - STEP_ROUNDING)))
     if steps < 1:
         names = listed(path.name for path in paths.values())
         raise BadFileError(
-            f"{names}: wanted at least {speed * dt:g} s that all paths have, came {max(end - begin, 0):g} s."
+            f"{names}: wanted at least {speed * dt:g} s that all paths have, got {max(end - begin, 0):g} s."
         )
     return begin + speed * dt * np.arange(steps + 1)
 
@@ -181,8 +181,8 @@ def _follower(
     if headings is not None and np.ptp(headings) > TURNS:
         angle = np.rad2deg(np.ptp(headings))
         remarks.append(
-            f"{path.name}: it turns by {angle:.0f} degrees, but {mover.name} only moves. Set 'turns = true' of {mover.name} in "
-            "the TOML file and train again, or leave it so."
+            f"{path.name}: it turns by {angle:.0f} degrees, but {mover.name} does not, so the turn is ignored. To keep it, set "
+            f"'turns = true' of {mover.name} in the TOML file and train again."
         )
     return Follower(mover, positions), remarks
 
@@ -214,8 +214,8 @@ def _remarks_on_speed(
         return []
     slower = np.floor(100 * SLACK * speed / factor) / 100
     return [
-        f"{path.name}: {mover.name} moves {told}, {factor:.3g} times as fast as in training, and is followed beyond what the "
-        f"emulator knows. Give --path-speed {slower:g}, or raise '{bound}' of {mover.name} in the TOML file and train again."
+        f"{path.name}: {mover.name} moves {told}, {factor:.3g} times as fast as in training, beyond what the emulator "
+        f"knows. Give --path-speed {slower:g}, or raise '{bound}' of {mover.name} in the TOML file and train again."
     ]
 
 

@@ -87,7 +87,7 @@ def _pushes(
         pushes += list((outside - points[inside]).astype(np.float32))
         if len(pushes) * points[0].size > MAX_NUMBERS:
             raise ArgumentError(
-                f"push-out: more than {MAX_NUMBERS:,} coordinates in contact. Make the clip shorter, or leave it out."
+                f"push-out: more than {MAX_NUMBERS:,} coordinates in contact. Shorten the clip, or leave push-out out."
             )
     count = len(shapes.mean)
     return np.array(frames, int), np.reshape(pushes, (len(frames), count, 3)).astype(float)

@@ -62,15 +62,15 @@ class RecordedPath:
         for column in columns:
             if not (np.abs(column) <= MAX_COORDINATE).all():  # false for NaN, too
                 raise BadFileError(
-                    f"{self.name}: a number that is not finite or above {MAX_COORDINATE:g}. Leave such rows out."
+                    f"{self.name}: a number that is not finite or above {MAX_COORDINATE:g}. Remove such rows."
                 )
         if len(self.times) < 2:
-            raise BadFileError(f"{self.name}: wanted at least two times, came {len(self.times)}.")
+            raise BadFileError(f"{self.name}: wanted at least two times, got {len(self.times)}.")
         backwards = np.flatnonzero(np.diff(self.times) <= 0)
         if len(backwards):
             before, after = self.times[backwards[0] : backwards[0] + 2]
             raise BadFileError(
-                f"{self.name}: wanted rising times, came {after:g} s after {before:g} s. Sort the rows, and leave doubles out."
+                f"{self.name}: wanted rising times, got {after:g} s after {before:g} s. Sort the rows, and remove duplicates."
             )
         if self.times[-1] - self.times[0] > MAX_SECONDS:
             raise BadFileError(
@@ -115,7 +115,7 @@ def read_path(source: str | Path) -> RecordedPath:
     found = SOURCE.fullmatch(text)
     if found is None:
         raise ArgumentError(
-            f"path: wanted FILE.csv, FILE.csv:PART or FILE.glb:NODE, came {quoted(text)}."
+            f"path: wanted FILE.csv, FILE.csv:PART or FILE.glb:NODE, got {quoted(text)}."
         )
     path = Path(found["file"])
     if found["kind"].lower() == "csv":
@@ -156,7 +156,7 @@ def _from_csv(path: Path, part: str | None) -> RecordedPath:
         headings = turned[:, 0]
     elif columns.orientation:
         if (np.linalg.norm(turned, axis=1) < SHORTEST).any():
-            raise BadFileError(f"{path}: a quaternion of zeros turns nowhere. Leave the row out.")
+            raise BadFileError(f"{path}: a quaternion of zeros is no rotation. Remove the row.")
         headings = _headings(turned)
     return RecordedPath(str(path), table[:, 0], table[:, 1:4], headings)
 
@@ -167,7 +167,7 @@ def _refuse_gaps(times: Float[np.ndarray, " T"], path: Path) -> None:
     if len(gaps):
         before, after = times[gaps[0] : gaps[0] + 2]
         raise BadFileError(
-            f"{path}: nothing between {before:g} s and {after:g} s. Fill the gap, or cut the table there."
+            f"{path}: nothing between {before:g} s and {after:g} s. Fill the gap, or split the table there."
         )
 
 
@@ -228,4 +228,4 @@ def _row(cells: list[str], columns: _Columns, count: int, where: str) -> list[fl
     try:
         return [number_in(cells[column]) for column in columns.all]
     except ValueError as error:
-        raise BadFileError(f"{where}: wanted numbers, came {quoted(','.join(cells))}.") from error
+        raise BadFileError(f"{where}: wanted numbers, got {quoted(','.join(cells))}.") from error

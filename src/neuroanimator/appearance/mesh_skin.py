@@ -65,7 +65,7 @@ def _unpacked(text: Any) -> bytes:
     if isinstance(text, bytes):
         return text
     if not isinstance(text, str):
-        raise ValueError("an array is no text")
+        raise ValueError("an array is not text")
     try:
         content = base64.b64decode(text.removeprefix(PACKED), validate=True)
     except ValueError as error:
@@ -78,7 +78,7 @@ def _unpacked(text: Any) -> bytes:
     except zlib.error as error:
         raise ValueError("an array is damaged") from error
     if not stream.eof or stream.unused_data:
-        raise ValueError(f"an array is cut off, or larger than {MAX_BYTES:,} bytes")
+        raise ValueError(f"an array is truncated, or larger than {MAX_BYTES:,} bytes")
     return numbers
 
 
@@ -149,15 +149,15 @@ class MeshSkin(Table):
         if not 3 <= count <= MAX_VERTICES or len(triangles) > MAX_TRIANGLES:
             raise ValueError(f"{len(triangles)} triangles of {count} vertices")
         if len(influences) != count or len(weights) != count:
-            raise ValueError("wanted four bones and four weights a vertex")
+            raise ValueError("wanted four bones and four weights per vertex")
         if len({part.name for part in self.parts}) < len(self.parts):
-            raise ValueError("two parts of one name")
+            raise ValueError("two parts with the same name")
         if sum(part.triangles for part in self.parts) != len(triangles):
-            raise ValueError("its parts do not have all triangles")
+            raise ValueError("its parts do not cover all triangles")
         if triangles.max() >= count:
-            raise ValueError("a triangle has a vertex that is not there")
+            raise ValueError("a triangle names a vertex that does not exist")
         if influences.max() >= len(self.bones):
-            raise ValueError("a vertex follows a bone that is not there")
+            raise ValueError("a vertex follows a bone that does not exist")
         if (weights.sum(axis=1, dtype=int) != WHOLE).any():
             raise ValueError(f"the weights of a vertex do not add up to {WHOLE}")
         for bone in self.bones:
@@ -222,5 +222,5 @@ def _rows(numbers: bytes, kind: str, columns: int) -> np.ndarray:
     """Return an array of the NumPy type `kind` as rows of `columns` numbers; ValueError if the last is not whole."""
     row_size = columns * np.dtype(kind).itemsize
     if not numbers or len(numbers) % row_size:
-        raise ValueError("an array is cut off")
+        raise ValueError("an array is truncated")
     return np.frombuffer(numbers, kind).reshape(-1, columns)

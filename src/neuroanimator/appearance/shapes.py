@@ -129,15 +129,15 @@ class Shapes:
         }
         for name, (shape, dtype) in wanted.items():
             if tensors[name].shape != shape or tensors[name].dtype != dtype:
-                raise ValueError(f"shapes: '{name}' has another shape or kind of number")
+                raise ValueError(f"shapes: '{name}' has the wrong shape or type of number")
         if not 3 <= nodes <= MAX_NODES or not 1 <= count <= MAX_SHAPES:
             raise ValueError(f"shapes: {count} shapes of {nodes} nodes")
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype != np.int32:
             raise ValueError("shapes: wanted faces of three nodes")
         if len(faces) and not (faces.min() >= 0 and faces.max() < nodes):
-            raise ValueError("shapes: a face has a node that is not there")
+            raise ValueError("shapes: a face names a node that does not exist")
         if not (np.abs(mean) <= MAX_DISTANCE).all() or not (scales > 0).all():
-            raise ValueError("shapes: wanted finite places, and scales above 0")
+            raise ValueError("shapes: wanted finite positions, and scales above 0")
         if not (scales * LARGEST <= MAX_DISTANCE).all():
             raise ValueError("shapes: a scale is too large")
         ends = (placement.position + 3, placement.heading + 1, placement.orientation + 4)

@@ -283,7 +283,7 @@ def _unit_vector(value: Any, label: str, size: int) -> Numbers:
     vector = numbers(value, f"{label}: axis or turn", size, MAX_COMPONENT)
     if abs(np.linalg.norm(vector) - 1) > UNIT_TOLERANCE:
         raise ValueError(
-            f"{label}: wanted an axis or a turn of length 1, came {quoted(list(vector))}"
+            f"{label}: wanted an axis or a turn of length 1, got {quoted(list(vector))}"
         )
     return vector
 
@@ -299,7 +299,7 @@ def _check_keys(row: Any, described: type, valid_kinds: tuple[str, ...] = ()) ->
     what = described.__name__.lower()
     names = {field.name for field in fields(described)}
     if not isinstance(row, dict) or {*row} != names:
-        raise ValueError(f"skeleton: a {what} has other fields than expected")
+        raise ValueError(f"skeleton: a {what} has unexpected or missing fields")
     if valid_kinds and row["kind"] not in valid_kinds:
         raise ValueError(f"skeleton: no {what} of the kind {quoted(row['kind'])} is known")
 

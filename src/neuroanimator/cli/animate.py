@@ -68,15 +68,13 @@ PATH_HELP = (
 )
 """The help of `--path`."""
 
-PUSH_OUT_HELP = (
-    "Draw a soft body's surface outside of colliders, or exactly as the emulator has it."
-)
+PUSH_OUT_HELP = "Push a soft body's surface out of colliders, or draw it exactly as predicted."
 """The help of `--push-out`."""
 
 PATH_SPEED_HELP = "With --path: its playback speed; 0.5 is half as fast."
 """The help of `--path-speed`."""
 
-INSIDE_HELP = "For a policy's file: let its emulator move the body, not the physics; 'train' makes one that can."
+INSIDE_HELP = "For a policy file: move the body by the policy's own emulator, which 'train' makes, instead of the physics."
 """The help of `--inside`."""
 
 COMMAND_HELP = (
@@ -85,16 +83,14 @@ COMMAND_HELP = (
 )
 """The help of `--command`."""
 
-START_HELP = (
-    "Part of the state to start with, such as root.position=3,-2,8; may be given several times."
-)
+START_HELP = "Part of the initial state, such as root.position=3,-2,8; may be given several times."
 
 
 def run(
     emulator: Annotated[
         str,
         typer.Argument(
-            help="Emulator file, or name of a shipped one; or a policy's file made by 'policy', which moves the physics."
+            help="Emulator file, or name of a shipped one; or a policy file made by 'policy', which moves the physics."
         ),
     ],
     out: Annotated[
@@ -120,12 +116,12 @@ def run(
     school: Annotated[
         int | None,
         typer.Option(
-            help="Number of bodies that swim together, by the shipped policy of dolphin or fish."
+            help="Number of bodies that swim together, steered by the shipped policy of dolphin or fish."
         ),
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="Frames a second, such as 60; default 30, fewer for slow systems."),
+        typer.Option(help="Frames per second, such as 60; default 30, fewer for slow systems."),
     ] = None,
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
@@ -141,7 +137,7 @@ def run(
     if emulator.endswith(POLICY_ENDING) and school is None:
         refuse_given(
             {"controls": controls, "path": path, "start": start, "hybrid": hybrid, "trust": trust},
-            "a policy moves the physics, from a start of its own.",
+            "a policy determines its own start and motion. Leave it out.",
         )
         model, states = _moved_by_policy(
             Path(emulator), system, command, seconds, seed, is_inside=inside
@@ -151,11 +147,13 @@ def run(
         with phase("drawing"):
             export_clip(clip, model, out, film)
         return print_rows(_rows(clip, out))
-    refuse_given({"command": command, "inside": inside}, "it is of policies' files. Leave it out.")
+    refuse_given(
+        {"command": command, "inside": inside}, "applies to policy files only. Leave it out."
+    )
     if not hybrid:
         refuse_given(
             {"threshold": threshold, "system": system},
-            "it is of motions in turns with the physics. Give --hybrid, too.",
+            "applies to --hybrid only. Give --hybrid, too.",
         )
     _check_path(path, path_speed, {"controls": controls, "start": start, "seed": seed})
     with phase("loading"):
@@ -169,7 +167,7 @@ def run(
             "hybrid": hybrid,
             "interpolation": interpolation != "hermite",
         }
-        refuse_given(others, "a school swims as its policy says. Leave it out, or --school.")
+        refuse_given(others, "a school is steered by its policy. Leave it out, or --school.")
         with phase("emulating"):
             clips = school_clips(model, school, seconds=seconds, seed=seed or 0, rate=rate)
         with phase("drawing"):
@@ -252,7 +250,7 @@ def _moved_by_policy(
         return policy_motion(policy, system, seconds, seed or 0, is_inside=is_inside)
     refuse_given(
         {"seconds": seconds, "seed": seed},
-        "commands say what the motion is. Leave one of them out.",
+        "commands already determine the motion. Leave one of them out.",
     )
     return commanded_motion(policy, system, command, is_inside=is_inside)
 
@@ -262,9 +260,12 @@ def _check_path(
 ) -> None:
     """Refuse the `others` beside a path, and a speed without a path."""
     if path:
-        refuse_given(others, "a motion along a path begins and moves as the path does.")
+        refuse_given(
+            others,
+            "a motion along a path begins and moves as the path does. Leave it out, or --path.",
+        )
     elif path_speed is not None:
-        raise ArgumentError("path-speed: it is of motions along a path. Give --path, too.")
+        raise ArgumentError("path-speed: applies to --path only. Give --path, too.")
 
 
 def _paths(texts: list[str]) -> dict[str, str]:
@@ -274,9 +275,9 @@ def _paths(texts: list[str]) -> dict[str, str]:
         name, equals, source = text.partition("=")
         if not equals or not name or not source:
             raise ArgumentError(
-                f"path: wanted MOVER=FILE such as torso=walk.csv, came {quoted(text)}."
+                f"path: wanted MOVER=FILE such as torso=walk.csv, got {quoted(text)}."
             )
         if name in paths:
-            raise ArgumentError(f"path: {quoted(name)} has two. Give it one.")
+            raise ArgumentError(f"path: {quoted(name)} has two paths. Give one.")
         paths[name] = source
     return paths

@@ -39,17 +39,17 @@ from neuroanimator.text import print_line
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
 START_HELP = (
-    "Part of the state a goal is reached from, such as root.position=3,-2,8; may be given several times. "
-    "The goal's own start if not given."
+    "Part of the initial state, such as root.position=3,-2,8; may be given several times. "
+    "The goal's own if not given."
 )
 CLOSED_LOOP_HELP = (
-    "Plan again at every super step, from the actual state of the physics, and so hold the goal. "
-    "If plans alone miss it, a motion to it is searched for first."
+    "Replan at every super step, from the actual state of the physics, to hold the goal. "
+    "If that alone misses it, a motion to it is searched for first."
 )
-THRESHOLD_HELP = "Keep the motion to a goal where the emulator's score is at most this: 1 is the edge of training. Takes longer."
+THRESHOLD_HELP = "Keep the motion where the emulator's trust score is at most this; 1 is the edge of training. Takes longer."
 MINUTES_HELP = (
-    "Maximum time for learning the physics around a motion, which is done where emulator and physics disagree; "
-    "half a minute if not given, 0 for none."
+    "Maximum time for training around the motion, where emulator and physics disagree [minutes]; "
+    "0.5 if not given, 0 for none."
 )
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
@@ -136,13 +136,13 @@ def run(
             }
             refuse_given(others, "does not go with --closed-loop. Leave one of them out.")
         elif horizon is not None:
-            raise ArgumentError("horizon: goes with --closed-loop only. Leave it out.")
+            raise ArgumentError("horizon: applies to --closed-loop only. Leave it out.")
         if objective is None:
             search = _search_goal(model, own, goal, seconds, effort_weight, threshold, start or [])
         else:
             if (goal, seconds, effort_weight, threshold, start or []) != (None,) * 4 + ([],):
                 raise ArgumentError(
-                    "objective: its file says all that --goal, --seconds, --start, --effort-weight and --threshold do. "
+                    "objective: its file sets all that --goal, --seconds, --start, --effort-weight and --threshold set. "
                     "Leave these out."
                 )
             search = _search_objective(model, own, objective)
@@ -182,7 +182,7 @@ def run(
 def _say_gap(minutes: float, gap: float) -> None:
 
     print_line(
-        f"gap {gap:.2f}: learning the physics around the motion, for at most {60 * minutes:g} s in all "
+        f"gap {gap:.2f}: training on the physics around the motion, at most {60 * minutes:g} s in all "
         "(--minutes allows more, or none) ...",
         to_stderr=True,
     )
@@ -250,8 +250,8 @@ def _search_goal(
     if not is_reached(system, goal, start):
         return _Search(find, words, closed_loop=closed_loop)
     told = (
-        f"Already there: {system.name} at its start ({words}) fulfils the goal '{name}'. Nothing to find, nothing "
-        "written. Name another start, such as --start root.position=3,-2,8."
+        f"Nothing to find, so nothing was written: {system.name} already meets the goal '{name}' at its start "
+        f"({words}). Choose another start, such as --start root.position=3,-2,8."
     )
     return _Search(find, words, nothing_to_find=told, closed_loop=closed_loop)
 

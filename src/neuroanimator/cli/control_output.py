@@ -34,4 +34,4 @@ def time_rows() -> list[tuple[str, object]]:
         f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= MIN_PHASE_TOLD
     )
     total = f"{seconds_in_all():.1f} s"
-    return [("time in all", f"{total}: {told}" if told else total)]
+    return [("total time", f"{total}: {told}" if told else total)]

@@ -22,7 +22,7 @@ EXTRAS = {
     "compiler": "emulators in C where there is no gcc or clang",
     "gym": "Gymnasium environments",
     "onnx": "export to .onnx",
-    "ray": "several machines, by Ray",
+    "ray": "several machines, with Ray",
     "s3": "datasets in S3",
     "studio": "the studio, in the browser",
     "usd": "export to .usdc and .usdz",
@@ -40,7 +40,7 @@ def run() -> None:
     rows += [(name, version(name)) for name in PACKAGES]
     rows += [
         ("JAX runs on", ", ".join(str(device) for device in jax.devices())),
-        ("video drawn by", graphics_backend() or HOW_TO_GET_GL),
+        ("video rendered by", graphics_backend() or HOW_TO_GET_GL),
     ]
     rows.append(("emulators run in", backend_in_words()))
     free = shutil.disk_usage(".").free / 1e9

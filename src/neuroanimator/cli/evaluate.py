@@ -70,7 +70,7 @@ def run(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     sweep: Annotated[
-        bool, typer.Option("--sweep", help="Which n? Train several and compare.")
+        bool, typer.Option("--sweep", help="Train emulators of several n and compare them.")
     ] = False,
     substeps: Annotated[str, typer.Option(help="Sweep: the n to try.")] = "25,50,100",
     tolerance: Annotated[
@@ -97,7 +97,7 @@ def run(
     """
     if any(name.endswith(".policy.safetensors") for name in emulators):
         if len(emulators) > 1:
-            raise ArgumentError(f"evaluate: wanted one policy, came {len(emulators)} files.")
+            raise ArgumentError(f"evaluate: wanted one policy, got {len(emulators)} files.")
         with phase("loading"):
             from neuroanimator.cli.policy_returns import evaluate_policy  # needs the extra [gym]
 
@@ -123,7 +123,7 @@ def _evaluate(
         if files.worst:
             check_worst_path(files.worst)
         if files.card and len(loaded) > 1:
-            raise ArgumentError(f"evaluate --card: wanted one emulator, came {len(loaded)}.")
+            raise ArgumentError(f"evaluate --card: wanted one emulator, got {len(loaded)}.")
         transitions = open_to_measure(data) if data else None
         if transitions is not None:
             # Older files lack a score; it is fitted to the data.
@@ -196,7 +196,7 @@ def _sweep(
 
     if len(systems) != 1:
         raise ArgumentError(
-            f"evaluate --sweep: wanted one system or TOML file, came {len(systems)}."
+            f"evaluate --sweep: wanted one system or TOML file, got {len(systems)}."
         )
     counts = whole_numbers("substeps", substeps)
     done = 0
@@ -227,7 +227,7 @@ def _sweep(
         print(dumps(table, indent=2))
         return
     print_table(table)
-    verdict = "none of them; train longer, or take smaller n"
+    verdict = "none of them; train longer, or use smaller n"
     if best:
         verdict = f"n = {best.substeps}"
     print(

@@ -34,7 +34,10 @@ def run(
         ),
     ],
     policy: Annotated[
-        bool, typer.Option("--policy", help="Where a name is both: the policy, not the emulator.")
+        bool,
+        typer.Option(
+            "--policy", help="If a name is both an emulator and a policy, export the policy."
+        ),
     ] = False,
     emulator: Annotated[
         str | None, typer.Option(help="For a clip: file or name of the emulator it belongs to.")
@@ -60,7 +63,7 @@ def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
 def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, camera: str) -> None:
 
     if emulator is None:
-        raise ArgumentError(f"{clip}: a clip needs --emulator, the one that it belongs to.")
+        raise ArgumentError(f"{clip}: a clip needs --emulator, the one it belongs to.")
     film = read_film(size, camera)
     with phase("loading"):
         model = emulator_for(out, emulator)

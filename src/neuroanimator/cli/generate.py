@@ -48,13 +48,13 @@ def run(
     threads: Annotated[
         int | None,
         typer.Option(
-            help="Threads of each worker; 0 or not given: all cores. The bytes do not depend on it."
+            help="Threads of each worker; 0 or not given: all cores. The result does not depend on it."
         ),
     ] = None,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
-    """Simulate random motions and store transitions. Killed and started again, it goes on where it stopped."""
+    """Simulate random motions and store transitions. If killed, run it again: it resumes where it stopped."""
     with phase("loading"):
         if system.endswith(".toml"):
             trust_files(system)
@@ -79,7 +79,7 @@ def run(
         ("runs diverged and dropped", diverged),
     ]
     if diverged:
-        rows.append(("to be replayed from", place / PATTERN))
+        rows.append(("kept for replay in", place / PATTERN))
     rows += [("shards", config.shards), ("folder", place)]
     print_rows(rows)
 

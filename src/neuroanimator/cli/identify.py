@@ -44,9 +44,7 @@ def run(
     ] = None,
     no_physics: Annotated[
         bool,
-        typer.Option(
-            "--no-physics", help="Do not correct the result on the physics, nor prove it."
-        ),
+        typer.Option("--no-physics", help="Do not correct or verify the result on the physics."),
     ] = False,
     out: Annotated[
         Path | None, typer.Option(help="File for the emulator at these parameters.")
@@ -57,7 +55,7 @@ def run(
     """Find the parameters of a body, with their uncertainty, from recordings of its motion.
 
     Gauss-Newton steps through the emulator fit windows of the recordings, along with their starts; the result is corrected
-    and proved on the physics. A recording need not hold the whole state.
+    and verified on the physics. A recording need not hold the whole state.
     """
     with phase("loading"):
         if system:
@@ -85,7 +83,7 @@ def _rows(
     model: Emulator, result: Identification, out: Path | None, report: Path | None
 ) -> list[tuple[str, object]]:
     measurements = result.measurements
-    proof = "none: there is no physics at hand, so the emulator's word stands alone"
+    proof = "none: no physics is available, so the result rests on the emulator alone"
     if result.proven is not None:
         proof = f"{result.seconds_of_physics:.1f} s, {result.proven.iterations} steps in all"
     rows: list[tuple[str, object]] = [
@@ -100,7 +98,7 @@ def _rows(
             "through the emulator",
             f"{result.seconds_of_emulator:.1f} s, {result.emulated.iterations} steps",
         ),
-        ("proof on the physics", proof),
+        ("verified on physics", proof),
     ]
     if out:
         rows.append(("emulator", out))

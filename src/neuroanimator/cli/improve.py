@@ -114,7 +114,7 @@ def _improve(
 ) -> None:
     """Improve an emulator where it is weak, under progress bars."""
     if start and not controls:
-        raise ArgumentError("improve: --start is where --controls begin. Give these, too.")
+        raise ArgumentError("start: applies to --controls only. Give --controls, too.")
     controllers = {str(path): read_table(path, model.control)[1] for path in controls}
     start_state = named_start(model, read_starts(start)) if start else None
     with (
@@ -158,7 +158,7 @@ def _learn_from(
             bar.advance_to(report.update, f"error {report.error:.4f}")
 
         result = fine_tune(model, recording, out, config=config, data=old, on_report=on_report)
-    _print(result.errors, ("windows learnt from", result.windows), out)
+    _print(result.errors, ("windows trained on", result.windows), out)
 
 
 def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path) -> None:

@@ -45,7 +45,7 @@ def run(
     errors: Annotated[
         bool,
         typer.Option(
-            "--errors", help="For an emulator: measure where it is weak, in some seconds."
+            "--errors", help="For an emulator: measure where it is weak, in a few seconds."
         ),
     ] = False,
     data: Annotated[
@@ -78,7 +78,7 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
     """Print where an emulator is good and where it is weak."""
     if Path(file).is_dir():
         raise ArgumentError(
-            f"errors: wanted an emulator, came the folder {file}. Leave --errors out, and it says what the data cover."
+            f"errors: wanted an emulator, got the folder {file}. Without --errors, 'info' says what the data cover."
         )
     with phase("loading"):
         if system:
@@ -105,7 +105,7 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     if metadata.get("strides", 1) > 1:
         strides = f", {metadata['strides']} times in a super step"
     stored_numbers = sum(array.size for array in tensors.values())
-    astray = "nobody measured how far: na.fit_error_bounds(emulator) does"
+    astray = "not measured; na.fit_error_bounds(emulator) measures it"
     if emulator.calibration is not None:
         astray = bounds_in_words(emulator.calibration, emulator.dt)
     rows: Rows = [
@@ -119,10 +119,10 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("network", f"{network['kind']} {widths}{strides}"),
         ("numbers stored", f"{stored_numbers:,}"),
         ("verdict", emulator.verdict or UNJUDGED),
-        ("goes astray", astray),
+        ("drifts", astray),
         ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
-        ("where it is weak", "--errors measures that, in some seconds"),
+        ("where it is weak", "--errors measures it, in a few seconds"),
     ]
     return metadata, rows
 
@@ -174,7 +174,7 @@ def _state_policy_rows(path: Path, policy: StatePolicy, metadata: dict[str, Any]
         ("control", summary_of(emulator.control)),
         ("network", "x".join(map(str, metadata["widths"]))),
         ("sha256", metadata["sha256"]),
-        ("what it earns", f"neuroanimator evaluate {path.name} --episodes 100"),
+        ("returns", f"neuroanimator evaluate {path.name} --episodes 100"),
     ]
 
 

@@ -47,7 +47,7 @@ def show_dataset(folder: Place, *, json: bool) -> None:
     if found:
         rows += coverage_facts(found)
     if not found or found.missing:
-        rows.append(("to be done", "run the same 'generate' again: it goes on where it stopped"))
+        rows.append(("remaining", "run the same 'generate' again: it resumes where it stopped"))
     print_rows(rows)
     if found:
         for table in spread_tables(found, sparkline):

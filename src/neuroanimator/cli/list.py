@@ -33,7 +33,7 @@ def run() -> None:
             )
         if (system, substeps) in LARGE and shipped_path(system, substeps, "large").is_file():
             emulator_rows.append(
-                (f"  {system}-{substeps}-large", "the same, slower and more exact")
+                (f"  {system}-{substeps}-large", "the same, slower and more accurate")
             )
     for system in WITHOUT_EMULATOR:
         emulator_rows.append(

@@ -35,7 +35,7 @@ def _run() -> None:
     except NeuroAnimatorError as error:
         fail(str(error), error.exit_code)
     except MemoryError:
-        fail("Out of memory. Ask for less at once.", 4)
+        fail("Out of memory. Reduce the size of the job.", 4)
     except OSError as error:
         name = ""
         if error.filename:

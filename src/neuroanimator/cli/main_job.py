@@ -114,7 +114,7 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
         corrections=CORRECTIONS,
         measures_trust=True,
         on_refine=lambda gap: print(
-            f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr
+            f"    gap {gap:.2f}: training on the physics around the motion", file=sys.stderr
         ),
     )
 
@@ -173,7 +173,7 @@ def _print(
                 f"after {break_even / 3600:.1f} simulated hours (data and training counted)",
             ),
             *outcome_rows(synthesis),
-            ("seconds in all", f"{summary['seconds_total']:.0f}"),
+            ("total seconds", f"{summary['seconds_total']:.0f}"),
             *(("file", path) for path in summary["files"]),
         ]
     )

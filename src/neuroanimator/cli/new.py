@@ -27,7 +27,7 @@ def run(
         Path | None, typer.Option(help="TOML file to write; beside the model if not given.")
     ] = None,
     name: Annotated[
-        str, typer.Option(help="Name of the system; after its file if not given.")
+        str, typer.Option(help="Name of the system; that of its file if not given.")
     ] = "",
     keyframe: Annotated[
         str,
@@ -42,7 +42,7 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="JOINT",
-            help="Joint of a URDF without a motor, though it has an effort; may be repeated.",
+            help="Joint of a URDF that gets no motor despite its effort limit; may be given several times.",
         ),
     ] = None,
     tree: Annotated[

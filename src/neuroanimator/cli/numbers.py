@@ -14,5 +14,5 @@ def whole_numbers(name: str, text: str) -> tuple[int, ...]:
         return tuple(int(part) for part in text.split(","))
     except ValueError as error:
         raise ArgumentError(
-            f"{name}: wanted numbers such as 96,64, came {text[:MAX_SHOWN]!r}."
+            f"{name}: wanted numbers such as 96,64, got {text[:MAX_SHOWN]!r}."
         ) from error

@@ -85,10 +85,10 @@ def run(
     """
     if minutes is not None and not 0 < minutes <= MAX_MINUTES:
         raise ArgumentError(
-            f"minutes: wanted more than 0, at most {MAX_MINUTES:,}, came {minutes:g}."
+            f"minutes: wanted more than 0, at most {MAX_MINUTES:,}, got {minutes:g}."
         )
     if not 1 <= updates <= MAX_UPDATES:
-        raise ArgumentError(f"updates: wanted 1 to {MAX_UPDATES:,}, came {updates:,}.")
+        raise ArgumentError(f"updates: wanted 1 to {MAX_UPDATES:,}, got {updates:,}.")
     with phase("loading"):
         name, definition, _ = resolve(system)
         check_task(definition, system)
@@ -134,7 +134,7 @@ def run(
         best = max(report.mean_return for report in told)
         rows += [
             ("super steps", f"{told[-1].steps:,} on the physics"),
-            ("mean return", f"{best:,.0f}, the best on the way"),
+            ("mean return", f"{best:,.0f}, the best while learning"),
         ]
     print_rows([*rows, ("judge it", f"neuroanimator evaluate {out} --episodes 100")])
 
@@ -173,6 +173,6 @@ def _check_emulator(emulator: Emulator, system: System, hold: int) -> None:
     wanted = hold * system.physics_dt
     if emulator.state != system.state or abs(emulator.dt - wanted) > TINY * wanted:
         raise ArgumentError(
-            f"emulator: wanted one of {system.name} in super steps of {wanted:g} s, came one of {emulator.system} in "
+            f"emulator: wanted one of {system.name} in super steps of {wanted:g} s, got one of {emulator.system} in "
             f"{emulator.dt:g} s. Leave it out, or train one with --substeps {hold}."
         )

@@ -68,7 +68,7 @@ def policy_motion(
     if seconds is not None:
         if not policy.dt <= seconds <= task.steps * policy.dt:
             raise ArgumentError(
-                f"seconds: wanted between {policy.dt:g} and {task.steps * policy.dt:g}, the length of an episode, came "
+                f"seconds: wanted between {policy.dt:g} and {task.steps * policy.dt:g}, the length of an episode, got "
                 f"{seconds:g}."
             )
         steps = round(seconds / policy.dt)
@@ -112,11 +112,11 @@ def _read_command(text: str) -> tuple[float, float, float]:
         seconds, speed, turn = (number_in(cell) for cell in text.split(","))
     except ValueError:
         raise ArgumentError(
-            f"command: wanted SECONDS,SPEED,TURN such as 3,0.7,0.4, came {quoted(text)}."
+            f"command: wanted SECONDS,SPEED,TURN such as 3,0.7,0.4, got {quoted(text)}."
         ) from None
     if not 0 < seconds <= MAX_SECONDS:
         raise ArgumentError(
-            f"command: wanted more than 0 s and at most {MAX_SECONDS:g} s, came {seconds:g}."
+            f"command: wanted more than 0 s and at most {MAX_SECONDS:g} s, got {seconds:g}."
         )
     return seconds, speed, turn
 
@@ -132,7 +132,7 @@ def evaluate_policy(
 ) -> None:
     """Print the returns of `episodes` episodes without noise, and write them with the learning curve to the page `report`."""
     if not 1 <= episodes <= MAX_EPISODES:
-        raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes:,}.")
+        raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, got {episodes:,}.")
     policy, system, task = loaded_policy(path, toml)
     if task.motion is not None and report is not None:
         raise ArgumentError("report: a policy that follows a motion has none yet. Leave it out.")
@@ -193,7 +193,7 @@ def _rows(path: Path, task: PolicyTask, returns: _Returns) -> list[tuple[str, ob
         ("policy", path),
         ("episodes", f"{len(outside):,} in {task.environment or 'the physics'}"),
         ("mean return", f"{outside.mean():.0f}"),
-        ("least, most", f"{outside.min():.0f}, {outside.max():.0f}"),
+        ("minimum, maximum", f"{outside.min():.0f}, {outside.max():.0f}"),
         ("in the emulator", f"{returns.inside.mean():.0f}"),
     ]
     bodies = returns.of_family
@@ -255,13 +255,13 @@ def _evaluate_following(
         ("episodes", f"{episodes:,} on the physics, of {task.steps * policy.dt:.3g} s at most"),
         ("on the motion", f"{kept:,} of them at its end"),
         ("mean return", f"{found.returns.mean():.0f} of {task.steps}"),
-        ("least, most", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
+        ("minimum, maximum", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
         (
             "in the emulator",
             f"{inside.returns.mean():.0f}, {kept_inside:,} on the motion at its end",
         ),
     ]
     if inside.returns.mean() < TRUE_RETURN * found.returns.mean():
-        advice = "useless as physics; 'neuroanimator train' makes one of what the policy does"
+        advice = "useless as physics; 'neuroanimator train' makes one from the policy's motions"
         rows.append(("the emulator", advice))
     print_rows(rows)

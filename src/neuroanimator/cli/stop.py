@@ -123,7 +123,7 @@ def _say_so() -> None:
     verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     line = "No file was left half-written."
     if verb in RESUMABLE or "--sweep" in sys.argv:
-        line = "Started again, it goes on where it stopped."
+        line = "Run the command again: it resumes where it stopped."
     before = ""
     if os.isatty(STDERR):
         before = SHOW_CURSOR

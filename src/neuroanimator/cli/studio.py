@@ -24,7 +24,7 @@ ENTRY_POINT = "studio"
 def run(
     emulators: Annotated[
         list[str] | None,
-        typer.Argument(help="Emulator files, or names of shipped ones, to show, too."),
+        typer.Argument(help="Emulator files, or names of shipped ones, to show as well."),
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any that is free.")] = 0,
     host: Annotated[

@@ -42,7 +42,7 @@ def run(
     data: Annotated[
         str,
         typer.Argument(
-            help="Folder or URL made by 'generate', a system, your own TOML file, or a fleet's; or a policy's file."
+            help="Folder or URL made by 'generate', a system, your own TOML file, or a fleet's; or a policy file."
         ),
     ],
     out: Annotated[
@@ -64,7 +64,7 @@ def run(
     updates: Annotated[
         int | None,
         typer.Option(
-            help="Weight updates (default 40000, half a minute; with contacts 16000, some minutes)."
+            help="Weight updates (default 40000, half a minute; with contacts 16000, a few minutes)."
         ),
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
@@ -80,21 +80,21 @@ def run(
         bool,
         typer.Option(
             "--error-bounds",
-            help="Also measure how far rollouts go astray, on new runs of the physics; takes about a minute.",
+            help="Also measure how far rollouts drift, on new runs of the physics; takes about a minute.",
         ),
     ] = False,
     system: Annotated[
         Path | None,
-        typer.Option(help="For a policy's file: your TOML file, whose model is then used."),
+        typer.Option(help="For a policy file: your TOML file, whose model is then used."),
     ] = None,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
     """Train an emulator; for a system or a TOML file the data is generated first. Or train a fleet, see docs/scale.md.
 
-    For a policy's file, train the policy's own emulator, on the policy's motions on the physics; needs the extra [gym].
+    For a policy file, train the policy's own emulator, on the policy's motions on the physics; needs the extra [gym].
 
-    Killed and started again, it goes on and ends with the same bytes.
+    If killed, run it again: it resumes, and ends with the same bytes.
     """
     settings = _settings(
         config,
@@ -111,17 +111,19 @@ def run(
     if is_fleet(Path(data)):
         if error_bounds:
             raise ArgumentError(
-                "error-bounds: a fleet is trained without. na.fit_error_bounds(emulator) measures one of it."
+                "error-bounds: not for a fleet. Leave it out; na.fit_error_bounds(emulator) measures one emulator."
             )
         train_fleet_file(Path(data), out, settings, executor, workers)
         return
     if data.endswith(POLICY_ENDING):
         if error_bounds:
-            raise ArgumentError("error-bounds: they are of random controls. Leave it out.")
+            raise ArgumentError(
+                "error-bounds: they are measured under random controls, not a policy's. Leave it out."
+            )
         train_in_policy(Path(data), out, settings, toml=system)
         return
     if system is not None:
-        raise ArgumentError("system: it is of policies' files. Leave it out.")
+        raise ArgumentError("system: applies to policy files only. Leave it out.")
     memory_limit = TrainingConfig(
         **settings
     ).memory  # wrong settings are refused before data is made
@@ -132,7 +134,7 @@ def run(
     emulator, last = _train_with_bar(transitions, checked, out)
     rows = _rows(emulator, last, out)
     if error_bounds:
-        rows.append(("goes astray", _bound_errors(emulator, transitions, out)))
+        rows.append(("drifts", _bound_errors(emulator, transitions, out)))
     print_rows(rows)
 
 
@@ -154,9 +156,9 @@ def train_in_policy(
 
     count = count or COUNT
     if not out.name.endswith(POLICY_ENDING):
-        raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, came {out.name}.")
+        raise ArgumentError(f"out: wanted a name that ends in {POLICY_ENDING}, got {out.name}.")
     policy, system, task = loaded_policy(path, toml)
-    with progress_bar("simulating what it does", PERCENT) as bar:
+    with progress_bar("simulating the policy", PERCENT) as bar:
         data = policy_transitions(
             policy,
             task,
@@ -171,7 +173,9 @@ def train_in_policy(
     emulator, last = _train_with_bar(data, config, place)
     trained = replace(policy, emulator=emulator)
     trained.save(out, {"emulator": config.model_dump(mode="json")})
-    print_rows([("of what it did", f"{count:,} super steps"), *_rows(emulator, last, place)])
+    print_rows(
+        [("trained on", f"{count:,} super steps of its motions"), *_rows(emulator, last, place)]
+    )
     evaluate_policy(out, toml, EPISODES, 0, as_json=False)
 
 
@@ -229,7 +233,7 @@ def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str,
 
 def _bound_errors(emulator: Emulator, data: Dataset, out: Path) -> str:
     """Measure how far rollouts go astray, add it to the file `out`, and return it in words."""
-    with phase("measuring how far rollouts go astray"):
+    with phase("measuring how far rollouts drift"):
         bounded = fit_error_bounds(emulator, data)
     save(bounded, out, read_metadata(out)["provenance"])
     assert bounded.calibration is not None
@@ -242,7 +246,9 @@ def train_fleet_file(
     """Train the fleet that `file` describes, and print its table; `settings` of one emulator are refused."""
     if settings:
         names = ", ".join(sorted(settings))
-        raise ArgumentError(f"{file} is a fleet: write {names} into its sizes, not beside it.")
+        raise ArgumentError(
+            f"{file} is a fleet: set {names} in its sizes, not on the command line."
+        )
     fleet = read_fleet(file)
     done = 0
     with (

@@ -30,7 +30,7 @@ def usage_in_one_line() -> Iterator[None]:
         command = "neuroanimator"
         if context is not None and context.parent:
             command += f" {context.info_name}"
-        raise ArgumentError(f"{said}{stop} '{command} --help' shows what there is.") from error
+        raise ArgumentError(f"{said}{stop} '{command} --help' lists the options.") from error
 
 
 def refuse_given(options: Mapping[str, object], reason: str) -> None:

@@ -21,7 +21,8 @@ RAY = "ray"
 Where = Annotated[
     str,
     typer.Option(
-        "--executor", help="Where: local; ray starts Ray here; ray://HOST:PORT joins a cluster."
+        "--executor",
+        help="Where to run: local; ray starts Ray here; ray://HOST:PORT joins a cluster.",
     ),
 ]
 """The option `--executor`."""
@@ -41,14 +42,14 @@ def chosen_executor(where: str, workers: int | None, threads: int | None = None)
     all cores busy.
     """
     if threads is not None and threads < 0:
-        raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; came {threads}.")
+        raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; got {threads}.")
     cores = core_count()
     if where == LOCAL:
         count = 1 if workers is None else workers
         return LocalExecutor(count, threads or max(1, cores // max(1, count)))
     if where != RAY and ":" not in where:
         raise ArgumentError(
-            f"executor: wanted {LOCAL}, {RAY}, ray://HOST:PORT or HOST:PORT, came {quoted(where)}."
+            f"executor: wanted {LOCAL}, {RAY}, ray://HOST:PORT or HOST:PORT, got {quoted(where)}."
         )
     from neuroanimator.executor.ray_cluster import RayExecutor
 

@@ -41,7 +41,7 @@ def backend_in_words() -> str:
     asked = backend()
     compiler = find_compiler()
     if asked == "jax":
-        return f"JAX ({SWITCH} or set_backend says so)"
+        return f"JAX (chosen by {SWITCH} or set_backend)"
     if compiler is None:
         return f"JAX (no C compiler was found; for speed {HOW_TO_GET_ONE})"
     return f"generated C, compiled by {printable(compiler)}"
@@ -49,4 +49,4 @@ def backend_in_words() -> str:
 
 def _check(name: str, label: str) -> None:
     if name not in BACKENDS:
-        raise ArgumentError(f"{label}: wanted one of {', '.join(BACKENDS)}, came {quoted(name)}.")
+        raise ArgumentError(f"{label}: wanted one of {', '.join(BACKENDS)}, got {quoted(name)}.")

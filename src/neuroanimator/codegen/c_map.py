@@ -281,7 +281,7 @@ class CMap:
         off = np.abs(found - expected).max(initial=0)
         if not off <= TOLERANCE * size:
             raise WrongProgramError(
-                f"Generated C has another '{self.name}', or other derivatives of it, than JAX."
+                f"Generated C disagrees with JAX on '{self.name}', or on its derivatives."
             )
 
     def _call(self, form: str, *arrays: np.ndarray) -> None:

@@ -132,7 +132,7 @@ def _give_up(compiler: str, error: CompilerError | OSError) -> None:
 
 def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str) -> ctypes.CDLL:
     """Return the library `key`; OSError if it can be loaded from no folder, CompilerError if it cannot be made."""
-    fault: CompilerError | OSError = OSError(0, "there is no folder that nobody else can write to")
+    fault: CompilerError | OSError = OSError(0, "there is no folder that only you can write to")
     for folder in private_folders(PURPOSE):
         if not _can_be_run_from(folder):
             fault = OSError(0, f"programs may not be run from {folder}")

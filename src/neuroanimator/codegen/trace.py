@@ -38,7 +38,7 @@ class UnsupportedError(NeuroAnimatorError):
     """An operation of JAX for which no code can be written."""
 
     def __init__(self, name: str):
-        super().__init__(f"No code can be written for JAX' operation '{name}'.")
+        super().__init__(f"No code can be generated for the JAX operation '{name}'.")
 
 
 class Input(NamedTuple):
@@ -172,7 +172,7 @@ class _Tracer:
         """Return the entries of the first input at indices, which must be known."""
         source, *indices = inputs
         if not all(isinstance(operand, _Known) for operand in indices):
-            raise UnsupportedError(f"{eqn.primitive.name} at places that are computed")
+            raise UnsupportedError(f"{eqn.primitive.name} at computed indices")
         addresses = self._addresses(source)
         # JAX picks from positions, which are small integers; its fill value is beyond the last.
         positions = np.arange(addresses.size, dtype=np.int32).reshape(addresses.shape)
@@ -221,7 +221,7 @@ class _Tracer:
             updates = self._addresses(inputs[2])
             indices = inputs[1:2]
         if not all(isinstance(index, _Known) for index in indices):
-            raise UnsupportedError(f"{name} at places that are computed")
+            raise UnsupportedError(f"{name} at computed indices")
         result = operand.ravel().copy()
         where = _targets(eqn, operand, updates, [index.numbers for index in indices]).ravel()
         pending = np.flatnonzero(where >= 0)

@@ -48,7 +48,9 @@ def wasm_module(text: str, exports: list[str]) -> bytes:
         )
     for folder in private_folders("wasm"):
         return _built(text, exports, zig, folder)
-    raise ResourceError("There is no folder to compile in that nobody else can write to.")
+    raise ResourceError(
+        "No folder to compile in that only you can write to. Set XDG_CACHE_HOME to one."
+    )
 
 
 def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes:

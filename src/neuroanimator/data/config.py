@@ -78,7 +78,7 @@ class DatasetConfig(Settings, DatasetTable):
         def __init__(self, **values: Any) -> None:
             if str(values.get("system", "")).endswith(".toml"):
                 raise ArgumentError(
-                    "system: wanted a name. Of a TOML file: made = load_system('my.toml'), then system=made.name, "
+                    "system: wanted a name. For a TOML file: made = load_system('my.toml'), then system=made.name, "
                     "definition=made.definition_text."
                 )
             super().__init__(**values)

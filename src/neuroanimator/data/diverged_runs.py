@@ -52,7 +52,7 @@ def write_diverged(
         is_same = all(np.array_equal(present.get(name, np.nan), tensors[name]) for name in tensors)
         if not is_same or not _belongs(present, metadata, config, shard):
             raise BadFileError(
-                f"{path} holds other runs than this dataset's. Move it away, and generate again."
+                f"{path} holds runs of another dataset. Move it away, and generate again."
             )
     elif len(starts):
         write_tensors(path, tensors, {"kind": KIND, "config": config.hash, "shard": shard})

@@ -97,7 +97,7 @@ def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> T
 def _checked_threads(threads: int | None) -> int:
     """Return the number of threads to use; ArgumentError for a negative number."""
     if threads is not None and threads < 0:
-        raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; came {threads}.")
+        raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; got {threads}.")
     # More threads than runs in a shard would be idle, and each takes memory.
     return min(threads or core_count(), RUNS_PER_SHARD)
 

@@ -59,7 +59,7 @@ def split_runs(name: str, rows: Sequence[int], length: int) -> Split:
     longest = max(rows)
     if longest < length:
         raise BadFileError(
-            f"{name}: the longest run has {longest} rows; wanted at least {length} for so long a super step. "
+            f"{name}: the longest run has {longest} rows; wanted at least {length} for a super step this long. "
             "Record longer, or use a smaller --substeps."
         )
     segments: list[Segment] = []

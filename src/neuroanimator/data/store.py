@@ -304,7 +304,7 @@ def read_held_out(
     if not runs or not 1 <= steps <= RUN_STEPS:
         refuse(path, f"no runs of 1 to {RUN_STEPS} super steps")
     if noise is not None and not (noise >= 0).all():  # NaN is refused too
-        refuse(path, "the noise is no number of 0 or more")
+        refuse(path, "the noise is not a number of 0 or more")
     return tensors["states"], tensors["controls"], noise
 
 

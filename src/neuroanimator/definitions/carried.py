@@ -185,12 +185,12 @@ def _check_model_files(files: Any) -> None:
 
 def _check_digest(value: Any) -> None:
     if not isinstance(value, str) or not re.fullmatch(SHA256, value):
-        raise ValueError(f"files.sha256: wanted 64 hex digits, came {quoted(value)}")
+        raise ValueError(f"files.sha256: wanted 64 hex digits, got {quoted(value)}")
 
 
 def _check_origin(value: Any, what: str) -> str:
     if not isinstance(value, str) or not value.isprintable() or len(value) > MAX_ORIGIN:
-        raise ValueError(f"{what}: wanted where a run begins, came {quoted(value)}")
+        raise ValueError(f"{what}: wanted where a run begins, got {quoted(value)}")
     return value
 
 

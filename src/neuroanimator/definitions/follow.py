@@ -42,7 +42,7 @@ class CommandsTable(Table):
         for name in ("speed", "turning"):
             low, high = getattr(self, name)
             if low > high:
-                raise ValueError(f"{name}: wanted the least first, came {low:g}, {high:g}")
+                raise ValueError(f"{name}: wanted the least first, got {low:g}, {high:g}")
         return self
 
 

@@ -186,7 +186,7 @@ class RowsReference:
             are_sound &= np.isfinite(_as_rows(values)).all(axis=1)
         name = function.__name__
         if are_sound.mean() < SOUND_SHARE:
-            raise WrongProgramError(f"{name}: too few of the inputs it is tried on are sound.")
+            raise WrongProgramError(f"{name}: too few of the test inputs give usable results.")
         return cls(
             name,
             [array[are_sound] for array in inputs],
@@ -205,7 +205,7 @@ def _check(reference: RowsReference, program: LoadedProgram) -> None:
         else:
             agrees = Expected.of(wanted, _as_rows(otherwise)).agrees(values)
         if not agrees:
-            raise WrongProgramError(f"Generated C does not do what {reference.name} does in JAX.")
+            raise WrongProgramError(f"Generated C disagrees with {reference.name} in JAX.")
 
 
 def _as_rows(values: Shaped[np.ndarray, "N ..."]) -> Shaped[np.ndarray, "N M"]:

@@ -50,7 +50,7 @@ def check_motion(trajectory: Float[np.ndarray, "*B F S"], layout: Layout) -> Non
     name = layout.names[first[-1]]
     if step <= 1:
         raise ArgumentError(
-            f"state: no motion follows from it: after one super step {name} is not finite. Give a state that the "
+            f"state: after one super step from it {name} is not finite. Give a state that the "
             "system can be in, such as its rest; `covers` says which the emulator knows."
         )
     raise DivergedError(

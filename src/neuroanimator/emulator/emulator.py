@@ -111,14 +111,14 @@ class Emulator(SuperStep):
         calibration = self.calibration
         if calibration is None:
             raise ArgumentError(
-                f"{self.system}: this emulator brings no error bounds. na.fit_error_bounds(emulator) measures them."
+                f"{self.system}: this emulator has no error bounds. na.fit_error_bounds(emulator) measures them."
             )
         if level not in calibration.levels:
             levels = ", ".join(f"{known:g}" for known in calibration.levels)
-            raise ArgumentError(f"level: wanted one of {levels}, came {level}.")
+            raise ArgumentError(f"level: wanted one of {levels}, got {level}.")
         if are_optimised and not calibration.knows_optimised:
             raise ArgumentError(
-                f"are_optimised: {self.system} was measured under random controls alone, for it cannot be simulated."
+                f"are_optimised: {self.system} was measured under random controls alone, as it cannot be simulated."
             )
         _, scores = self.rollout_trusted(state, controls, may_diverge=True)
         return calibration.along(np.asarray(scores, float), level, KINDS[are_optimised])
@@ -167,7 +167,7 @@ class Emulator(SuperStep):
         """
         strides = self.strides * count
         if not 1 <= strides <= MAX_STRIDES:
-            raise ArgumentError(f"count: wanted 1 to {MAX_STRIDES} strides in all, came {strides}.")
+            raise ArgumentError(f"count: wanted 1 to {MAX_STRIDES} strides in all, got {strides}.")
         spec = replace(
             self.spec, substeps=self.substeps * count, dt=self.dt * count, strides=strides
         )

@@ -119,12 +119,12 @@ class Probes:
     def compare(self, computed: Float[np.ndarray, "N S"]) -> None:
         """Raise WrongProgramError unless `computed` states are the expected ones."""
         if not self.expected.agrees(computed):
-            raise WrongProgramError("Generated C does not do what the emulator does in JAX.")
+            raise WrongProgramError("Generated C disagrees with the emulator in JAX.")
 
     def compare_trust(self, computed: Float[np.ndarray, " N"]) -> None:
         """Raise WrongProgramError unless the scores are the expected ones."""
         if not self.trust.agrees(computed[:, None]):
-            raise WrongProgramError("Generated C trusts other states than the emulator in JAX.")
+            raise WrongProgramError("Trust scores in generated C disagree with those in JAX.")
 
 
 _known: Remembered[Probes] = Remembered()

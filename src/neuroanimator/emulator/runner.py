@@ -89,7 +89,7 @@ class Step:
             return vector  # Checking its numbers would wait for them, and a tracer has none.
         if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
             raise ArgumentError(
-                f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
+                f"{label}: wanted {shape[0]} numbers, got shape {np.shape(vector)}. "
                 "For many at once use jax.vmap(emulator.step), or rollout."
             )
         return check_numbers(vector, layout, label, most, _dtype(self._emulator))
@@ -162,7 +162,7 @@ def run_trust(
     controls = emulator.control.check_shape(control, "control")
     if states.shape[:-1] != controls.shape[:-1]:
         raise ArgumentError(
-            f"state and control: wanted as many of one as of the other, came {states.shape} with {controls.shape}."
+            f"state and control: wanted as many of one as of the other, got {states.shape} with {controls.shape}."
         )
     rows = as_rows(as_float32(states)), as_rows(as_float32(controls))
     scores = _run_rows(emulator, CEmulator.trust, trust, rows)
@@ -216,5 +216,5 @@ def _check_shapes(emulator: SuperStep, state: tuple[int, ...], controls: tuple[i
     ):
         raise ArgumentError(
             f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
-            f"came {state} with {controls}."
+            f"got {state} with {controls}."
         )

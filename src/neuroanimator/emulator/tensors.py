@@ -91,4 +91,4 @@ def _check_tensor(name: str, tensor: np.ndarray, leaf: Any) -> None:
     if tensor.dtype.kind != leaf.dtype.kind:
         raise ValueError(f"tensor '{name}' holds {tensor.dtype}; wanted {leaf.dtype}")
     if leaf.dtype.kind == "f" and (np.abs(tensor) > np.finfo(np.float32).max).any():
-        raise ValueError(f"tensor '{name}' holds a number that float32 has no room for")
+        raise ValueError(f"tensor '{name}' holds a number too large for float32")

@@ -11,10 +11,10 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.emulator.verdict import Verdict
 
-UNJUDGED = "how good it is there the file does not tell; 'neuroanimator evaluate' does"
+UNJUDGED = "the file does not say how good it is there; 'neuroanimator evaluate' does"
 """Text for a file without errors."""
 
-NO_METER = "the file is from before there were scores; na.fit_trust(emulator, data) gives it one"
+NO_METER = "the file is too old to have trust scores; na.fit_trust(emulator, data) adds them"
 """Text for a file without a meter."""
 
 

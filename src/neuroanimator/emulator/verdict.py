@@ -261,7 +261,7 @@ def _error_in_words(error: float, noise: float, level: float | None) -> str:
 def _why_useless(error: float, without_data: dict[str, float], noise: float) -> str:
     """Return why an emulator is useless; empty if it is not, or if noise hides it."""
     if not math.isfinite(error):
-        return "it does not even give finite numbers"
+        return "its predictions are not even finite"
     if error <= AT_THE_NOISE * noise:
         return ""
     beaten_by = [name for name, value in without_data.items() if error >= value]

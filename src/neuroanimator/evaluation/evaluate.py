@@ -175,7 +175,7 @@ class Evaluation:
             reason, _, _ = self.verdict.reasons[0].partition(" (")
             return f"none: {reason}"
         if self.is_unmatched:
-            return "none: no physics that was tried is as accurate from what the state tells"
+            return "none: no physics that was tried is as accurate, given only the state"
         speed = self.measured_speed
         scheme = speed.equal_error_opponent.scheme
         return (
@@ -203,7 +203,7 @@ class Evaluation:
             shown = ", ".join(self.still[:MAX_NAMED])
             left_out = len(self.still) - MAX_NAMED
             more = f" and {left_out} more" if left_out > 0 else ""
-            sentences.append(f"Left out of all errors, for it never moves: {shown}{more}.")
+            sentences.append(f"Never moves, so left out of all errors: {shown}{more}.")
         return " ".join(sentences)
 
     def _on_speed(self) -> list[str]:
@@ -226,7 +226,7 @@ class Evaluation:
             )
         if self.is_own_reference:
             sentences.append(
-                "Errors are held against the physics at its own step, which is the truth."
+                "Errors are measured against the physics at its own step, which is the truth."
             )
         return sentences
 

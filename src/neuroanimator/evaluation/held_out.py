@@ -119,7 +119,7 @@ def system_of(emulator: Emulator) -> System:
     system = carried_system(spec.system, spec.definition)
     if (system.state, system.control) != (spec.state, spec.control):
         raise BadFileError(
-            f"The emulator says it is of {system.name}, which has another state or control."
+            f"The emulator names the system {system.name}, whose state or control differs."
         )
     return system
 

@@ -147,7 +147,7 @@ def raise_first(failed: dict[int, NeuroAnimatorError], count: int) -> None:
     first = failed[min(failed)]
     if len(failed) == 1:
         raise first
-    raise same_kind(first, f"{first} So failed {len(failed)} of {count} tasks.") from first
+    raise same_kind(first, f"{first} {len(failed)} of {count} tasks failed.") from first
 
 
 def same_kind(error: NeuroAnimatorError, message: str) -> NeuroAnimatorError:
@@ -170,5 +170,5 @@ def check_function(function: Callable[..., Any]) -> None:
     name = getattr(function, "__qualname__", "")
     if module in (None, "__main__") or "<" in name:
         raise ArgumentError(
-            f"function: wanted one that workers can import, came {name} of {module}. Put it into a module."
+            f"function: wanted one that workers can import, got {name} of {module}. Put it into a module."
         )

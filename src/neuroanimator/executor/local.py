@@ -46,7 +46,7 @@ class LocalExecutor(Executor):
 
     def __init__(self, workers: int = 1, threads: int = 1):
         if not 1 <= workers <= MAX_WORKERS:
-            raise ArgumentError(f"workers: wanted 1 to {MAX_WORKERS}, came {workers}.")
+            raise ArgumentError(f"workers: wanted 1 to {MAX_WORKERS}, got {workers}.")
         self.workers = workers
         self.threads = threads
         self._idle: list[WorkerProcess] = []
@@ -122,7 +122,7 @@ class WorkerProcess:
             self.connection.close()
         how = f"of signal {-code}" if code < 0 else f"with exit code {code}"
         raise LostTaskError(
-            f"its worker died {how}. Give it fewer workers or more memory, and start it again: it goes on where it was."
+            f"its worker died {how}. Use fewer workers or more memory, and run it again: it resumes where it stopped."
         )
 
     def end(self) -> None:

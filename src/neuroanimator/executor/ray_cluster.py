@@ -53,7 +53,7 @@ class RayExecutor(Executor):
 
     def __init__(self, address: str | None = None, workers: int = 1, threads: int = 1):
         if workers < 1:
-            raise ArgumentError(f"workers: wanted 1 or more, came {workers}.")
+            raise ArgumentError(f"workers: wanted 1 or more, got {workers}.")
         self.workers = workers
         self.threads = threads
         self.shares_disk = address is None
@@ -70,7 +70,9 @@ class RayExecutor(Executor):
         return self._remote.remote(packed_call, worker_environment(self.threads))
 
     def wait(self, calls: list[Any]) -> list[Any]:
-        with _one_line("The Ray cluster is lost. Started again, it goes on where it stopped"):
+        with _one_line(
+            "The Ray cluster is lost. Run the command again: it resumes where it stopped"
+        ):
             ended, _ = self._ray.wait(calls, timeout=LOOK_PERIOD)
             self._count_workers()
         return ended
@@ -116,7 +118,7 @@ class RayExecutor(Executor):
         job = None if address.startswith(CLIENT) else self._job()
         with _one_line(
             f"The Ray cluster at {printable(address)} does not let this process in; "
-            "RAY_AUTH_MODE=token and its RAY_AUTH_TOKEN may be wanted"
+            "RAY_AUTH_MODE=token and its RAY_AUTH_TOKEN may be needed"
         ):
             self._ray.init(address=address, job_config=job, **TALKS_LITTLE)
             self._count_workers()
@@ -169,7 +171,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
     host, _, port = address.removeprefix(CLIENT).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16 or set(host) & set("/@?#"):
         raise ArgumentError(
-            f"executor: wanted local, ray, ray://HOST:PORT or HOST:PORT, came {quoted(address)}."
+            f"executor: wanted local, ray, ray://HOST:PORT or HOST:PORT, got {quoted(address)}."
         )
     return host.strip("[]"), int(port)
 

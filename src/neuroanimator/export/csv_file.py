@@ -83,7 +83,7 @@ def _numbers(where: str, cells: list[str], count: int) -> list[float]:
         raise BadFileError(f"{where}: {one_line(error)}.") from error
     if len(values) != count or not all(abs(value) < MAX_MAGNITUDE for value in values):
         raise BadFileError(
-            f"{where}: wanted {count} finite numbers, came {quoted(','.join(cells))}."
+            f"{where}: wanted {count} finite numbers, got {quoted(','.join(cells))}."
         )
     return values
 

@@ -68,7 +68,9 @@ def export_school(clips: Sequence[Clip], outs: list[Path], film: Film = DEFAULT_
     _check_formats(outs)
     for path in outs:
         if path.suffix == ".csv":
-            raise ArgumentError(f"out: '{path.name}' holds one body, and a school has more.")
+            raise ArgumentError(
+                f"out: '{path.name}': a .csv holds one body, and a school has more. Choose another format."
+            )
     for path in outs:
         if path.suffix == ".glb":
             write_glb(clips, path)

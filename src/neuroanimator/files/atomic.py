@@ -222,7 +222,7 @@ def _take_metadata(header: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"wanted one metadata key '{METADATA_KEY}'")
     text = metadata[METADATA_KEY]
     if not isinstance(text, str):
-        raise ValueError("its metadata is no text")
+        raise ValueError("its metadata is not text")
     return parse_json_object(text, HEADER_LIMIT)
 
 

@@ -75,7 +75,7 @@ class Glb:
         described = object_at(self.objects("accessors"), accessor, "accessor")
         what = f"accessor {accessor}"
         if described.get("type") != element:
-            raise ValueError(f"{what}: wanted {element}, came {quoted(described.get('type'))}")
+            raise ValueError(f"{what}: wanted {element}, got {quoted(described.get('type'))}")
         if "sparse" in described or "bufferView" not in described:
             raise ValueError(f"{what}: a sparse array. Save the file without them")
         count = whole(described.get("count"), f"{what}: count", 1, MAX_COUNT)
@@ -108,7 +108,7 @@ class Glb:
             raise ValueError(f"{what}: compressed. Save the file without compression")
         buffer = object_at(self.objects("buffers"), view.get("buffer"), "buffer")
         if view.get("buffer") != 0 or "uri" in buffer:
-            raise ValueError(f"{what}: its numbers lie in another file. Save all in one .glb file")
+            raise ValueError(f"{what}: its data is in another file. Save all in one .glb file")
         offset = whole(view.get("byteOffset", 0), f"{what}: byteOffset", 0, len(self.binary))
         room = len(self.binary) - offset
         length = whole(view.get("byteLength"), f"{what}: byteLength", 1, room)
@@ -125,7 +125,7 @@ def objects_in(owner: dict[str, Any], kind: str) -> list[dict[str, Any]]:
 
 def _object(value: Any, what: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ValueError(f"{what}: wanted JSON objects, came {quoted(value)}")
+        raise ValueError(f"{what}: wanted JSON objects, got {quoted(value)}")
     return value
 
 

@@ -29,7 +29,7 @@ def parse_json_object(
     from_json(raw, allow_inf_nan=False)  # it bounds the depth, and checks texts and numbers
     value = json.loads(raw, object_pairs_hook=_object_of, parse_float=_finite)
     if not isinstance(value, dict):
-        raise ValueError(f"wanted a JSON object, came a {type(value).__name__}")
+        raise ValueError(f"wanted a JSON object, got a {type(value).__name__}")
     return value
 
 

@@ -46,7 +46,7 @@ def check_system_name(value: object) -> str:
     """Return `value` if it may be the name of a system; ValueError if not."""
     if not isinstance(value, str) or not re.fullmatch(SYSTEM_PATTERN, value):
         raise ValueError(
-            f"system: wanted a name of letters, digits, _ and -, at most 40, came {quoted(value)}"
+            f"system: wanted a name of letters, digits, _ and -, at most 40, got {quoted(value)}"
         )
     return value
 
@@ -55,7 +55,7 @@ def check_label(value: object, what: str) -> str:
     """Return `value` if it may be the name of `what`; ValueError if not."""
     if not isinstance(value, str) or not re.fullmatch(LABEL_PATTERN, value):
         raise ValueError(
-            f"{what}: wanted a name of letters, digits and _ . : / -, at most {MAX_LABEL}, came {quoted(value)}"
+            f"{what}: wanted a name of letters, digits and _ . : / -, at most {MAX_LABEL}, got {quoted(value)}"
         )
     return value
 
@@ -108,5 +108,5 @@ ModelPath = Annotated[str, AfterValidator(_check_model_path)]
 def check_file_name(value: object) -> str:
     """Return `value` if it may be the name of a file beside its definition; ValueError if not."""
     if not isinstance(value, str):
-        raise ValueError(f"wanted the name of a file, came {quoted(value)}")
+        raise ValueError(f"wanted the name of a file, got {quoted(value)}")
     return _check_file_name(value)

@@ -63,14 +63,14 @@ def _members(
     for name in wanted:
         file_name = f"{name}.npy"
         if names.count(file_name) > 1:
-            raise ValueError(f"array '{name}' is there twice")
+            raise ValueError(f"array '{name}' occurs twice")
         if file_name in names:
             members[name] = entries[names.index(file_name)]
     unpacked = sum(entry.file_size for entry in members.values())
     largest = max(MIN_UNPACKED, MAX_GROWTH * size)
     if unpacked > largest:
         raise ValueError(
-            f"{unpacked:,} bytes unpacked; wanted at most {largest:,} for so small a file"
+            f"{unpacked:,} bytes unpacked; wanted at most {largest:,} for a file this small"
         )
     return members
 

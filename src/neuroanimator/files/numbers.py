@@ -21,7 +21,7 @@ def whole(value: Any, what: str, least: int, most: int) -> int:
     """Return `value` if it is a whole number from `least` to `most`."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise ValueError(
-            f"{what}: wanted a whole number from {least:,} to {most:,}, came {quoted(value)}"
+            f"{what}: wanted a whole number from {least:,} to {most:,}, got {quoted(value)}"
         )
     return value
 
@@ -31,23 +31,21 @@ def number(
 ) -> float:
     """Return `value` if it is a number from `least` to `most`; NaN and infinities are not."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise ValueError(
-            f"{what}: wanted a number from {least:g} to {most:g}, came {quoted(value)}"
-        )
+        raise ValueError(f"{what}: wanted a number from {least:g} to {most:g}, got {quoted(value)}")
     return float(value)
 
 
 def number_in(text: str) -> float:
     """Return the number in `text`; ValueError also for what only Python accepts: 1_0, digits of other scripts."""
     if "_" in text or not text.isascii():
-        raise ValueError(f"wanted a number, came {quoted(text)}")
+        raise ValueError(f"wanted a number, got {quoted(text)}")
     return float(text)
 
 
 def flag(value: Any, what: str) -> bool:
     """Return `value` if it is true or false."""
     if not isinstance(value, bool):
-        raise ValueError(f"{what}: wanted true or false, came {quoted(value)}")
+        raise ValueError(f"{what}: wanted true or false, got {quoted(value)}")
     return value
 
 
@@ -56,9 +54,9 @@ def listed(
 ) -> tuple[T, ...]:
     """Return a list's entries, each read by `read`; `size` of them if that is given."""
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{what}: wanted a list, came {quoted(value)}")
+        raise ValueError(f"{what}: wanted a list, got {quoted(value)}")
     if size is not None and len(value) != size:
-        raise ValueError(f"{what}: wanted {size} entries, came {len(value)}")
+        raise ValueError(f"{what}: wanted {size} entries, got {len(value)}")
     return tuple(read(entry, what) for entry in value)
 
 

@@ -180,7 +180,7 @@ def place_of(reference: str | Path | UrlPath) -> Place:
     if isinstance(reference, Path):
         if is_url(str(reference)):
             raise ArgumentError(
-                "A URL was made a Path, which takes a slash of it. Give it as text."
+                "A URL was given as a Path, which drops a slash. Give it as a string."
             )
         return reference
     if not is_url(reference):
@@ -191,14 +191,14 @@ def place_of(reference: str | Path | UrlPath) -> Place:
     shown = quoted(f"{scheme}://{bare_host}{slash}{path.partition('?')[0]}")
     if at or "?" in rest:
         raise ArgumentError(
-            f"{shown}: credentials, or a query, stood in the URL. {HOW_TO_LOG_IN} Change those that were shown."
+            f"{shown}: the URL holds credentials or a query. {HOW_TO_LOG_IN} Replace the credentials: they were shown."
         )
     if "::" in reference or "#" in rest or not rest.strip("/") or not printable(rest) == rest:
         raise ArgumentError(f"{shown}: wanted a URL such as s3://bucket/folder.")
     if scheme == FOLDER_SCHEME:
         if host not in THIS_MACHINE or not path.strip("/"):
             raise ArgumentError(
-                f"{shown}: wanted a folder of this machine, such as file:///home/me/folder."
+                f"{shown}: wanted a folder on this machine, such as file:///home/me/folder."
             )
         return Path(slash + path)
     return UrlPath(reference.rstrip("/"))

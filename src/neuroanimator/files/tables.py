@@ -58,10 +58,10 @@ def first_fault(error: ValidationError) -> str:
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"])
     shown_key = printable(key[:MAX_SHOWN])
-    came = fault["input"]
-    if isinstance(came, list | dict):
-        came = reprlib.repr(came)  # of millions of numbers, only those shown
-    return f"{shown_key}: {fault['msg'].lower()}, came {str(came)[:MAX_SHOWN]!r}"
+    given = fault["input"]
+    if isinstance(given, list | dict):
+        given = reprlib.repr(given)  # of millions of numbers, only those shown
+    return f"{shown_key}: {fault['msg'].lower()}, got {str(given)[:MAX_SHOWN]!r}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:

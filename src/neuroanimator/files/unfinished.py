@@ -71,7 +71,7 @@ def folder_until_exit(parent: Path | None = None) -> Path:
 def refuse_other_than_file(path: Path) -> None:
     """Raise OSError if `path` exists and cannot be written to as a file: a folder, or a pipe without a reader."""
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is there, and is no file")
+        raise OSError(errno.EINVAL, "it exists, and is not a file")
 
 
 def finish(temporary: Path, path: Path) -> None:

@@ -43,7 +43,7 @@ class Bodies:
     ):
         """Begin an episode of each; `emulator` gives states and bounds. ArgumentError for rules that draw no starts."""
         if rules.draw_start is None:
-            raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
+            raise ArgumentError("rules: wanted rules with draw_start, which draws starts.")
         self.rows = StateRows(emulator, stepper, rules, None, NOISE)
         self.is_cut = rules.is_cut
         self.disturb = rules.disturb

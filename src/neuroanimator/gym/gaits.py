@@ -158,7 +158,8 @@ def _speed(gait: Gait, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
     speed = float(lap[:, velocity].mean())
     if speed < MIN_SPEED:
         raise BadFileError(
-            f"{gait.path}: the root goes {speed:.2g} m/s; wanted a motion that goes somewhere, whose speed can be commanded."
+            f"{gait.path}: the root moves at {speed:.2g} m/s; wanted at least {MIN_SPEED:g} m/s, for a speed that can be "
+            "commanded."
         )
     return speed
 

@@ -185,9 +185,9 @@ class Learner:
         Raises ArgumentError for invalid settings, for rules that draw no starts, and for a start of another body.
         """
         if learning.bodies < GROUPS or learning.bodies % GROUPS:
-            raise ArgumentError(f"bodies: wanted a multiple of {GROUPS}, came {learning.bodies}.")
+            raise ArgumentError(f"bodies: wanted a multiple of {GROUPS}, got {learning.bodies}.")
         if learning.slope_weight is not None and not 0 <= learning.slope_weight <= 1:
-            raise ArgumentError(f"slope_weight: wanted 0 to 1, came {learning.slope_weight:g}.")
+            raise ArgumentError(f"slope_weight: wanted 0 to 1, got {learning.slope_weight:g}.")
         self.emulator = emulator
         self.rules = rules
         self.learning = learning
@@ -250,7 +250,7 @@ class Learner:
         """Return states in which episodes begin."""
         draw_start = self.rules.draw_start
         if draw_start is None:
-            raise ArgumentError("rules: wanted some that draw starts, as draw_start.")
+            raise ArgumentError("rules: wanted rules with draw_start, which draws starts.")
         rng = self._rng(-1)
         return as_jax(np.stack([draw_start(rng) for _ in range(STARTS)]))
 
@@ -301,7 +301,7 @@ class Learner:
         )
         if not bool(jnp.isfinite(earned).all()):
             raise ArgumentError(
-                "rules.reward: wanted finite numbers, came others in states that bodies went through. Bound what it divides by, "
+                "rules.reward: wanted finite numbers, got others in states that bodies went through. Bound what it divides by, "
                 "takes the root of or raises to a power."
             )
         reading = _read(policy, critic, rollouts.states)

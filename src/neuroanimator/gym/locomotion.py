@@ -30,7 +30,7 @@ def gymnasium_task(env_id: str) -> TaskTable:
     """
     if default_of(env_id, "forward_reward_weight") is None:
         raise ArgumentError(
-            f"{env_id} pays for something else than going forward. Write its reward as na.gym.EpisodeRules."
+            f"{env_id} rewards something other than going forward. Write its reward as na.gym.EpisodeRules."
         )
     is_ended = default_of(env_id, "terminate_when_unhealthy") is not None
     given: dict[str, Any] = {}
@@ -55,7 +55,7 @@ def task_of(definition: str, label: str) -> TaskTable:
         return written.task
     raise ArgumentError(
         f"{label}: no [task]. 'neuroanimator new Hopper-v5' writes one for Gymnasium's environments that go forward; "
-        "copy it and change its numbers, or learn by na.gym.EpisodeRules of your own."
+        "copy it and change its numbers, or write your own na.gym.EpisodeRules."
     )
 
 

@@ -190,10 +190,10 @@ def _check_columns(path: Path, layout: Layout) -> None:
     """Refuse a table of another body, or with its joints in another order."""
     wanted = [table_cell(name) for name in ("time s", *layout.names)]
     _, header = next(csv_rows(read_bounded(path, MAX_FILE)), (0, []))
-    for column, (name, came) in enumerate(zip(wanted, header, strict=False)):
-        if name != came:
+    for column, (name, given) in enumerate(zip(wanted, header, strict=False)):
+        if name != given:
             raise BadFileError(
-                f"{path}, column {column + 1}: wanted '{name}', came {quoted(came)}. A motion has the states of this body, its "
+                f"{path}, column {column + 1}: wanted '{name}', got {quoted(given)}. A motion has the states of this body, its "
                 "joints in this order: write it as 'animate --out motion.csv' does."
             )
     if len(header) != len(wanted):
@@ -245,7 +245,7 @@ def _check_seam(
     if apart[worst] > SEAM:
         name = layout.names[entries[worst]]
         raise BadFileError(
-            f"{path}: its last pose is not its first: '{name}' differs by {apart[worst]:.2g}. Close the loop, or say "
+            f"{path}: its last pose is not its first: '{name}' differs by {apart[worst]:.2g}. Close the loop, or set "
             "follow.laps = 1."
         )
 

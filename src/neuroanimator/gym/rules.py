@@ -129,7 +129,7 @@ def rules_by(
     given = {"objective": objective, "reward": reward, "rules": rules}
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
-        raise ArgumentError(f"{names[0]} and {names[1]}: both came. Give one of them.")
+        raise ArgumentError(f"{names[0]} and {names[1]}: got both. Give one of them.")
     if rules is not None:
         return rules
     return EpisodeRules(_of_rows(reward or RunningCost.of(emulator, objective)))

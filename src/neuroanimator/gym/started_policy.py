@@ -15,12 +15,12 @@ def check_start(start: StatePolicy, emulator: Emulator, view: View) -> None:
     """Raise ArgumentError for a policy with other controls, or with more inputs than `view`."""
     if start.emulator.control != emulator.control:
         raise ArgumentError(
-            f"start: wanted a policy with the controls of {emulator.system}, came one of {start.emulator.system}."
+            f"start: wanted a policy with the controls of {emulator.system}, got one of {start.emulator.system}."
         )
     known = len(start.view.mean)
     if known > len(view.mean):
         raise ArgumentError(
-            f"start: it is shown {known} numbers, this task shows {len(view.mean)}. Give a policy of a like task."
+            f"start: the policy observes {known} numbers, this task has {len(view.mean)}. Give a policy of a similar task."
         )
 
 

@@ -51,7 +51,7 @@ def emulator_stepper(emulator: Emulator, trust_limit: float, trust_penalty: floa
     if not trust_limit > 0 or not 0 <= trust_penalty < np.inf:
         raise ArgumentError(
             "trust_limit and trust_penalty: wanted a score above 0 and a penalty of 0 or more, "
-            f"came {trust_limit:g} and {trust_penalty:g}."
+            f"got {trust_limit:g} and {trust_penalty:g}."
         )
     # Kept from step to step: decoding and encoding a latent state changes it slightly.
     latent = np.zeros((0, 0), np.float32)
@@ -117,7 +117,7 @@ class StateRows(EpisodeRows):
             seconds = SECONDS * slowness(emulator.dt)
         if not emulator.dt <= seconds < np.inf:
             raise ArgumentError(
-                f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}."
+                f"seconds: wanted at least one super step of {emulator.dt:g} s, got {seconds:g}."
             )
         self.emulator = emulator
         self.steps = round(seconds / emulator.dt)

@@ -86,7 +86,7 @@ class TaskRows(EpisodeRows):
         numbers = np.asarray(start)
         is_whole = numbers.dtype.kind in "iu"
         if not is_whole or not ((numbers >= 0) & (numbers < TRIALS)).all():
-            raise ArgumentError(f"trial: wanted numbers from 0 to {TRIALS - 1}, came {start}.")
+            raise ArgumentError(f"trial: wanted numbers from 0 to {TRIALS - 1}, got {start}.")
         return numbers
 
     def begin(self, starts: Int[np.ndarray, " B"], rows: Bool[np.ndarray, " B"]) -> None:

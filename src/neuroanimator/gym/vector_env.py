@@ -97,9 +97,9 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ):
         """Raise ArgumentError without rows, and for an unknown render mode or autoreset mode."""
         if num_envs < 1:
-            raise ArgumentError(f"num_envs: wanted one or more, came {num_envs}.")
+            raise ArgumentError(f"num_envs: wanted one or more, got {num_envs}.")
         if autoreset_mode is AutoresetMode.DISABLED:
-            raise ArgumentError("autoreset_mode: wanted NEXT_STEP or SAME_STEP, came DISABLED.")
+            raise ArgumentError("autoreset_mode: wanted NEXT_STEP or SAME_STEP, got DISABLED.")
         emulator = rows.emulator
         self.rows = rows
         self.emulator = emulator
@@ -192,7 +192,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         wanted = (self.num_envs, *one)
         if starts.shape not in (one, wanted):
             raise ArgumentError(
-                f"{self.rows.option}: wanted shape {one} or {wanted}, came {starts.shape}."
+                f"{self.rows.option}: wanted shape {one} or {wanted}, got {starts.shape}."
             )
         self.rows.begin(np.broadcast_to(starts, wanted), self._everywhere)
         self._have_begun(self._everywhere)
@@ -221,7 +221,7 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         controls = self.emulator.control.check(actions, "action")
         if controls.shape != self.action_space.shape:
             raise ArgumentError(
-                f"action: wanted shape {self.action_space.shape}, came {controls.shape}."
+                f"action: wanted shape {self.action_space.shape}, got {controls.shape}."
             )
         return self.emulator.bounds.clip(controls)
 

@@ -105,7 +105,7 @@ def usual_values(path: Path) -> dict[str, Any]:
 
 def _held_edge(positions: Float[np.ndarray, "N 3"], size: float) -> tuple[np.ndarray, str]:
     """Return the nodes of the upper edge, or of one side of a level mesh; and a name for them."""
-    for axis, sign, name in ((2, 1, "the upper edge"), (0, -1, "the side of the least x")):
+    for axis, sign, name in ((2, 1, "the upper edge"), (0, -1, "the side of smallest x")):
         along = sign * positions[:, axis]
         if np.ptp(along) > EDGE * size:
             return np.flatnonzero(along > along.max() - EDGE * size), name

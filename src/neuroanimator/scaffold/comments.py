@@ -48,7 +48,7 @@ COMMENTS = {
     "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
     "reset_share: of runs that begin just at rest or at a keyframe, but for reset_noise;\n"
     "warm_up: random driving before the others are recorded [s]; tilt: of a free root [rad].",
-    "task": "What 'neuroanimator policy' learns: forward along X, and healthy; the numbers are the environment's.\n"
+    "task": "What 'neuroanimator policy' rewards: going forward along X and staying healthy; the numbers are the environment's.\n"
     "hold: physics steps a control is held; steps: controls in an episode.",
     "sampling.above_ground": "lifts starts that would lie in the ground",
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
@@ -117,22 +117,22 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
     if is_urdf(found.motion.values):
         notes.append(f"a motor of <limit effort>; new --passive {name} leaves it out")
     if actuator in actuators_without_range(model):
-        notes.append("the model gives no range: say what your motor can do")
+        notes.append("the model gives no range: set what your motor can do")
     if found.hold.source and abs(held) > OFF_MIDDLE * (high - low):
         notes.append(f"{held:.3g}: {found.hold.source}")
     if found.motion.values["control"][name] != (low, high):
         why = "as far to either side"
         if found.motion.share < 1:
-            why = "with all of which it would fall, or turn too fast to learn; widen if need be"
+            why = "at full range it would fall, or turn too fast to learn; widen if needed"
         notes.append(f"of {low:.4g} to {high:.4g}, {why}")
     return "; ".join(notes)
 
 
 def _warm_up_note(system: ModelSystem, motion: Motion) -> str:
     """Return why runs are or are not driven before they are recorded."""
-    note = "none: nothing can touch anything"
+    note = "none: nothing can collide"
     if system.warm_up:
-        note = "something can touch something: let contacts settle first"
+        note = "bodies can collide: let contacts settle first"
     elif system.sampling.above_ground:
         note = "none, as it falls"
     if system.sampling.above_ground:
@@ -162,9 +162,11 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
     rows = []
     if is_urdf(values):
         motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
-        added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"
+        added = (
+            f"motors on {motors}, of <limit effort>; for a joint without a motor: --passive JOINT"
+        )
         if values["base"] == "free":
-            added += "; a floor, as slippery as MuJoCo's usually are"
+            added += "; a floor, with MuJoCo's default friction"
         added += f"; a step of {model.opt.timestep:g} s, if the file sets none"
         rows.append(("added", added))
     if values["sampling"]["above_ground"]:
@@ -230,7 +232,7 @@ def _fall_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
             )
         else:
             yield (
-                f"{name}: there is no floor and no control holds it, so it falls for ever. Add a plane, or set "
+                f"{name}: there is no floor and no control holds it, so it falls forever. Add a plane, or set "
                 'gravity="0 0 0" if it floats.'
             )
     if found.motion.upright < MOST:

@@ -111,12 +111,12 @@ def read_declarations(path: Path, module: ModuleType) -> Declarations:
 
 
 def _fault(error: ValidationError, module: ModuleType) -> str:
-    """Return a message on the first wrong declaration: what was wanted and what came."""
+    """Return a message on the first wrong declaration: what was wanted and what was given."""
     fault = error.errors()[0]
     name, *path = fault["loc"]
     if "[key]" in path:
-        return f"{name}: wanted {WANTED_NAME}, came {repr(fault['input'])[:MAX_SHOWN]}"
-    came = "nothing"
+        return f"{name}: wanted {WANTED_NAME}, got {repr(fault['input'])[:MAX_SHOWN]}"
+    given = "nothing"
     if hasattr(module, str(name)):
-        came = repr(fault["input"])[:MAX_SHOWN]
-    return f"{name}: wanted {WANTED[str(name)]}, came {came}"
+        given = repr(fault["input"])[:MAX_SHOWN]
+    return f"{name}: wanted {WANTED[str(name)]}, got {given}"

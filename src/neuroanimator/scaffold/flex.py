@@ -124,7 +124,7 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
     """
     if has_options:
         raise ArgumentError(
-            f"{path.name} has a soft body, which begins as it hangs. Leave --keyframe, --base and --passive out."
+            f"{path.name} has a soft body, which starts at rest as modelled. Leave --keyframe, --base and --passive out."
         )
     step = float(model.opt.timestep)
     substeps = max(1, int(SUPER_STEP / step + 1e-6))
@@ -200,7 +200,7 @@ def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
     if trial.seen_share < MIN_SEEN:
         yield (
             f"movers: a super step of the physics takes {1000 * trial.cost:.0f} ms, so the trial ended after "
-            f"{trial.seen_share:.0%} of the movers' way. Contacts may be more, and deeper."
+            f"{trial.seen_share:.0%} of the movers' path. There may be more contacts, and deeper ones."
         )
     if data_seconds > MAX_DATA * core_count():
         yield (

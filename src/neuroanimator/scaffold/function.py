@@ -89,8 +89,8 @@ LATER = 5
 """Number of steps after which a control should have had an effect."""
 
 AT_ITS_OWN_STEP = (
-    "the function at its own step is the truth. Where it integrates an equation and is the better the smaller dt is, "
-    "say ODE = True in {file}"
+    "the function at its own step is the truth. If it integrates an equation, and is more accurate with a smaller dt, "
+    "set ODE = True in {file}"
 )
 """Note on the teacher's step if the file does not say that it integrates an equation."""
 
@@ -249,7 +249,7 @@ def _teacher(trial: Trial) -> tuple[int, float]:
     states = trial.states
     if np.array_equal(trial.after(states), trial.after(states, 0.5)):
         raise BadFileError(
-            f"{trial.system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step."
+            f"{trial.system.file}: ODE: step gives the same result for every dt. Leave ODE out, or use dt in step."
         )
     exact = trial.after(states, parts=FINE_PARTS)
     unit = np.maximum((exact - states).std(axis=0), MIN_CHANGE)
@@ -347,8 +347,9 @@ def _refuse_memory(trial: Trial) -> None:
         if not np.allclose(one, other, **TOLERANCES, equal_nan=True):
             entry = int(np.argmax(np.abs(one - other)))
             raise BadFileError(
-                f"{system.file}: step answers the same state and control with {one[entry]:.6g} and with "
-                f"{other[entry]:.6g} for {system.state.names[entry]}. It must keep nothing between calls and draw no lots."
+                f"{system.file}: step returns both {one[entry]:.6g} and {other[entry]:.6g} for "
+                f"{system.state.names[entry]}, from the same state and control. It must keep nothing between "
+                "calls and use no random numbers."
             )
 
 
@@ -371,7 +372,7 @@ def _takes_batches(trial: Trial, declared: Declarations) -> bool:
     is_same = np.allclose(np.stack(singly), together.T, **TOLERANCES, equal_nan=True)
     if declared.BATCHED and not is_same:
         raise BadFileError(
-            f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out."
+            f"{system.file}: BATCHED: step gives other results for (S, B) arrays than for (S,). Leave it out."
         )
     return is_same
 

@@ -317,7 +317,7 @@ def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
                     option = f"<mujoco>{option}</mujoco>"
                 return f"{fault} None did with {option}: set that in the model."
     joint = _wildest_joint(values, model)
-    return f"{fault} {joint} is flung first: use weaker actuators, more damping, or heavier bodies there."
+    return f"{fault} {joint} diverges first: use weaker actuators, more damping, or heavier bodies there."
 
 
 def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:

@@ -128,12 +128,12 @@ def _still_columns(recording: Recording, samples: Float[np.ndarray, "N S"]) -> I
     for (name, _), change in zip(recording.control, changes, strict=True):
         if change == 0:
             raise BadFileError(
-                f"{recording.file}: control.{name} never changes, so nothing can be learned of it. Remove the column, or record "
+                f"{recording.file}: control.{name} never changes, so nothing can be learnt from it. Remove the column, or record "
                 "while it changes."
             )
     still = [f"state.{recording.state[i][0]}" for i in np.flatnonzero(is_still)]
     if still:
-        yield f"{listed(still)}: the same in every row, so nothing can be learned of it. Remove the column."
+        yield f"{listed(still)}: the same in every row, so nothing can be learnt from it. Remove the column."
 
 
 def _unwrapped(recording: Recording) -> Runs:
@@ -239,6 +239,6 @@ def _short_runs(recording: Recording, length: int) -> Iterator[str]:
     if short:
         first = short[0]
         yield (
-            f"{len(short)} of {len(recording.states)} runs are left out, for they have fewer than {length} rows, such as the "
+            f"{len(short)} of {len(recording.states)} runs are left out, as they have fewer than {length} rows, such as the "
             f"{len(recording.states[first])} from {recording.origins[first]} on. Record longer, or use a smaller substeps."
         )

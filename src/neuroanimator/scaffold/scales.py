@@ -119,7 +119,7 @@ def refuse_large(file: str, names: Sequence[str], states: States) -> None:
     for name, magnitude in zip(names, np.abs(states).max(axis=0), strict=True):
         if magnitude > MAX_MAGNITUDE:
             raise BadFileError(
-                f"{file}: state.{name} comes to {magnitude:.3g}; an emulator takes at most {MAX_MAGNITUDE:g}. {OTHER_UNIT}"
+                f"{file}: state.{name} reaches {magnitude:.3g}; an emulator takes at most {MAX_MAGNITUDE:g}. {OTHER_UNIT}"
             )
 
 

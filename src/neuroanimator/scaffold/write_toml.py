@@ -93,7 +93,7 @@ def _check_name(name: str) -> None:
     """Raise ArgumentError for a name that a user's system cannot have."""
     if not re.fullmatch(SYSTEM_PATTERN, name):
         raise ArgumentError(
-            f"name: wanted letters, digits, _ and -, at most 40, came {quoted(name)}."
+            f"name: wanted letters, digits, _ and -, at most 40, got {quoted(name)}."
         )
     if name in SYSTEMS:
         raise ArgumentError(f"name: '{name}' is a system of the package. Choose another.")
@@ -103,7 +103,7 @@ def checked_base(text: str) -> Literal["fixed", "free"]:
     """Return a URDF's base as given on the command line; ArgumentError lists the valid ones."""
     if text == "fixed" or text == "free":
         return text
-    raise ArgumentError(f"base: wanted fixed or free, came {quoted(text)}.")
+    raise ArgumentError(f"base: wanted fixed or free, got {quoted(text)}.")
 
 
 def _seen_from(toml: Path, path: Path) -> str:
@@ -119,7 +119,7 @@ def _propose_without_model(source: Path, path: Path, has_model_options: bool) ->
     """Return the proposal for a step function or recordings, by the suffix of the file."""
     if path.parent.resolve() != source.parent.resolve():
         raise ArgumentError(
-            f"{path}: the TOML file must lie beside {source.name}, in {source.parent or '.'}."
+            f"{path}: the TOML file must be beside {source.name}, in {source.parent or '.'}."
         )
     if has_model_options:
         raise ArgumentError(

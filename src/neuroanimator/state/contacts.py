@@ -226,7 +226,7 @@ class Contacts:
         def point(row: Any, what: str) -> ContactPoint:
             link, x, y, z, radius = numbers(row, what, 5, MAX_DISTANCE)
             if link not in range(len(kinematics.links)):
-                raise ValueError(f"{what}: on a bone that is not there")
+                raise ValueError(f"{what}: on a bone that does not exist")
             return ContactPoint(int(link), x, y, z, radius)
 
         def plane(row: Any, what: str) -> Plane:
@@ -270,7 +270,7 @@ def in_order(points: Iterable[ContactPoint], kinematics: Kinematics) -> tuple[Co
 def _at_most(rows: Any, what: str, read: Callable[[Any, str], T], most: int) -> tuple[T, ...]:
     found = listed(rows, what, read)
     if len(found) > most:
-        raise ValueError(f"{what}: wanted at most {most}, came {len(found)}")
+        raise ValueError(f"{what}: wanted at most {most}, got {len(found)}")
     return found
 
 

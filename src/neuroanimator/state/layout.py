@@ -85,7 +85,7 @@ class Layout:
         array = as_numbers(vector, label)
         if array.ndim == 0 or array.shape[-1] != self.size:
             raise ArgumentError(
-                f"{label}: wanted {self.size} numbers ({', '.join(self.names)}), came shape {array.shape}."
+                f"{label}: wanted {self.size} numbers ({', '.join(self.names)}), got shape {array.shape}."
             )
         return array
 
@@ -109,7 +109,7 @@ class Layout:
 
 def _slice_from_json(row: Any, what: str) -> Slice:
     if not isinstance(row, list) or len(row) != 3:
-        raise ValueError(f"{what}: wanted name, size and unit of every part, came {quoted(row)}")
+        raise ValueError(f"{what}: wanted name, size and unit of every part, got {quoted(row)}")
     name, number, unit = row
     check_label(name, what)
     if not isinstance(unit, str) or unit not in STATE_UNITS:
@@ -124,11 +124,11 @@ def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
         array = np.asarray(values)
     except (ValueError, OverflowError) as error:
         raise ArgumentError(
-            f"{label}: wanted numbers in rows equally long, came {_what(values)}."
+            f"{label}: wanted numbers in rows equally long, got {_what(values)}."
         ) from error
     if array.dtype.kind not in REAL_KINDS and array.dtype.name != BFLOAT16:
         raise ArgumentError(
-            f"{label}: wanted real numbers, came {_what(values)} of {array.dtype.name[:40]}."
+            f"{label}: wanted real numbers, got {_what(values)} of {array.dtype.name[:40]}."
         )
     with np.errstate(over="ignore"):  # too large long doubles become infinite
         return array.astype(np.float64, copy=False)
@@ -163,7 +163,7 @@ class Bounds:
         for least, largest in zip(low, high, strict=True):
             if least > largest:
                 raise ValueError(
-                    f"{what}: wanted the least value below the largest, came {least:g} and {largest:g}"
+                    f"{what}: wanted the least value below the largest, got {least:g} and {largest:g}"
                 )
         if len(sides) == 2:
             return cls(low, high)
@@ -218,6 +218,6 @@ class Bounds:
             entry = index_of[-1]
             raise ArgumentError(
                 f"control: {names[entry]} out of bounds; wanted between {self.low[entry]:g} and {self.high[entry]:g}, "
-                f"came {controls[index_of]:g}."
+                f"got {controls[index_of]:g}."
             )
         return controls

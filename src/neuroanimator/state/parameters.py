@@ -44,7 +44,7 @@ class Parameter:
         margin = ROUNDING * (self.high - self.low)
         if not self.low - margin <= number <= self.high + margin:
             raise ArgumentError(
-                f"{self.name}: wanted {self.low:g} to {self.high:g} {self.unit}, came {number:g}."
+                f"{self.name}: wanted {self.low:g} to {self.high:g} {self.unit}, got {number:g}."
             )
         number = min(max(number, self.low), self.high)
         return replace(self, low=number, high=number, nominal=number)

@@ -81,7 +81,7 @@ def read_pose(structure: Structure | HasStructure, states: Float[AnyArray, "... 
     if has_pose(structure):
         return _root_pose(structure, states)
     raise ArgumentError(
-        "position, speed and heading: wanted a system with a free root or mass points, came one without. "
+        "position, speed and heading: wanted a system with a free root or mass points, got one without. "
         "Give the wanted state entries instead (reach_state)."
     )
 

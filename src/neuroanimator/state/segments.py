@@ -483,7 +483,7 @@ def segments_from_json(rows: Any) -> tuple[Segment, ...]:
 
 def _segment_from_json(row: Any) -> Segment:
     if not isinstance(row, list) or len(row) != 4:
-        raise ValueError(f"segment: wanted kind, size, rate and response, came {quoted(row)}")
+        raise ValueError(f"segment: wanted kind, size, rate and response, got {quoted(row)}")
     kind, size, rate, time_constant = row
     whole(size, "segment: size", 1, MAX_NUMBERS)
     whole(rate, "segment: rate", -1, MAX_NUMBERS)

@@ -479,7 +479,7 @@ class ShapeContacts:
         def collider(row: Any, what: str) -> tuple[int, Point, Point, float]:
             mover, *places, radius = numbers(row, what, 8, MAX_DISTANCE)
             if mover not in range(len(turning)):
-                raise ValueError(f"{what}: of a mover that is not there")
+                raise ValueError(f"{what}: of a mover that does not exist")
             return int(mover), tuple(places[:3]), tuple(places[3:]), radius
 
         capsules = listed(described["capsules"], "shape contacts: capsules", collider)

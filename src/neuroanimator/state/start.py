@@ -69,7 +69,7 @@ def start_state(
         length = np.linalg.norm(orientation)
         if length < SHORTEST:
             raise ArgumentError(
-                "start: a quaternion of zeros turns nowhere. Give 1, 0, 0, 0 for no turn."
+                "start: a quaternion of zeros is no rotation. Give 1, 0, 0, 0 for none."
             )
         orientation /= length
     return start
@@ -81,7 +81,7 @@ def _as_numbers(name: str, numbers: ArrayLike) -> tuple[float, ...]:
         return tuple(np.atleast_1d(np.asarray(numbers, float)).tolist())
     except (TypeError, ValueError):
         raise ArgumentError(
-            f"start: '{name[:60]}': wanted a number or several, came {quoted(numbers)}."
+            f"start: '{name[:60]}': wanted a number or several, got {quoted(numbers)}."
         ) from None
 
 
@@ -93,7 +93,7 @@ def read_starts(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
         name = before.strip()
         if not equals or not name:
             raise ArgumentError(
-                f"start: wanted NAME=NUMBERS such as root.position=3,-2,8, came '{text[:60]}'."
+                f"start: wanted NAME=NUMBERS such as root.position=3,-2,8, got '{text[:60]}'."
             )
         parts[name] = _read_numbers(name, numbers)
     return parts
@@ -104,7 +104,7 @@ def _read_numbers(name: str, text: str) -> tuple[float, ...]:
         return tuple(float(number) for number in text.split(","))
     except ValueError:
         raise ArgumentError(
-            f"start: '{name}': wanted numbers with commas between, came '{text[:60]}'."
+            f"start: '{name}': wanted numbers separated by commas, got '{text[:60]}'."
         ) from None
 
 
@@ -133,10 +133,10 @@ def _check_name(name: str, known: Mapping[str, Slice]) -> None:
 def _check_numbers(part: Slice, numbers: Sequence[float]) -> None:
     if len(numbers) != part.size:
         raise ArgumentError(
-            f"start: '{part.name}' has {part.size} numbers [{part.unit}], came {len(numbers)}."
+            f"start: '{part.name}' has {part.size} numbers [{part.unit}], got {len(numbers)}."
         )
     if not all(math.isfinite(number) for number in numbers):
-        raise ArgumentError(f"start: '{part.name}': wanted finite numbers, came {list(numbers)}.")
+        raise ArgumentError(f"start: '{part.name}': wanted finite numbers, got {list(numbers)}.")
 
 
 def _set_part(layout: Layout, start: np.ndarray, name: str, numbers: np.ndarray) -> None:

@@ -69,7 +69,7 @@ def hybrid_rollout(
     held = system.check_controls(np.asarray(controls))
     if start.ndim != 1 or held.ndim != 2:
         raise ArgumentError(
-            f"state and controls: wanted (S,) with (T, C), came {start.shape} with {held.shape}."
+            f"state and controls: wanted (S,) with (T, C), got {start.shape} with {held.shape}."
         )
     relay = _Relay(emulator, system, held, threshold, physics_steps)
     return relay.run(start)
@@ -82,7 +82,7 @@ def check_hybrid(
     spec = emulator.spec
     if (system.state, system.control) != (spec.state, spec.control):
         raise ArgumentError(
-            f"system: wanted {spec.system}, which the emulator is of; came {system.name}."
+            f"system: wanted {spec.system}, which the emulator is of; got {system.name}."
         )
     if not system.can_simulate:
         raise ArgumentError(
@@ -90,10 +90,10 @@ def check_hybrid(
         )
     if not threshold >= 0:  # refuses NaN, too
         raise ArgumentError(
-            f"threshold: wanted a score of 0 (all physics) or more, came {threshold}. 1 is the edge of training."
+            f"threshold: wanted a score of 0 (all physics) or more, got {threshold}. 1 is the edge of training."
         )
     if physics_steps < 1:
-        raise ArgumentError(f"physics_steps: wanted 1 or more, came {physics_steps}.")
+        raise ArgumentError(f"physics_steps: wanted 1 or more, got {physics_steps}.")
 
 
 @dataclass

@@ -149,7 +149,7 @@ def _make_model(definition: Definition, files: Any, text: str) -> System:
     model = compile_model(found, definition.base, definition.passive)
     if model.nflex:
         raise BadFileError(
-            f"{found.main}: it has a soft body, of which 'kind = \"mujoco\"' says nothing. Write the TOML file again: "
+            f"{found.main}: it has a soft body, which 'kind = \"mujoco\"' does not support. Write the TOML file again: "
             f"neuroanimator new {found.main} --force"
         )
     return ModelSystem(definition, model, text)
@@ -201,12 +201,12 @@ def _find_model(name: str, named: Any, text: str) -> ModelFiles:
             return files
     if changed:
         raise MissingPhysicsError(
-            f"{name}: {quoted(changed[0])} is not what it was trained on, so the physics would be another one. Put back the "
-            "file of then, or train again."
+            f"{name}: {quoted(changed[0])} is not what it was trained on, so the physics would differ. Put the old file "
+            "back, or train again."
         )
     raise MissingPhysicsError(
         f"{name}: its physics was not found: wanted {toml} and its model beside it, or --system {toml} (in Python "
-        f"trust_files({toml!r})). Without it an emulator animates, can be exported, and finds controls that nothing proves."
+        f"trust_files({toml!r})). Without it an emulator animates, can be exported, and finds controls, but cannot verify them."
     )
 
 
@@ -308,7 +308,7 @@ def _find_shapes(name: str, files: dict[str, Any], text: str) -> Path:
             return path
     raise MissingPhysicsError(
         f"{name}: its shapes were not found: wanted {files['name']}, which --system with its TOML file makes again. Without "
-        "them an emulator animates, can be exported, and finds controls that nothing proves."
+        "them an emulator animates, can be exported, and finds controls, but cannot verify them."
     )
 
 
@@ -396,7 +396,7 @@ def _whole_table(values: dict[str, Any]) -> dict[str, Any]:
     ]
     if base not in bases:
         raise ArgumentError(
-            f"family_of: no system called {quoted(base)} ships of which there are families. Systems: {', '.join(bases)}."
+            f"family_of: no system with families is called {quoted(base)}. Systems: {', '.join(bases)}."
         )
     return tables[base] | values
 

@@ -16,7 +16,7 @@ def parameter_from_table(name: str, table: ParameterTable, unit: str, own: float
     nominal = own if table.nominal is None else table.nominal
     if not low <= nominal <= high:
         raise ArgumentError(
-            f"parameters.{name}.range: wanted one around the body's own value, {nominal:g} {unit}, came {low:g} to {high:g}. "
+            f"parameters.{name}.range: wanted one around the body's own value, {nominal:g} {unit}, got {low:g} to {high:g}. "
             "Widen it, or give nominal = … within it."
         )
     return Parameter(name, unit, low, high, nominal)

@@ -26,7 +26,7 @@ MAX_STATE = 1000
 def layout_of_state(parts: Sequence[StatePart]) -> Layout:
     """Return the parts as a vector.
 
-    Raises ArgumentError for two parts of one name, for too many numbers and for an unknown unit.
+    Raises ArgumentError for two parts with the same name, for too many numbers and for an unknown unit.
     """
     _refuse_clash("state", [part.name for part in parts])
     if sum(part.size for part in parts) > MAX_STATE:
@@ -43,7 +43,7 @@ def layout_of_state(parts: Sequence[StatePart]) -> Layout:
 def layout_of_control(parts: Sequence[ControlPart]) -> tuple[Layout, Bounds]:
     """Return the parts as a vector with its bounds.
 
-    Raises ArgumentError for two parts of one name, for bounds that are empty and for an unknown unit.
+    Raises ArgumentError for two parts with the same name, for bounds that are empty and for an unknown unit.
     """
     _refuse_clash("control", [part.name for part in parts])
     for part in parts:
@@ -66,7 +66,7 @@ def _refuse_empty_bounds(part: ControlPart) -> None:
     if not has_partners or not all(low < high for low, high in pairs):
         raise ArgumentError(
             f"control.{part.name}: wanted as many numbers in low as in high, each below its partner, "
-            f"came {list(part.low)} and {list(part.high)}."
+            f"got {list(part.low)} and {list(part.high)}."
         )
 
 
@@ -82,7 +82,7 @@ def numbers_of(
         numbers = getattr(part, key) or (0.0,) * part.size
         if len(numbers) != part.size:
             raise ArgumentError(
-                f"state.{part.name}.{key}: wanted {part.size} numbers, came {len(numbers)}."
+                f"state.{part.name}.{key}: wanted {part.size} numbers, got {len(numbers)}."
             )
         vector += numbers
     return np.array(vector, float)

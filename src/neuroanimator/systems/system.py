@@ -46,7 +46,7 @@ class Scheme:
         ratio = duration / self.dt
         if not 0 < ratio < MAX_STEPS:  # refuses NaN, too
             raise ArgumentError(
-                f"dt: wanted a finite time above 0 s, came {duration} s of {self.dt} s physics steps."
+                f"dt: wanted a finite time above 0 s, got {duration} s of {self.dt} s physics steps."
             )
         count = round(ratio)
         if count < 1 or abs(count * self.dt - duration) > TIME_RESOLUTION:

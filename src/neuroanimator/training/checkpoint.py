@@ -108,7 +108,9 @@ def read_tree(
         arrays = checked_arrays(_leaves_by_path(fresh), tensors)
         numbers = numbers_of(metadata)
     except ValueError as error:
-        raise BadFileError(f"{path} is damaged: {error}. Remove {folder} to train anew.") from error
+        raise BadFileError(
+            f"{path} is damaged: {error}. Remove {folder} to train from the start."
+        ) from error
     return jax.tree.unflatten(jax.tree.structure(fresh), arrays), numbers
 
 

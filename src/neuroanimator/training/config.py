@@ -119,7 +119,7 @@ class TrainingConfig(Settings):
         match = SIZE.fullmatch(memory)
         if match is None:
             raise ArgumentError(
-                f"memory: wanted a size such as 500MB, 8GB or 1.5TB; came {quoted(memory)}."
+                f"memory: wanted a size such as 500MB, 8GB or 1.5TB; got {quoted(memory)}."
             )
         return round(float(match[1]) * SIZE_UNITS[match[2]])
 

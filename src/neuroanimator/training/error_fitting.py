@@ -186,7 +186,7 @@ def _measured(
 ) -> _Measured:
     if len(runs.states) < MIN_RUNS:
         raise ArgumentError(
-            f"runs: wanted {MIN_RUNS} of a kind at least to bound errors by, came {len(runs.states)}."
+            f"runs: wanted at least {MIN_RUNS} of each kind to bound errors, got {len(runs.states)}."
         )
     emulated, scores = emulator.rollout_trusted(runs.states[:, 0], runs.controls, may_diverge=True)
     with np.errstate(all="ignore"):  # a rollout may diverge

@@ -44,7 +44,7 @@ def lesson_of(data: Dataset, config: TrainingConfig, start_from: Emulator | None
     longest = data.system.window_steps
     if config.unroll > longest:
         raise ArgumentError(
-            f"unroll: wanted at most {longest} super steps, of {data.system.name}; came {config.unroll}."
+            f"unroll: wanted at most {longest} super steps, of {data.system.name}; got {config.unroll}."
         )
     sample = sample_of(data, config)
     survey = Survey(data, config)

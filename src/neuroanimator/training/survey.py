@@ -49,11 +49,11 @@ def sample_of(data: Dataset, config: TrainingConfig) -> Transitions:
     share = config.memory / memory_taken(data.config, data.system)
     count = min(data.part_count, max(1, int(share * data.part_count)), MAX_SAMPLED_PARTS)
     numbers = np.unique(np.linspace(0, data.part_count - 1, count).astype(int))
-    came = 0
+    taken = 0
     training = []
     for number in numbers:
         part = data.read_part(int(number))
-        came += len(part.states)
+        taken += len(part.states)
         training.append(part.where(~validation_mask(part.run, config, int(number))))
     sample = join_transitions(training)
     if not len(sample.states):
@@ -61,7 +61,7 @@ def sample_of(data: Dataset, config: TrainingConfig) -> Transitions:
         if sample.diverged:
             lost = f" {sample.diverged} runs diverged and were dropped: use a smaller step."
         raise ArgumentError(
-            f"count: {came} transitions are too few to train on; wanted some hundred.{lost}"
+            f"count: {taken} transitions are too few to train on; wanted a few hundred.{lost}"
         )
     return sample
 

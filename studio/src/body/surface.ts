@@ -43,10 +43,10 @@ function readSurface(arrays: SurfaceArrays): Surface {
   const nodes = mean.length / 3;
   const shapes = scales.length;
   if (modes.length !== 3 * shapes * nodes) {
-    throw new Error(`surface: wanted ${3 * shapes * nodes} numbers of modes, came ${modes.length}`);
+    throw new Error(`surface: wanted ${3 * shapes * nodes} numbers of modes, got ${modes.length}`);
   }
   if (faces.some((node) => node >= nodes)) {
-    throw new Error("surface: a face has a node that is not there");
+    throw new Error("surface: a face names a node that does not exist");
   }
   return { mean, modes, scales, faces, first: arrays.first, placement: arrays.placement, nodes, shapes, box: boxOf(mean) };
 }

@@ -276,7 +276,7 @@ export function checkBundle(facts: Bundle): void {
     wantedSize("default_motion.controls", control.length, controlSize);
   }
   if (!(facts.dt > 0)) {
-    throw new Error(`dt: wanted more than 0 s, came ${facts.dt}`);
+    throw new Error(`dt: wanted more than 0 s, got ${facts.dt}`);
   }
   facts.skeleton.forEach((bone, number) => {
     if (!(bone.parent < number)) {
@@ -285,8 +285,8 @@ export function checkBundle(facts: Bundle): void {
   });
 }
 
-function wantedSize(name: string, came: number, wanted: number): void {
-  if (came !== wanted) {
-    throw new Error(`${name}: wanted ${wanted} numbers, came ${came}`);
+function wantedSize(name: string, given: number, wanted: number): void {
+  if (given !== wanted) {
+    throw new Error(`${name}: wanted ${wanted} numbers, got ${given}`);
   }
 }

@@ -91,7 +91,7 @@ export class Emulator {
   /** Return `count` bodies at rest, which the module never frees. */
   batch(count: number): Batch {
     if (!Number.isInteger(count) || count < 1) {
-      throw new RangeError(`count: wanted a whole number of 1 or more, came ${count}`);
+      throw new RangeError(`count: wanted a whole number of 1 or more, got ${count}`);
     }
     const heap = this.#heap;
     const stateSize = this.sizes.state;

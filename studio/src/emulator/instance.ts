@@ -92,6 +92,6 @@ export class Heap {
 /** Throw a RangeError unless the number of numbers is as wanted. */
 export function checkLength(numbers: ArrayLike<number>, wanted: number, name: string): void {
   if (numbers.length !== wanted) {
-    throw new RangeError(`${name}: wanted ${wanted} numbers, came ${numbers.length}`);
+    throw new RangeError(`${name}: wanted ${wanted} numbers, got ${numbers.length}`);
   }
 }

@@ -73,7 +73,7 @@ export class App implements Workplace {
     try {
       this.#stage = new Stage(this.#canvas, asked.has("fine"));
     } catch {
-      this.#fail("webgl", "This browser shows no WebGL: switch on hardware acceleration, or open the page in another browser.");
+      this.#fail("webgl", "This browser has no WebGL: turn on hardware acceleration, or open the page in another browser.");
       return;
     }
     this.#listen(this.#stage);
@@ -81,7 +81,7 @@ export class App implements Workplace {
     try {
       catalogue = await loadCatalogue(this.#page);
     } catch (error) {
-      this.#fail("load", `The list of systems did not come: ${lineOf(error)}. Reload the page; is the server running?`);
+      this.#fail("load", `The list of systems could not be loaded: ${lineOf(error)}. Reload the page; is the server running?`);
       return;
     }
     this.#add(catalogue);
@@ -113,7 +113,7 @@ export class App implements Workplace {
     try {
       session = await Session.open(entry, this.#page, stage, isDark(), () => opening === this.#opening);
     } catch (error) {
-      this.#fail("load", `${entry.id} was not loaded: ${lineOf(error)}`);
+      this.#fail("load", `${entry.id} could not be loaded: ${lineOf(error)}`);
       if (this.showing) {
         this.#picker.select(this.showing.session.entry.id);
       }
@@ -206,7 +206,7 @@ export class App implements Workplace {
     if (this.#server) {
       void this.#server.take(file);
     } else {
-      this.#banners.say("upload", "A file of your own needs the server, which checks it and makes it run here: run 'neuroanimator studio'.", "warning");
+      this.#banners.say("upload", "A file of your own needs the server, which checks and prepares it: run 'neuroanimator studio'.", "warning");
     }
   }
 
@@ -227,7 +227,7 @@ export class App implements Workplace {
     new ResizeObserver(() => stage.resize()).observe(this.#stageBox);
     this.#canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
-      this.#banners.say("webgl", "The graphics card was lost; the picture comes back by itself, or reload the page.", "warning");
+      this.#banners.say("webgl", "The graphics card was lost; the picture should return by itself. If not, reload the page.", "warning");
     });
     this.#canvas.addEventListener("webglcontextrestored", () => this.#banners.clear("webgl"));
     document.addEventListener("visibilitychange", () => (this.#last = performance.now()));

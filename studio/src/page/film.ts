@@ -41,7 +41,7 @@ export interface FilmOptions {
 export async function makeFilm({ canvas, pictures, draw, onProgress, signal }: FilmOptions): Promise<Film> {
   const codec = await getFirstEncodableVideoCodec([...CODECS], { ...FILM_SIZE, quality: QUALITY_HIGH });
   if (!codec) {
-    throw new Error("This browser encodes no films here: open the page in a recent Chromium, Firefox or Safari, on this machine or by https.");
+    throw new Error("This browser cannot encode films here: open the page in a recent Chromium, Firefox or Safari, on this machine or over https.");
   }
   const format = codec === "avc" ? new Mp4OutputFormat() : new WebMOutputFormat();
   const target = new BufferTarget();

@@ -162,7 +162,7 @@ export class Session {
     }
   }
 
-  /** Let `count` others walk around the body, each on its way; 0 removes them. */
+  /** Let `count` others walk around the body, each going its own way; 0 removes them. */
   async keepWalkers(count: number): Promise<void> {
     this.world.showWalkers(null);
     this.walkers = null;

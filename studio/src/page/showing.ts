@@ -67,7 +67,7 @@ export class Showing {
     this.#physics = isPhysics(facts) ? null : physicsOf(session.bundle, live);
     this.#twin = this.#physics && new Twin(this.#physics, facts);
     if (this.#twin) {
-      this.#twin.onError = (line) => banners.say("physics", `No physics beside it: ${line}`, "warning");
+      this.#twin.onError = (line) => banners.say("physics", `No physics ghost: ${line}`, "warning");
     }
     player.onEvent = (event) => this.#happened(event);
     player.isPlaying = !isMotionReduced();
@@ -188,7 +188,7 @@ export class Showing {
     if (this.#twin) {
       this.#twin.isOn = !this.#twin.isOn;
     } else if (isPhysics(this.session.facts)) {
-      this.banners.tell("What you see is the true physics itself: there is nothing to put beside it.");
+      this.banners.tell("What you see is the true physics itself: there is nothing to compare it with.");
     } else {
       this.banners.tell("Physics beside this emulator needs the server: run 'neuroanimator studio'.", "warning");
     }
@@ -242,7 +242,7 @@ export class Showing {
 
   #happened(event: string): void {
     if (event === "lost") {
-      const line = "The emulator is lost: its state is no number any more. The last good pose stays; press R to begin again, or Ctrl+Z to go back.";
+      const line = "The emulator diverged: its state is no longer finite. The last good pose stays; press R to restart, or Ctrl+Z to go back.";
       this.banners.say("lost", line, "error", this.#handOverAction());
     } else if (event === "motion") {
       this.banners.clear("lost");
@@ -271,7 +271,7 @@ export class Showing {
     this.hud.showTrust(player.motion.source === "physics" || isPhysics(facts) ? null : score, facts.verdict);
     // A recorded motion is watched, not steered: the glow and the label are enough.
     if (score > LOST && player.isLive && !isPhysics(facts)) {
-      const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
+      const line = "Training has not covered this: do not trust the emulator here. Press R to restart, or Ctrl+Z to go back.";
       this.banners.say("trust", line, "warning", this.#handOverAction());
     } else if (score < FOUND || !player.isLive) {
       this.banners.clear("trust");
@@ -281,7 +281,7 @@ export class Showing {
   // Physics, if there is any, can go on where the emulator is lost.
   #handOverAction(): Action | undefined {
     const physics = this.#physics;
-    return physics ? { label: "Let physics go on", act: () => this.#letPhysicsGoOn(physics) } : undefined;
+    return physics ? { label: "Continue with physics", act: () => this.#letPhysicsGoOn(physics) } : undefined;
   }
 
   #letPhysicsGoOn(physics: Physics): void {
@@ -290,9 +290,9 @@ export class Showing {
     this.banners.clear("trust");
     this.banners.clear("lost");
     this.#handOver = HandOver.begin(physics, facts, player, (line) => {
-      this.banners.say("physics", `Physics does not go on: ${line}`, "warning");
+      this.banners.say("physics", `Physics cannot continue: ${line}`, "warning");
     });
-    this.banners.tell("Physics goes on from here, steered as before; L gives it back to the emulator.");
+    this.banners.tell("Physics continues from here, steered as before; L returns to the emulator.");
   }
 
   #controlShares(): number[] {

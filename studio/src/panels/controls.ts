@@ -116,8 +116,8 @@ export function walkPanel(session: Session, goLive: () => void): Panel | null {
     onInput: take((value) => (command.turning = value)),
   });
   const company = button({
-    label: `${WALKERS} more, each on its way`,
-    title: "Others who walk around, each where it likes",
+    label: `${WALKERS} more, each going its own way`,
+    title: "Others who walk around, each going its own way",
     onClick: () => void session.keepWalkers(session.walkers ? 0 : WALKERS),
   });
   body.append(
@@ -162,7 +162,7 @@ function lifeRow(session: Session, goLive: () => void): Panel {
       goLive();
     }
   };
-  const live = button({ label: "Be the shark", title: "Fifty small fish that see, hunger and fear, and you are the shark", onClick });
+  const live = button({ label: "Be the shark", title: "Fifty small fish that see, get hungry and flee; you are the shark", onClick });
   return {
     element: element("div", "", [element("div", "row", [live]), said]),
     update() {
@@ -219,7 +219,7 @@ export function controlPanel(session: Session, goLive: () => void): Panel {
     },
   });
   body.append(
-    element("p", "", [`Move a slider and the ${isPhysics(facts) ? "physics" : "emulator"} goes on live from where the playhead stands.`]),
+    element("p", "", [`Move a slider and the ${isPhysics(facts) ? "physics" : "emulator"} continues live from the playhead.`]),
     ...rows.map((row) => row.row),
     element("div", "row", [neutral]),
   );

@@ -79,7 +79,7 @@ export class MeasurePanel implements Panel {
     const { details, body } = panel("Measure", true);
     const model = isPhysics(session.facts) ? "physics" : "emulator";
     this.#step = fact(`a super step of the ${model}`);
-    this.#work = fact(`the ${model}'s work an image`);
+    this.#work = fact(`the ${model}'s time per frame`);
     this.element = details;
     this.#ghost = button({ label: "Physics as a ghost", title: "Show the true physics beside the emulator (G)", onClick: onGhost });
     this.#ghost.disabled = twin === null;

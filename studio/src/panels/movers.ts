@@ -25,7 +25,7 @@ export function moverPanel(session: Session, goLive: () => void): Panel | null {
     },
   });
   body.append(
-    element("p", "", [`Drag what moves it (${names}); Shift keeps it at its height, the wheel moves it away. Arrow keys, Page Up and Page Down move the one held last.`]),
+    element("p", "", [`Drag what moves it (${names}); Shift keeps it at its height, the wheel moves it nearer or away. Arrow keys, Page Up and Page Down move the one held last.`]),
     element("div", "row", [wander]),
     crowdRow(session),
   );

@@ -5,8 +5,8 @@ import type { Session } from "../page/session";
 import { reshape } from "../steering/reshape";
 import type { Panel } from "./controls";
 
-const BODY = "Another body of the family, while it moves. Physics as a ghost changes with it.";
-const WIND = "It freshens and dies down while the body moves. Physics as a ghost feels it, too.";
+const BODY = "Change the body while it moves. The physics ghost changes with it.";
+const WIND = "Change the wind while the body moves. The physics ghost feels it, too.";
 
 /** Return the panel of a family; null for a single body. */
 export function parameterPanel(session: Session, goLive: () => void): Panel | null {

@@ -143,11 +143,11 @@ function startOptions(session: Session): string[] {
 export type Filming = (onProgress: (share: number) => void, signal: AbortSignal) => Promise<Film>;
 
 export function takePanel(session: Session, live: Live | null, banners: Banners, makeFilm: Filming): Panel {
-  const { details, body } = panel("Take with you", false);
+  const { details, body } = panel("Export", false);
   const save = (name: string, text: string): void => saveFile(name, new Blob([text], { type: "text/csv" }));
   const film = button({
     label: "Film",
-    title: "The motion as a film, seen as it is now",
+    title: "A film of the motion, through the current camera",
     onClick: () => void saveFilm(session.facts.id, makeFilm, banners),
   });
   const csv = button({ label: "CSV", title: "The motion as a table", onClick: () => save("motion.csv", motionCsv(session)) });
@@ -165,7 +165,7 @@ export function takePanel(session: Session, live: Live | null, banners: Banners,
     made.disabled = live === null;
     return made;
   });
-  const pushed = element("p", "", ["What the mouse pushed, and commands that a state holds, are not in these lines: motion.csv has every state."]);
+  const pushed = element("p", "", ["Pushes with the mouse, and commands that are part of the state, are not in these lines; motion.csv has every state."]);
   const code = element("pre", "code", [equivalentLines(session)]);
   code.tabIndex = 0;
   const copy = button({

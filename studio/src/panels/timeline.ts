@@ -26,8 +26,8 @@ export class Timeline {
     this.#play = button({ label: "▶", title: "Play or pause (space)", className: "play", onClick: () => this.toggle() });
     const back = button({ label: "|◂", title: "To the start (Home)", onClick: () => this.player.seek(0) });
     const before = button({ label: "◂", title: "One super step back (,)", onClick: () => this.player.stepBy(-1) });
-    const after = button({ label: "▸", title: "One super step on (.)", onClick: () => this.player.stepBy(1) });
-    this.#live = button({ label: "Live", title: "Let the emulator go on from here (L)", className: "live", onClick: () => this.onLive() });
+    const after = button({ label: "▸", title: "One super step forward (.)", onClick: () => this.player.stepBy(1) });
+    this.#live = button({ label: "Live", title: "Continue with the emulator from here (L)", className: "live", onClick: () => this.onLive() });
     this.#range = element("input", "scrub");
     this.#range.type = "range";
     this.#range.min = "0";

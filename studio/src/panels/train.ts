@@ -51,18 +51,18 @@ export class TrainPanel {
   ) {
     const { details, body } = panel("Train", false);
     this.element = details;
-    const substeps = choice("Physics steps a leap", SUBSTEPS.map(String), "50");
+    const substeps = choice("Physics steps per leap", SUBSTEPS.map(String), "50");
     const size = choice("Size", SIZES, "usual");
     this.#system.setAttribute("aria-label", "System");
     systems.forEach((system) => this.#addSystem(system, system));
     const begin = button({
       label: "Train",
-      title: "Simulate, then train an emulator; it goes on if the page is closed",
+      title: "Simulate, then train an emulator; training continues if the page is closed",
       className: "primary",
       onClick: () => void this.#begin(Number(substeps.value), size.value),
     });
     body.append(
-      element("p", "", ["Learn an emulator here on this machine; or drop a MuJoCo model (.xml, .urdf) on the page first."]),
+      element("p", "", ["Train an emulator on this machine; or drop a MuJoCo model (.xml, .urdf) on the page first."]),
       element("div", "row", [this.#system, substeps, size, begin]),
       this.#list,
     );
@@ -142,7 +142,7 @@ export class TrainPanel {
     const curve = new Curve("error while training");
     let bundle: string | undefined;
     const stop = button({ label: "Stop", title: "Stop this training; it can be resumed", onClick: () => void this.#ask("stop", { job: id }) });
-    const resume = button({ label: "Resume", title: "Go on with this training", onClick: () => void this.#ask("resume", { job: id }) });
+    const resume = button({ label: "Resume", title: "Continue this training", onClick: () => void this.#ask("resume", { job: id }) });
     const forget = button({ label: "Forget", title: "Delete this training and its data", onClick: () => void this.#ask("forget", { job: id }) });
     const show = button({ label: "Show", title: "Put this emulator on the stage", className: "primary", onClick: () => bundle && this.onShow(bundle) });
     const row = element("div", "job", [title, said, bar, curve.element, element("div", "row", [show, stop, resume, forget])]);

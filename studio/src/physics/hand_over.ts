@@ -26,7 +26,7 @@ export class HandOver {
     private readonly motion: Motion,
   ) {}
 
-  /** Let physics go on from the playhead; `onError` is called with one clear line if it cannot. */
+  /** Continue with physics from the playhead; `onError` is called with one clear line if it cannot. */
   static begin(physics: Physics, facts: Bundle, player: Player, onError: (line: string) => void): HandOver {
     const structure = { rates: facts.rates, orientations: facts.orientations };
     const before = player.motion;

@@ -36,7 +36,7 @@ const OTHER_OPACITY = 0.25;
 const FIND = "Find controls";
 
 /** Reason why nothing is proved without a server. */
-const NO_PHYSICS = "the true physics of this system runs on the server alone; start it with 'neuroanimator studio'";
+const NO_PHYSICS = "the true physics of this system runs on the server only; start it with 'neuroanimator studio'";
 
 /** The wanted result. */
 interface Sought {
@@ -142,7 +142,7 @@ class GoalPanel implements Synthesis {
     this.#beside.addEventListener("change", () => this.#showOthers());
     this.#besideRow.hidden = true;
     this.#line = this.#addLine(0.9);
-    const proving = this.#court ? ", and prove them on the true physics" : "";
+    const proving = this.#court ? ", and verify them on the true physics" : "";
     this.#find = button({ label: FIND, className: "primary", title: `Find controls by descent through the emulator${proving}`, onClick: () => this.#toggle() });
     this.#verdict.setAttribute("role", "status");
     this.#fromHere.type = "checkbox";
@@ -319,7 +319,7 @@ class GoalPanel implements Synthesis {
       motion,
       path: pathOf(bundle.facts, states),
       isSuccess: proof?.isSuccess ?? null,
-      verdict: proof ? sayVerdict(proof) : `Found on the emulator, not proved: ${unproved}.`,
+      verdict: proof ? sayVerdict(proof) : `Found on the emulator, not verified: ${unproved}.`,
     };
     this.#results = [...this.#results, result].slice(-MAX_RESULTS);
     player.motion = motion;

@@ -27,7 +27,7 @@ export class Synthesiser {
   ) {
     // A worker that fails to load, or runs out of memory, does not answer.
     port.onerror = (): void => {
-      const error = "the worker that descends was stopped; reload the page";
+      const error = "the optimising worker was stopped; reload the page";
       [...this.#listeners].forEach(([id, listener]) => listener({ id, error }));
     };
     port.onmessage = (event: MessageEvent): void => {

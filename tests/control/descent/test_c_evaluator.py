@@ -326,7 +326,7 @@ def test_a_cost_there_is_no_c_for_is_left_to_jax_and_that_is_said(
 ):
     assert c_evaluator(with_own(emulator, cost)) is None
     (line,) = capfd.readouterr().err.splitlines()
-    assert f"Objective(Effort, {cost.__name__}): No code can be written" in line
+    assert f"Objective(Effort, {cost.__name__}): No code can be generated" in line
     assert "JAX is used instead of C" in line
 
 

@@ -165,7 +165,7 @@ def test_what_a_recording_never_shows_stays_nominal_and_is_said(
     path = record(tmp_path / "r.csv", system, emulator.dt, driven=(1.0, 0.0))
     found = identify(emulator, path, window=WINDOW)
     for name in ("gain", "gear"):
-        assert f"{name}: the recordings never show it" in "\n".join(found.notes)
+        assert f"{name}: the recordings do not determine it" in "\n".join(found.notes)
         assert found.parameters[name] == pytest.approx(1.0, abs=0.05)
 
 
@@ -229,7 +229,7 @@ def test_without_its_physics_nothing_is_proved_and_that_is_said(
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert not found["is_proven"]
-    assert found["notes"][0].startswith("not proved: ")
+    assert found["notes"][0].startswith("not verified: ")
 
 
 @pytest.mark.parametrize(

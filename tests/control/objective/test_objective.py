@@ -589,12 +589,12 @@ def failing(trajectory: Trajectory) -> jax.Array:
 REFUSED_COSTS = {
     "wanted at 9 s, but the motion lasts 1 s": lambda: stand_upright(times=(0.5, 9.0)),
     "every weight is zero": lambda: stand_upright(0.0, 0.0),
-    "weights of at least 0, came -1": lambda: Objective.of(effort(-1.0), effort(1.0)),
-    "weights of at least 0, came nan": lambda: Objective.of(effort(float("nan"))),
-    "weights of at least 0, came inf": lambda: Objective.of(effort(float("inf"))),
-    "is not finite. Mend the term that makes it": lambda: Objective.of(not_a_number),
-    "'many_numbers' must return one number, came (6,)": lambda: Objective.of(many_numbers),
-    "J has no finite slope": lambda: Objective.of(square_root),
+    "weights of at least 0, got -1": lambda: Objective.of(effort(-1.0), effort(1.0)),
+    "weights of at least 0, got nan": lambda: Objective.of(effort(float("nan"))),
+    "weights of at least 0, got inf": lambda: Objective.of(effort(float("inf"))),
+    "is not finite. Correct the term that causes it": lambda: Objective.of(not_a_number),
+    "'many_numbers' must return one number, got (6,)": lambda: Objective.of(many_numbers),
+    "J has no finite gradient": lambda: Objective.of(square_root),
     "'failing' failed: KeyError: 'speed'": lambda: Objective.of(failing),
 }
 
@@ -619,10 +619,10 @@ def test_a_good_objective_is_not_refused(shipped: Emulator):
 
 
 REFUSED_ARGUMENTS = {
-    "axes: wanted some of x, y, z, such as 'xy', came 'w'": lambda s: reach_position(
+    "axes: wanted some of x, y, z, such as 'xy', got 'w'": lambda s: reach_position(
         s, [1.0], within=1, axes="w"
     ),
-    "axes: wanted some of x, y, z, such as 'xy', came 'xx'": lambda s: reach_position(
+    "axes: wanted some of x, y, z, such as 'xy', got 'xx'": lambda s: reach_position(
         s, [1, 2], within=1, axes="xx"
     ),
     "wanted rows of 3 finite numbers": lambda s: reach_position(s, [1, 2], within=1),
@@ -633,7 +633,7 @@ REFUSED_ARGUMENTS = {
     "'nose' follows mass points": lambda s: reach_point(
         a_system("fish"), "nose", PLACES[0], within=1
     ),
-    "at and since: wanted one of them, came 1.0 and 0.5 s": lambda s: reach_point(
+    "at and since: wanted one of them, got 1.0 and 0.5 s": lambda s: reach_point(
         s, "wheel_fl", PLACES[0], within=1, at=1.0, since=0.5
     ),
     "keyframes: wanted 2 times": lambda s: reach_positions(s, PLACES, [1.0], within=1),
@@ -641,16 +641,16 @@ REFUSED_ARGUMENTS = {
         s, PLACES, [-1.0, 1.0], within=1
     ),
     "at least two different points": lambda s: follow_path(s, [[0, 0, 0], [0, 0, 0]], within=1),
-    "within: wanted a finite number above 0, came 0": lambda s: stand_up(s, within=0),
-    "tolerance: wanted a finite number above 0, came -0.1": lambda s: stay_upright(
+    "within: wanted a finite number above 0, got 0": lambda s: stand_up(s, within=0),
+    "tolerance: wanted a finite number above 0, got -0.1": lambda s: stay_upright(
         s, tolerance=-0.1
     ),
-    "since: wanted a time of at least 0 s, came -1": lambda s: stay_upright(s, since=-1.0),
+    "since: wanted a time of at least 0 s, got -1": lambda s: stay_upright(s, since=-1.0),
     "distance: wanted a finite number above 0": lambda s: travel(s, [1, 0, 0], -1.0, within=1),
     "body: none is called 'wheel'. Did you mean wheel_rr? Bodies: ": lambda s: travel(
         s, [1, 0, 0], 1.0, within=1, body="wheel"
     ),
-    "direction: wanted a direction, came zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),
+    "direction: wanted a direction, got zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),
     "No part called 'elbow'. Parts: root.position": lambda s: stay_within(
         s, "elbow", 0, 1, within=1
     ),
@@ -672,12 +672,12 @@ def test_a_cost_that_makes_no_sense_is_refused_in_one_line(message: str):
 REFUSED_PARAMETERS = {
     "control 1 has 5 and 0": lambda: EachStep.of(10, Bounds((0.0, 5.0), (1.0, 0.0))),
     "control 0 has -inf and 1": lambda: Spline.of(10, 5, Bounds((-np.inf,), (1.0,))),
-    "knots: wanted between 4 and the 10 super steps, came 11": lambda: Spline.of(10, 11, BOUNDS),
-    "knots: wanted between 4 and the 10 super steps, came 3": lambda: Spline.of(10, 3, BOUNDS),
-    "period: wanted more than two super steps of 0.05 s, came 0.1 s": lambda: Periodic.of(
+    "knots: wanted between 4 and the 10 super steps, got 11": lambda: Spline.of(10, 11, BOUNDS),
+    "knots: wanted between 4 and the 10 super steps, got 3": lambda: Spline.of(10, 3, BOUNDS),
+    "period: wanted more than two super steps of 0.05 s, got 0.1 s": lambda: Periodic.of(
         10, DT, 0.1, BOUNDS
     ),
-    "period: wanted more than two super steps of 0.05 s, came nan s": lambda: Periodic.of(
+    "period: wanted more than two super steps of 0.05 s, got nan s": lambda: Periodic.of(
         10, DT, np.nan, BOUNDS
     ),
 }

@@ -57,5 +57,5 @@ def test_a_threshold_that_makes_no_sense_is_refused(shipped: Emulator):
     for threshold in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ArgumentError, match="threshold: wanted a score above 0"):
             na.stay_trusted(shipped, threshold=threshold)
-    with pytest.raises(ArgumentError, match=r"from before there were scores. na.fit_trust"):
+    with pytest.raises(ArgumentError, match=r"too old to have trust scores. na.fit_trust"):
         na.stay_trusted(replace(shipped, meter=None))

@@ -199,16 +199,16 @@ class Broken(PendulumWorld):
 
 
 REFUSED: dict[str, tuple[Any, dict[str, Any]]] = {
-    "environment.step: wanted (observation, reward, terminated, truncated, info) as Gymnasium has it, came 4 things": (
+    "environment.step: wanted (observation, reward, terminated, truncated, info) as Gymnasium has it, got 4 things": (
         Broken(step=lambda action: (0, 0.0, False, {})), {},
     ),
-    "environment.reset: wanted (observation, info) as Gymnasium has it, came an array of shape (3,)": (
+    "environment.reset: wanted (observation, info) as Gymnasium has it, got an array of shape (3,)": (
         Broken(reset=lambda seed: np.zeros(3)), {},
     ),
-    "wanted a finite number as reward, came nan": (
+    "wanted a finite number as reward, got nan": (
         Broken(step=lambda action: (0, float("nan"), False, False, {})), {},
     ),
-    "wanted a finite number as reward, came an array of shape (2,)": (
+    "wanted a finite number as reward, got an array of shape (2,)": (
         Broken(step=lambda action: (0, np.zeros(2), False, False, {})), {},
     ),
     "environment: its actions have shape (7,), the emulator 3 controls": (
@@ -229,18 +229,18 @@ REFUSED: dict[str, tuple[Any, dict[str, Any]]] = {
             step=lambda action: (np.zeros(2), 0.0, False, False, {}),
         ), {},
     ),
-    "wanted True or False as terminated and truncated, came an array of shape (2,)": (
+    "wanted True or False as terminated and truncated, got an array of shape (2,)": (
         Broken(step=lambda action: (0, 0.0, np.zeros(2), False, {})), {},
     ),
     "state_of: no MuJoCo data in NoneType. Wanted a function (environment, observation)": (
         Broken(unwrapped=None), {},
     ),
     "state_of: wanted": (PendulumWorld(), {"state_of": lambda world, seen: np.zeros(4)}),
-    "its step of 0.03 s does not fill the emulator's super step of 0.05 s a whole number": (
+    "the emulator's super step of 0.05 s is not a whole multiple of its step of 0.03 s": (
         Broken(dt=0.03), {},
     ),
-    "steps and hold: wanted at least 1, came 60 and 0": (PendulumWorld(), {"hold": 0}),
-    "every: wanted 1 to the 20 super steps of a plan, came 21": (PendulumWorld(), {"every": 21}),
+    "steps and hold: wanted at least 1, got 60 and 0": (PendulumWorld(), {"hold": 0}),
+    "every: wanted 1 to the 20 super steps of a plan, got 21": (PendulumWorld(), {"every": 21}),
 }  # fmt: skip
 
 

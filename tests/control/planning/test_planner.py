@@ -150,8 +150,8 @@ def test_planning_keeps_pace_with_a_display(planner: Planner, shipped: Emulator)
         (4, {"iterations": 0}, "at least 1"),
         (0, {}, "at least 1"),
         (3, {}, "Make it longer"),
-        (4, {"starts": 2}, "starts: wanted 1 to the 1 guesses, came 2"),
-        (5, {"parametrisation": 4}, "wanted one of 5 super steps, came 4"),
+        (4, {"starts": 2}, "starts: wanted 1 to the 1 guesses, got 2"),
+        (5, {"parametrisation": 4}, "wanted one of 5 super steps, got 4"),
     ],
 )
 def test_bad_arguments_are_refused_before_anything_is_compiled(

@@ -40,9 +40,9 @@ def test_the_command_line_writes_what_was_done(cli: Cli, tmp_path: Path):
     ("words", "message"),
     [
         (("--closed-loop", "--log", "x"), "log: does not go with --closed-loop"),
-        (("--horizon", "1"), "horizon: goes with --closed-loop only"),
-        (("--closed-loop", "--horizon", "99"), "horizon: wanted between 0.1 and 20 s, came 99"),
-        (("--closed-loop", "--seconds", "0.01"), "seconds: wanted between 0.05 and 600, came 0.01"),
+        (("--horizon", "1"), "horizon: applies to --closed-loop only"),
+        (("--closed-loop", "--horizon", "99"), "horizon: wanted between 0.1 and 20 s, got 99"),
+        (("--closed-loop", "--seconds", "0.01"), "seconds: wanted between 0.05 and 600, got 0.01"),
     ],
 )
 def test_what_does_not_go_together_is_refused_and_nothing_written(

@@ -142,12 +142,12 @@ def test_frames_make_a_clip_and_bones(pilot: Pilot):
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"speed": math.nan}, "speed: wanted a finite number, came nan"),
-        ({"speed": "fast"}, "speed: wanted a finite number, came 'fast'"),
-        ({"speed": 0.1, "turn": math.inf}, "turn: wanted a finite number, came inf"),
+        ({"speed": math.nan}, "speed: wanted a finite number, got nan"),
+        ({"speed": "fast"}, "speed: wanted a finite number, got 'fast'"),
+        ({"speed": 0.1, "turn": math.inf}, "turn: wanted a finite number, got inf"),
         ({"speed": 0.1, "climb": math.nan}, "climb: wanted a finite number"),
-        ({"speed": 0.1, "dt": 0.0}, "dt: wanted more than 0 s and at most 60 s, came 0"),
-        ({"speed": 0.1, "dt": 1000.0}, "dt: wanted more than 0 s and at most 60 s, came 1000"),
+        ({"speed": 0.1, "dt": 0.0}, "dt: wanted more than 0 s and at most 60 s, got 0"),
+        ({"speed": 0.1, "dt": 1000.0}, "dt: wanted more than 0 s and at most 60 s, got 1000"),
         ({"speed": 0.1, "state": [1.0, 2.0]}, "state: wanted"),
         ({"speed": 0.1, "state": np.zeros((2, 150))}, "state: wanted one of 150 numbers"),
     ],
@@ -217,5 +217,5 @@ def test_states_that_tell_an_estimator_nothing_are_refused(family: Policy, polic
         pilot.step(speed=0.1, dt=dt)
         with pytest.raises(NeuroAnimatorError, match="one super step, 0.1 s, apart"):
             pilot.step(speed=0.1, dt=family.dt, state=state)
-    with pytest.raises(NeuroAnimatorError, match="one of the policy's body, fish, came one of"):
+    with pytest.raises(NeuroAnimatorError, match="one of the policy's body, fish, got one of"):
         Pilot(policy, estimator=estimator)

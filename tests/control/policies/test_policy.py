@@ -256,7 +256,9 @@ FORGERIES = {
     "another version": lambda metadata: (
         metadata | {"emulator": metadata["emulator"] | {"format": 1}}
     ),
-    "commands of another meaning": lambda metadata: metadata | {"command": [["speed", 1, "knots"]]},
+    "commands with another meaning": lambda metadata: (
+        metadata | {"command": [["speed", 1, "knots"]]}
+    ),
     "sizes out of range": lambda metadata: metadata | {"widths": [10**9]},
     "no layers": lambda metadata: metadata | {"widths": []},
     "no numbers": lambda metadata: metadata | {"ranges": "fast"},

@@ -29,5 +29,5 @@ def test_two_seeds_in_two_processes_are_the_policies_of_one(tmp_path: Path):
 
 @pytest.mark.parametrize("seeds", [(), (1, 1)])
 def test_seeds_that_are_none_or_twice_are_refused(seeds: tuple[int, ...], tmp_path: Path):
-    with pytest.raises(ArgumentError, match="seeds: wanted some, each once"):
+    with pytest.raises(ArgumentError, match="seeds: wanted one or more, each once"):
         train_policies("fish", tmp_path, seeds, LocalExecutor(1), SMALL)

@@ -40,8 +40,11 @@ def test_a_school_is_written_and_what_it_cannot_be_is_refused(cli: Cli, tmp_path
             ["lander", "--school", "3"],
             "no policy of lander ships. Systems with one: dolphin, fish.",
         ),
-        (["fish", "--school", "65"], "wanted 1 to 64 bodies, came 65"),
-        (["fish", "--school", "2", "--start", "body.heading=1"], "start: a school swims as its"),
+        (["fish", "--school", "65"], "wanted 1 to 64 bodies, got 65"),
+        (
+            ["fish", "--school", "2", "--start", "body.heading=1"],
+            "start: a school is steered by its",
+        ),
         (["fish", "--school", "2", "--out", "a.csv"], "'a.csv' holds one body"),
     ):
         refused = cli("animate", *arguments, "--out", tmp_path / "b.glb")

@@ -88,6 +88,6 @@ def test_a_program_that_does_something_else_is_refused(
         module, "facts_of_policy", lambda policy: ["one nobody has made a program of"]
     )
     in_jax = super_step_in("auto", policy)
-    assert "does not do what policy_super_step does in JAX" in capsys.readouterr().err
+    assert "disagrees with policy_super_step in JAX" in capsys.readouterr().err
     set_backend("jax")
     np.testing.assert_array_equal(in_jax.states, super_step_in("jax", policy).states)

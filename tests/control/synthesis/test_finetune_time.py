@@ -67,11 +67,11 @@ def test_updates_are_given_up_as_soon_as_those_done_show_that_all_take_too_long(
 
 
 def test_minutes_below_none_are_refused(wrong: Emulator):
-    with pytest.raises(NeuroAnimatorError, match="minutes: wanted 0 or more, came -1"):
+    with pytest.raises(NeuroAnimatorError, match="minutes: wanted 0 or more, got -1"):
         found_within(wrong, -1, [])
 
 
 def test_control_says_before_it_learns_for_how_long_it_may(capsys: pytest.CaptureFixture[str]):
     _say_gap(0.5, 1.25)
     told = capsys.readouterr().err
-    assert told.startswith("gap 1.25: learning the physics around the motion, for at most 30 s in")
+    assert told.startswith("gap 1.25: training on the physics around the motion, at most 30 s in")

@@ -237,7 +237,7 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
             "start = { wheel = [1] }",
             "no part called 'wheel'. Did you mean wheel_rr? Parts, how many numbers and their unit: root.position (3, m)",
         ),
-        ('start = { "root.position" = [1] }', "'root.position' has 3 numbers [m], came 1"),
+        ('start = { "root.position" = [1] }', "'root.position' has 3 numbers [m], got 1"),
         ('start = { "root.orientation" = [0, 0, 0, 0] }', "quaternion"),
         ("costs = []", "my.toml: costs: "),
         ("[[costs]]\nweight = 1", "cost 1: no kind 'None'. Kinds: avoid, effort"),

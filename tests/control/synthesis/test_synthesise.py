@@ -178,9 +178,9 @@ def test_bad_arguments_are_refused_by_name(options, message: str, shipped: Emula
     ("options", "message"),
     [
         ({"method": "magic"}, "Methods: adam, gauss-newton, lbfgs, momentum"),
-        ({"iterations": 0}, "iterations and starts: wanted at least 1, came 0 and 1"),
-        ({"starts": 0}, "iterations and starts: wanted at least 1, came 18 and 0"),
-        ({"starts": 3, "first": np.zeros((2, 20, 3))}, "3 starts, came 2"),
+        ({"iterations": 0}, "iterations and starts: wanted at least 1, got 0 and 1"),
+        ({"starts": 0}, "iterations and starts: wanted at least 1, got 18 and 0"),
+        ({"starts": 3, "first": np.zeros((2, 20, 3))}, "3 starts, got 2"),
     ],
 )
 def test_bad_options_are_refused_where_they_are_made(options, message: str):
@@ -195,7 +195,7 @@ def test_what_no_motion_can_reach_is_refused_before_any_descent(shipped: Emulato
         keep_speed(system, 5.0, within=0.1),
         reach_positions(system, [[1.0, 0, 0]], [0.2], within=0.1),
     ):
-        with pytest.raises(NeuroAnimatorError, match="training showed 0.185 m/s at most"):
+        with pytest.raises(NeuroAnimatorError, match="training reached 0.185 m/s at most"):
             descend(fish, Objective.of(term), system.rest, steps=10)
     wild = stand_upright()
     goal = np.array(wild.terms[1].goal)

@@ -97,7 +97,7 @@ def test_control_says_in_words_that_nothing_proves_it_and_draws_the_emulator(
     for more in ((), ("--closed-loop",)):
         result = cli("control", emulator, *options, *more, cwd=folder)
         assert result.returncode == 0, result.stderr
-        assert "proves nothing" in result.stdout
+        assert "verifies nothing" in result.stdout
         assert "physics" not in result.stdout
     assert b"ghost" not in (folder / "c.glb").read_bytes()
 

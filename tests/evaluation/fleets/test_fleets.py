@@ -117,7 +117,7 @@ def test_the_command_line_prints_the_table_and_refuses_settings_of_one_emulator(
     written(tmp_path, SMALL.replace("seeds = [0, 1]", "seeds = [0]"))
     refused = cli("train", "fleet.toml", "--out", "fleet", "--updates", 250, cwd=tmp_path)
     assert refused.returncode == 2
-    assert "is a fleet: write updates into its sizes" in refused.stderr
+    assert "is a fleet: set updates in its sizes" in refused.stderr
     assert not (tmp_path / "fleet").exists()
     made = cli("train", "fleet.toml", "--out", "fleet", cwd=tmp_path)
     assert made.returncode == 0, made.stderr

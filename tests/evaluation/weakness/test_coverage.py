@@ -126,7 +126,7 @@ def test_a_half_generated_folder_says_what_is_missing(dataset: Path, cli: Cli, t
     assert shown.returncode == 0, shown.stderr
     assert "run the same 'generate' again" in shown.stdout
     (folder / "shard-00000.safetensors").write_bytes(b"torn")
-    with pytest.raises(NeuroAnimatorError, match="holds no whole shard yet"):
+    with pytest.raises(NeuroAnimatorError, match="holds no complete shard yet"):
         coverage(folder)
     (folder / "shard-00000.safetensors").unlink()
     assert "0 of 2 made" in cli("info", folder).stdout

@@ -93,15 +93,15 @@ def test_a_recordings_super_steps_are_those_of_the_emulator(shipped: Emulator, r
                 lines[41].replace(lines[41].split(",")[3], "nan"),
                 *lines[42:],
             ],
-            r"r.csv, line 42, column 4 \(state.angle.1 rad\): wanted a finite number, came 'nan'",
+            r"r.csv, line 42, column 4 \(state.angle.1 rad\): wanted a finite number, got 'nan'",
         ),
         (
             lambda lines: [line.replace("state.angle.0", "state.tilt") for line in lines],
-            r"r.csv: no column 'state.angle.0 rad' and 'state.tilt rad' is none of the emulator's. Wanted state.angle.0",
+            r"r.csv: no column 'state.angle.0 rad' and 'state.tilt rad' is no column of the emulator. Wanted state.angle.0",
         ),
         (
             lambda lines: lines[::3],
-            r"r.csv: sampled every 0.03 s, which does not fill the emulator's super step of 0.05 s a whole number",
+            r"r.csv: sampled every 0.03 s; the emulator's super step of 0.05 s is not a whole multiple of that",
         ),
         (lambda lines: lines[:40], r"r.csv: 11 windows to learn from .* Record longer"),
         (lambda lines: lines[:1], r"r.csv: 0 rows"),

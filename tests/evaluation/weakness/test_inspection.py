@@ -109,7 +109,7 @@ def test_what_lies_beyond_training_is_counted_with_how_much_worse_it_is():
     relative = np.where(is_covered, 1.0, 7.0)[:, None] * np.ones((1, 6))
     found = outside_of_training(is_covered, relative)
     assert (found.samples, found.share, found.ratio) == (25, 0.25, 7)
-    assert "25 samples (0.25 of all) lie outside of what training showed" in str(found)
+    assert "25 samples (0.25 of all) lie outside the training data" in str(found)
     nowhere = outside_of_training(np.ones(100, bool), relative)
     assert (nowhere.samples, nowhere.share, nowhere.ratio) == (0, 0, 0)
 
@@ -165,7 +165,7 @@ def test_info_tells_errors_of_an_emulator_and_of_nothing_else(
     assert sum(everything["errors"]["counts"]) == everything["samples"]
     refused = cli("info", dataset, "--errors")
     assert refused.returncode == 2
-    assert "errors: wanted an emulator, came the folder" in refused.stderr
+    assert "errors: wanted an emulator, got the folder" in refused.stderr
 
 
 def few_runs(held_out_runs: Callable[..., HeldOut], *arguments: Any, **options: Any) -> HeldOut:

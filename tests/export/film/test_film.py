@@ -50,12 +50,12 @@ def share_of_width(clip: Clip, film: Film) -> float:
 @pytest.mark.parametrize(
     ("size", "camera", "message"),
     [
-        ("1281x720", "follow", "wanted even numbers of pixels between 32 and 4096.* came 1281x720"),
-        ("8000x4000", "follow", "came 8000x4000"),
-        ("0x720", "follow", "came 0x720"),
-        ("1280", "follow", "wanted width x height in pixels, such as 1280x720, came '1280'"),
-        ("1e3x720", "follow", "came '1e3x720'"),
-        ("-2x720", "follow", "came '-2x720'"),
+        ("1281x720", "follow", "wanted even numbers of pixels between 32 and 4096.* got 1281x720"),
+        ("8000x4000", "follow", "got 8000x4000"),
+        ("0x720", "follow", "got 0x720"),
+        ("1280", "follow", "wanted width x height in pixels, such as 1280x720, got '1280'"),
+        ("1e3x720", "follow", "got '1e3x720'"),
+        ("-2x720", "follow", "got '-2x720'"),
         ("9" * 5000 + "x720", "follow", "at most 4096 pixels a side"),
         (
             "1280x720",
@@ -141,10 +141,10 @@ def test_an_arm_that_stays_is_filmed_by_a_camera_that_stays():
 
 def test_clips_that_cannot_be_seen_together_are_refused(tmp_path: Path):
     fish, cube = held("fish", np.ones(9)), held("cube", np.ones(9))
-    with pytest.raises(ArgumentError, match="wanted several of one system, came cube beside fish"):
+    with pytest.raises(ArgumentError, match="wanted clips of one system, got fish and cube"):
         write_video([fish, cube], tmp_path / "a.mp4")
     slow = Clip("fish", fish.skeleton, fish.times * 2, fish.states)
-    with pytest.raises(ArgumentError, match="wanted one rate, came 15 beside 30"):
+    with pytest.raises(ArgumentError, match="wanted one rate, got 30 and 15 frames"):
         write_video([fish, slow], tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
 

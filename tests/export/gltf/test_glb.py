@@ -147,7 +147,7 @@ def test_several_bodies_keep_their_places_and_motions_and_share_scenery_and_shap
 
 def test_no_clips_and_a_ghost_beside_several_are_refused(tmp_path: Path):
     clip = a_clip("cube")
-    with pytest.raises(ArgumentError, match="wanted 1 to 1000 in one file, came 0"):
+    with pytest.raises(ArgumentError, match="wanted 1 to 1000 in one file, got 0"):
         write_glb([], tmp_path / "a.glb")
     with pytest.raises(ArgumentError, match="ghost: wanted another motion of the same body"):
         write_glb([clip, clip], tmp_path / "a.glb", ghost=clip)

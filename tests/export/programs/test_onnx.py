@@ -100,7 +100,7 @@ def test_a_function_is_the_same_in_onnx(name: str, batch: int):
     ],
 )
 def test_what_there_is_no_operator_for_is_refused(function: Callable):
-    with pytest.raises(UnsupportedError, match="No code can be written for JAX' operation"):
+    with pytest.raises(UnsupportedError, match="No code can be generated for the JAX operation"):
         onnx_bytes(six_numbers(function))
 
 
@@ -245,11 +245,11 @@ def test_scores_outside_are_the_emulators_wherever_an_input_lies():
 def test_of_a_file_from_before_there_were_scores_there_is_none_which_is_said(tmp_path: Path):
     old = replace(load_emulator("pendulum-50"), meter=None)
     written = write_onnx(old, tmp_path / "old.onnx")
-    assert "gives no trust: the file is from before there were scores" in written.summary()
+    assert "No trust: the file is too old to have trust scores" in written.summary()
     assert [output.name for output in onnx.load(written.path).graph.output] == ["next_state"]
     in_numpy = numpy_runtime.load(io.BytesIO(npz_bytes(definition_of(old, has_trust=True))))
     assert in_numpy.step(old.rest, np.zeros(3)).shape == (6,)
-    with pytest.raises(ValueError, match="no scores of trust"):
+    with pytest.raises(ValueError, match="no trust scores"):
         in_numpy.trust(old.rest, np.zeros(3))
 
 
@@ -278,7 +278,7 @@ def test_a_program_that_does_something_else_is_refused():
     _, computed = run_onnx(onnx_bytes(definition_of(slow)), vectors.inputs)
     assert vectors.check(computed, "It") < 1e-4
     _, computed = run_onnx(onnx_bytes(definition_of(fast)), vectors.inputs)
-    with pytest.raises(NeuroAnimatorError, match="It does not do what JAX does, so nothing"):
+    with pytest.raises(NeuroAnimatorError, match="It disagrees with JAX, so nothing"):
         vectors.check(computed, "It")
     computed = vectors.expected["next_state"].copy()
     computed[3, 2] = np.nan

@@ -24,7 +24,7 @@ inputs.state.forEach((state, i) => {
   const control = policy.control(state);
   control.forEach((number, j) => assert.ok(Math.abs(number - outputs.control[i][j]) <= tolerance.control[j]));
 });
-assert.throws(() => policy.control([0]), /state: wanted 6 numbers, came 1/);
+assert.throws(() => policy.control([0]), /state: wanted 6 numbers, got 1/);
 console.log(facts.kind);
 """
 

@@ -68,9 +68,9 @@ for (const body of [0, 15, 16, 20000]) {
 const off = [0, 0, 0, 0];
 assert.equal(emulator.covers(emulator.rest, off), true);
 assert.equal(emulator.covers(emulator.rest, [1e9, 0, 0, 0]), false);
-assert.throws(() => emulator.step([1, 2], off), /state: wanted 13 numbers, came 2/);
-assert.throws(() => emulator.rollout(emulator.rest, [1, 2, 3]), /controls: wanted 0 numbers, came 3/);
-assert.throws(() => emulator.batch(0.5), /count: wanted a whole number of 1 or more, came 0.5/);
+assert.throws(() => emulator.step([1, 2], off), /state: wanted 13 numbers, got 2/);
+assert.throws(() => emulator.rollout(emulator.rest, [1, 2, 3]), /controls: wanted 0 numbers, got 3/);
+assert.throws(() => emulator.batch(0.5), /count: wanted a whole number of 1 or more, got 0.5/);
 console.log("all is well");
 """
 
@@ -86,7 +86,7 @@ inputs.state.forEach((state, i) => {
   control.forEach((number, j) => assert.ok(Math.abs(number - outputs.control[i][j]) <= tolerance.control[j]));
 });
 assert.ok(facts.phase_per_step > 0);
-assert.throws(() => policy.control(facts.rest, 0, [0]), /command: wanted 4 numbers, came 1/);
+assert.throws(() => policy.control(facts.rest, 0, [0]), /command: wanted 4 numbers, got 1/);
 console.log("all is well");
 """
 
@@ -145,7 +145,7 @@ def test_types_name_what_the_es_module_has(lander: Path):
 def test_a_module_that_does_something_else_is_refused(lander: Path):
     emulator = load_emulator("lander-100")
     module = wasm_file.Module(wasmtime, (lander / "lander.wasm").read_bytes(), "lander")
-    with pytest.raises(NeuroAnimatorError, match="does not do what JAX does"):
+    with pytest.raises(NeuroAnimatorError, match="disagrees with JAX"):
         check_steps(module.call, make_vectors(definition_of(emulator), emulator))
 
 

@@ -181,7 +181,7 @@ def test_a_chain_of_as_many_bones_as_there_may_be_is_written_and_read(tmp_path: 
 
 
 def test_what_cannot_be_drawn_together_is_refused(tmp_path: Path):
-    with pytest.raises(ArgumentError, match="clips: wanted 1 to 1000 in one file, came 0"):
+    with pytest.raises(ArgumentError, match="clips: wanted 1 to 1000 in one file, got 0"):
         write_usd([], tmp_path / "a.usda")
     with pytest.raises(ArgumentError, match="ghost: wanted another motion of the same body"):
         write_usd(a_clip("fish"), tmp_path / "a.usda", ghost=a_clip("truck"))

@@ -139,9 +139,9 @@ def test_starts_are_of_bodies_all_over_the_ranges(fishes: DeformableSystem):
     [
         ("spring/muscles/stiffness", [5, 6], "Did you mean spring/muscle/stiffness"),
         ("body/mass", [0.1, 0.3], "no 'body/mass'"),
-        ("body/length", [0, 0.3], "wanted values above 0, came 0 m"),
+        ("body/length", [0, 0.3], "wanted values above 0, got 0 m"),
         ("body/length", [0.3, 0.4], "around the body's own value, 0.26 m"),
-        ("spring/damping_factor", [-1, 2], "wanted values at least 0, came -1"),
+        ("spring/damping_factor", [-1, 2], "wanted values at least 0, got -1"),
         ("spring/stiffness_factor", [0.5, 9], "with p = 9: physics.step: .* Or narrow the range"),
         ("spring/damping_factor", [0.5, 50], "with p = 50: physics.step"),
     ],

@@ -130,11 +130,11 @@ def test_the_body_itself_is_accepted_and_its_mirror_found():
             put(["nose", "tial"], "springs", "all", "pairs", 0),
             "springs: .* no node called 'tial'. Nodes: nose, left",
         ),
-        (put(0.0, "nodes", "top", 3), "nodes.top: wanted .* above 0 kg, came 0 kg"),
-        (put(-1.0, "nodes", "top", 3), "nodes.top: .* came -1 kg"),
+        (put(0.0, "nodes", "top", 3), "nodes.top: wanted .* above 0 kg, got 0 kg"),
+        (put(-1.0, "nodes", "top", 3), "nodes.top: .* got -1 kg"),
         (put(float("nan"), "nodes", "top", 3), "nodes.top"),
-        (many_nodes, f"nodes: wanted at most {MAX_NODES}, came {MAX_NODES + 5}"),
-        (many_springs, f"springs: wanted at most {MAX_SPRINGS}, came {MAX_SPRINGS + 10}"),
+        (many_nodes, f"nodes: wanted at most {MAX_NODES}, got {MAX_NODES + 5}"),
+        (many_springs, f"springs: wanted at most {MAX_SPRINGS}, got {MAX_SPRINGS + 10}"),
         (
             put([0.2, 0.0, 0.0, 0.1], "nodes", "top"),
             r"springs: \['nose', 'top'\] has no length at rest",
@@ -164,7 +164,7 @@ def test_nodes_and_springs_that_make_no_body_are_refused(
         ),
         (
             put([], "muscles", "springs", "lift"),
-            "muscles.springs.lift: wanted at least one spring, came none",
+            "muscles.springs.lift: wanted at least one spring, got none",
         ),
         (
             both(
@@ -182,9 +182,9 @@ def test_nodes_and_springs_that_make_no_body_are_refused(
         ),
         (
             put({"along": [1.0, 0.0, 0.0]}, "external_forces"),
-            "muscles or external_forces: wanted exactly one .*, came both",
+            "muscles or external_forces: wanted exactly one .*, got both",
         ),
-        (drop("muscles"), "muscles or external_forces: .*, came neither"),
+        (drop("muscles"), "muscles or external_forces: .*, got neither"),
         (put(["nose", "left"], "groups", "front"), "groups: in none of them: right"),
         (
             put(["top", "tail", "nose"], "groups", "back"),
@@ -193,7 +193,7 @@ def test_nodes_and_springs_that_make_no_body_are_refused(
         (put(["top", "tial"], "groups", "back"), "groups.back: no node called 'tial'"),
         (
             put(["nose", "top", "left"], "faces", 0),
-            r"faces: \['nose', 'top', 'left'\] and .* look to opposite sides",
+            r"faces: \['nose', 'top', 'left'\] and .* face opposite sides",
         ),
         (put([["nose", "top", "left"]], "faces"), r"faces: \['nose', 'top', 'left'\] looks inward"),
         (put(["nose", "tail", "nose"], "faces", 0), "faces: .* has no area"),
@@ -216,29 +216,29 @@ def test_muscles_groups_and_faces_that_make_no_sense_are_refused(
         ),
         (put("rihgt", "mirror", "left"), "mirror: no node or control called 'rihgt'"),
         (put("right", "mirror", "top"), "mirror: 'right' has two partners, 'left' and 'top'"),
-        (drop("mirror", "left"), "mirror: node left: .* needs .*, came .*position"),
+        (drop("mirror", "left"), "mirror: node left: .* needs .*, got .*position"),
         (
             put([0.0, -0.11, 0.0, 0.2], "nodes", "right"),
-            "mirror: node (left|right): .* needs .*, came .*position",
+            "mirror: node (left|right): .* needs .*, got .*position",
         ),
         (
             put([0.0, -0.1 - 1e-8, 0.0, 0.2], "nodes", "right"),
-            "mirror: node (left|right): .* needs .*, came .*position",
+            "mirror: node (left|right): .* needs .*, got .*position",
         ),
         (
             put([0.0, 1e-3, 0.1, 0.1], "nodes", "top"),
-            "mirror: node top: .* needs .*, came .*position",
+            "mirror: node top: .* needs .*, got .*position",
         ),
         (
             put(0.21, "nodes", "right", 3),
-            "mirror: node right: .* 0.2\\], came .* 0.21\\].*mass",
+            "mirror: node right: .* 0.2\\], got .* 0.21\\].*mass",
         ),
         (
             drop("springs", "all", "pairs", 5),
-            "mirror: spring left to top: .*, came none",
+            "mirror: spring left to top: .*, got none",
         ),
-        (split_springs(stiffness=51.0), "mirror: spring .* needs \\[50.0, .* came \\[51.0"),
-        (split_springs(damping=0.2), "mirror: spring .* needs \\[50.0, 0.1, .* came \\[50.0, 0.2"),
+        (split_springs(stiffness=51.0), "mirror: spring .* needs \\[50.0, .* got \\[51.0"),
+        (split_springs(damping=0.2), "mirror: spring .* needs \\[50.0, 0.1, .* got \\[50.0, 0.2"),
         (drop("mirror", "pull_left"), "mirror: spring .* share by which each muscle"),
         (
             put([["left", "top"]], "muscles", "springs", "pull_left"),

@@ -119,7 +119,7 @@ def test_an_evaluation_says_that_the_function_at_its_own_step_is_the_truth(tmp_p
     emulator = train(read_transitions(tmp_path / "data"), settings, tmp_path / "e.safetensors")
     found = evaluate(emulator, budget=FAST)
     assert found.is_own_reference
-    assert "held against the physics at its own step, which is the truth" in found.note
+    assert "measured against the physics at its own step, which is the truth" in found.note
     write_report([found], tmp_path / "report.html")
     report = (tmp_path / "report.html").read_text()
     assert "which is the truth here" in report
@@ -134,7 +134,7 @@ def test_a_function_that_fails_at_a_smaller_step_is_never_called_with_one(tmp_pa
 
 
 def test_a_function_that_ignores_dt_cannot_be_an_equation(tmp_path: Path):
-    with pytest.raises(NeuroAnimatorError, match="ODE: step does the same for every dt"):
+    with pytest.raises(NeuroAnimatorError, match="ODE: step gives the same result for every dt"):
         system_from(
             tmp_path, SPRING.replace("control, dt):", "control, dt):\n    dt = 0.01"), "fixed"
         )
@@ -170,7 +170,7 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
     [
         (
             ("STEP = 0.01", ""),
-            "broken.py: STEP: wanted a line like `STEP = 0.01`, from 1e-08 to 3600 s, came nothing",
+            "broken.py: STEP: wanted a line like `STEP = 0.01`, from 1e-08 to 3600 s, got nothing",
         ),
         (("STATE = ", "STATES = "), "STATE: wanted a line like"),
         (('"m/s"}', '"knots"}'), "state.speed: unknown unit 'knots'. Convert to one of: 1, m, m/s"),
@@ -184,7 +184,7 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
         (("    speed = ", "    spee d = "), "broken.py, line 13: invalid syntax"),
         (("control[0]", "control[1]"), "broken.py, line 13: IndexError: index 1 is out of bounds"),
         (("[state[0] + dt * speed, speed]", "[speed]"), "broken.py: step returned shape"),
-        (("ODE = True", "ODE = 1"), "broken.py: ODE: wanted a line like `ODE = True`, came 1"),
+        (("ODE = True", "ODE = 1"), "broken.py: ODE: wanted a line like `ODE = True`, got 1"),
         (
             ("import numpy as np", "import numpy as np\nimport sys\nsys.exit(4)"),
             "broken.py, line 3: SystemExit: 4",

@@ -256,12 +256,12 @@ GOOD = [HEADER, "0,0.00,0.1,0,1", "0,0.02,0.2,0,2", "0,0.04,0.3,0,1"]
         ),
         (
             [*GOOD, "0,0.06,nan,0,1"],
-            "bad.csv, line 5, column 3 (state.angle rad): wanted a finite number, came 'nan'",
+            "bad.csv, line 5, column 3 (state.angle rad): wanted a finite number, got 'nan'",
         ),
         ([*GOOD, "0,0.06,0.4,inf,1"], "bad.csv, line 5, column 4"),
         (
             [*GOOD, "0,0.06,1_0,0,1"],
-            "column 3 (state.angle rad): wanted a finite number, came '1_0'",
+            "column 3 (state.angle rad): wanted a finite number, got '1_0'",
         ),
         ([*GOOD, "0,0.06,0.4,٣,1"], "bad.csv, line 5, column 4"),
         ([*GOOD, "0,0.06,0.4,0,on"], "bad.csv, line 5, column 5 (control.torque N·m)"),
@@ -374,7 +374,7 @@ def test_semicolons_decimal_commas_and_units_in_brackets_say_the_same(
 @pytest.mark.parametrize(
     ("scale", "offset", "message"),
     [
-        (1e8, 0.0, "state.angle rad comes to"),
+        (1e8, 0.0, "state.angle rad reaches"),
         (1e-8, 0.0, "taken for rounding. Give it in another unit"),
         (1.0, 1e4, "1 of 2400 samples lie more than 10 times as far out"),
     ],

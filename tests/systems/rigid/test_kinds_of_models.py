@@ -218,7 +218,7 @@ REFUSED = {
     "plugins run foreign code": model_with(
         others='<extension><plugin plugin="mujoco.pid"/></extension>'
     ),
-    "is no part of the state. Remove nsample and delay": model_with(
+    "is not part of the state. Remove nsample and delay": model_with(
         actuators=on_shoulder("motor", 'ctrlrange="-1 1" delay="0.02" nsample="5"')
     ),
 }

@@ -188,7 +188,7 @@ def test_the_command_line_trains_a_hierarchy(toml: Path, cli, tmp_path: Path):
     assert isinstance(network, Hierarchy)
     assert network.widths == (16, 0, 8)
     wrong = cli(*wanted, "--widths", "16,8")
-    assert "wanted the upper network's layers, 0, a child's layers; came [16, 8]" in wrong.stderr
+    assert "wanted the upper network's layers, 0, a child's layers; got [16, 8]" in wrong.stderr
 
 
 def test_the_command_line_says_that_a_hierarchy_needs_groups(dataset: Path, cli, tmp_path: Path):

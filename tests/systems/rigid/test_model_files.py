@@ -222,7 +222,7 @@ def test_files_above_the_model_are_read_where_its_user_says_so(tmp_path, monkeyp
     tree = tmp_path / "robots"
     write(tree, {"meshes/a.stl": stl(1), "parts/body.xml": mujoco_xml(body=body)})
     main = write(tree, {"arm/m.xml": mujoco_xml(inside, '<include file="../parts/body.xml"/>')})
-    assert f"say 'new --tree {tree}'" in refusal(main)
+    assert f"use 'new --tree {tree}'" in refusal(main)
     files = read_model_files(main, tree)
     assert [name for name, _ in files.files] == ["arm/m.xml", "meshes/a.stl", "parts/body.xml"]
     assert compile_model(ModelFiles.from_json(files.to_json())).nmesh == 1
@@ -239,7 +239,7 @@ def test_the_folder_of_a_package_without_its_file_is_told(tmp_path):
     )
     message = refusal(main)
     assert "no such file" in message
-    assert f"say 'new --tree {tmp_path / 'robot'}'" in message
+    assert f"use 'new --tree {tmp_path / 'robot'}'" in message
     assert compile_model(read_model_files(main, tmp_path / "robot")).nmesh == 1
 
 

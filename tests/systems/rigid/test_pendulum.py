@@ -118,7 +118,7 @@ def test_bad_numbers_are_refused_by_name():
         load_system("pendlum")
     with pytest.raises(
         NeuroAnimatorError,
-        match=r"torque\[1\] N·m out of bounds; wanted between -14 and 14, came 15",
+        match=r"torque\[1\] N·m out of bounds; wanted between -14 and 14, got 15",
     ):
         system.simulate(np.zeros((1, 6)), np.array([[[0.0, 15, 0]]]), 0.05)
     with pytest.raises(NeuroAnimatorError, match=r"state: velocity\[0\] rad/s is not finite"):

@@ -146,7 +146,7 @@ def test_a_mimicking_joint_follows_and_has_no_motor(tmp_path: Path):
     data.ctrl[0] = 6.0
     mujoco.mj_step(model, data, 2000)
     assert data.qpos[1] == pytest.approx(0.1 - 0.5 * data.qpos[0], abs=0.02)
-    with pytest.raises(NeuroAnimatorError, match="mimics the joint 'hipp', which is not there"):
+    with pytest.raises(NeuroAnimatorError, match="mimics the joint 'hipp', which does not exist"):
         compiled(tmp_path, text.replace('mimic joint="hip"', 'mimic joint="hipp"'))
 
 

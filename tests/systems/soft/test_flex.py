@@ -285,18 +285,18 @@ REFUSED = {
     "follow a coarser grid": model_of(
         GROUND + JELLY.replace("dim=", 'dof="trilinear" dim=') + BALL
     ),
-    "go along without inertia": model_of(BALL.replace("</body>", CLOTH + "</body>")),
+    "be carried along without inertia": model_of(BALL.replace("</body>", CLOTH + "</body>")),
     "moves by joints, beside the soft body": model_of(
         CLOTH + BALL + '<body name="box" pos="1 1 1"><freejoint/><geom size="0.1"/></body>'
     ),
     "inside a body that moves": model_of(
         '<body name="box" pos="1 1 1"><freejoint/><geom size="0.1"/>' + CLOTH + "</body>" + BALL
     ),
-    "hangs on a body that moves": model_of(
+    "is attached to a body that moves": model_of(
         BALL + '<body name="a"><freejoint/><geom size="0.1"/></body><body name="b" pos="1 0 0"/>',
         '<deformable><flex name="f" dim="1" body="a b" vertex="0 0 0 0 0 0" element="0 1"/></deformable>',
     ),
-    "falls for ever": model_of(JELLY + BALL),
+    "falls forever": model_of(JELLY + BALL),
 }
 
 
@@ -314,12 +314,12 @@ def test_other_movers_and_another_kind_are_refused(toml: Path, tmp_path: Path):
     text = toml.read_text()
     (tmp_path / "rope.toml").write_text(text.replace("[movers.hand]", "[movers.foot]"))
     with pytest.raises(
-        NeuroAnimatorError, match=r"wanted the mocap bodies of rope.xml, hand; came 'foot'"
+        NeuroAnimatorError, match=r"wanted the mocap bodies of rope.xml, hand; got 'foot'"
     ):
         na.load_system(str(tmp_path / "rope.toml"))
     rigid = 'name = "rope"\nmodel = "rope.xml"\n[physics]\nstep = 0.002\ntruth_step = 0.001\nfine_step = 0.0002\n'
     (tmp_path / "rope.toml").write_text(rigid)
     with pytest.raises(NeuroAnimatorError, match="it has a soft body"):
         na.load_system(str(tmp_path / "rope.toml"))
-    with pytest.raises(NeuroAnimatorError, match="begins as it hangs"):
+    with pytest.raises(NeuroAnimatorError, match="starts at rest as modelled"):
         write_definition(str(tmp_path / "rope.xml"), force=True, keyframe="home")

@@ -73,14 +73,14 @@ def spoilt(change):
         (lambda p, f: (np.vstack([p, [9, 9, 9]]), f, NO_PINS), "no face has the nodes 9"),
         (
             lambda p, f: (np.vstack([p, p[:1]]), np.vstack([f, [9, 1, 4]]), NO_PINS),
-            "lie where others do",
+            "coincide with others",
         ),
         (lambda p, f: (p, np.vstack([f, [0, 1, 2]]), NO_PINS), "face 8 has no area"),
         (lambda p, f: (p, np.vstack([f, f[:1]]), NO_PINS), "face opposite ways"),
         (lambda p, f: (p, np.vstack([f, [4, 0, 8]]), NO_PINS), "faces share the edge"),
         (lambda p, f: (p, f + 1, NO_PINS), "wanted faces of its 9 nodes"),
-        (lambda p, f: (p * np.nan, f, NO_PINS), "no finite number"),
-        (lambda p, f: (p, f, np.array([9])), "pins: 9 are no nodes"),
+        (lambda p, f: (p * np.nan, f, NO_PINS), "is not finite"),
+        (lambda p, f: (p, f, np.array([9])), "pins: 9 are not nodes"),
     ],
 )
 def test_a_mesh_that_is_no_surface_is_refused_by_name(change, message):

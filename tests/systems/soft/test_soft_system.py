@@ -345,7 +345,7 @@ def test_a_cost_of_a_node_is_of_where_the_node_is(cloth):
     np.testing.assert_allclose(
         seen, cloth.shapes.decode(moving_states(cloth)[:4], [node])[:, 0], atol=1e-5
     )
-    with pytest.raises(NeuroAnimatorError, match="wanted 0 to 143, came 144"):
+    with pytest.raises(NeuroAnimatorError, match="wanted 0 to 143, got 144"):
         na.reach_node(cloth, SIDE * SIDE, [0, 0, 0], within=1)
 
 
@@ -368,7 +368,7 @@ within = 0.5
     np.testing.assert_array_equal(found.residuals(motion), meant.residuals(motion))
     file.write_text(text.replace("143", "144"))
     with pytest.raises(
-        BadFileError, match=r"cost 1 \(reach_node\): node: wanted 0 to 143, came 144"
+        BadFileError, match=r"cost 1 \(reach_node\): node: wanted 0 to 143, got 144"
     ):
         read_objective(file, cloth)
 
@@ -397,9 +397,9 @@ def test_the_wind_of_a_flag_is_a_parameter_that_no_motion_changes():
     [
         (
             'breeze = { sets = "air/wind", range = [0.0, 1.0] }',
-            r"parameters.breeze.sets: wanted one of air/wind_x, air/wind_y, air/wind_z, came 'air/wind'",
+            r"parameters.breeze.sets: wanted one of air/wind_x, air/wind_y, air/wind_z, got 'air/wind'",
         ),
-        ('breeze = { sets = "air/wind_y", range = [1.0, 2.0] }', "own value, 0 m/s, came 1 to 2"),
+        ('breeze = { sets = "air/wind_y", range = [1.0, 2.0] }', "own value, 0 m/s, got 1 to 2"),
     ],
 )
 def test_a_parameter_that_cannot_be_is_refused(

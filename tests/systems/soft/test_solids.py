@@ -362,7 +362,7 @@ def spoilt(change: str) -> str:
     ("change", "message"),
     [
         ("inside out", "tetrahedra 0, 1, 2, … are inside out. Swap two corners"),
-        ("doubled", "lie where others do. Merge"),
+        ("doubled", "coincide with others. Merge"),
         ("flat", "has no volume"),
         ("not finite", "wanted three coordinates"),
         ("no tetrahedra", "no tetrahedra. Mesh the inside"),
@@ -373,7 +373,7 @@ def spoilt(change: str) -> str:
         ("short", "wanted at least 3 numbers"),
         ("more labels than numbers", "wanted four nodes of the file"),
         ("a node that is not there", "wanted four nodes of the file"),
-        ("a node twice", "two nodes have one number"),
+        ("a node twice", "two nodes have the same number"),
         ("no msh", "no \\$MeshFormat"),
     ],
 )
@@ -389,7 +389,7 @@ def test_a_mesh_that_is_none_is_refused_by_name(tmp_path: Path, change: str, mes
     [
         ("position = [-0.16", "position = [-0.05", "begin inside a collider of 'paddle'"),
         ("height = 0.0", "height = 0.1", "begin under it. Lower it"),
-        ("turns = true", "pins = [99]", "pins: 99 are no nodes; the mesh has 0 to 63"),
+        ("turns = true", "pins = [99]", "pins: 99 are not nodes; the mesh has 0 to 63"),
         ("box = [0.02", "radius = 0.1\nbox = [0.02", "wanted a radius, or a box"),
     ],
 )
@@ -421,5 +421,5 @@ def test_a_solid_is_drawn_with_normals_at_all_nodes(jelly, tmp_path: Path):
 def test_a_body_over_no_ground_is_refused(jelly):
     definition = jelly.scene.definition.model_copy(update={"ground": None})
     mesh = read_mesh("jelly.msh", msh_4(*cube()).encode())
-    with pytest.raises(NeuroAnimatorError, match="falls for ever. Add a \\[ground\\]"):
+    with pytest.raises(NeuroAnimatorError, match="falls forever. Add a \\[ground\\]"):
         Scene(definition, mesh)

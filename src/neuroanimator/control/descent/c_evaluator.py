@@ -266,7 +266,7 @@ def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | 
         program = load_program(about, make, partial(_controls_reference, definition), _check)
     except UnsupportedError as error:
         name = type(parametrisation).__name__
-        warn_once(f"{name}: {error} JAX is used instead of C, which takes longer.")
+        warn_once(f"{name}: {error} JAX is used instead of C, which is slower.")
         program = None
     if program is None:
         return _known.keep(None, parametrisation)

@@ -58,7 +58,7 @@ class GradientTrust:
         if self.cosine >= WARN_BELOW:
             return ""
         return (
-            f"The emulator's gradient points elsewhere than the physics': cosine {self.cosine:.2f}, "
+            f"The emulator's gradient disagrees with the physics': cosine {self.cosine:.2f}, "
             f"wanted {WARN_BELOW}. Shorten the motion, or refine the emulator."
         )
 
@@ -176,7 +176,7 @@ def _simulate(system: System, starts: np.ndarray, controls: np.ndarray, dt: floa
     runs = system.simulate_fastest(starts, controls, dt)
     if runs.has_diverged.any():
         raise NeuroAnimatorError(
-            "The physics diverged under these controls: it has no gradient there. Shorten the motion."
+            "The physics diverged under these controls, so it has no gradient. Shorten the motion."
         )
     return runs.states
 

@@ -59,11 +59,11 @@ class DescentOptions:
         check_method(self.method)
         if min(self.iterations, self.starts) < 1:
             raise ArgumentError(
-                f"iterations and starts: wanted at least 1, came {self.iterations} and {self.starts}."
+                f"iterations and starts: wanted at least 1, got {self.iterations} and {self.starts}."
             )
         if self.first is not None and self.first.ndim == 3 and len(self.first) != self.starts:
             raise ArgumentError(
-                f"first: wanted one guess, or one for each of {self.starts} starts, came {len(self.first)}."
+                f"first: wanted one guess, or one for each of {self.starts} starts, got {len(self.first)}."
             )
 
     def parametrisation_of(self, emulator: Emulator, steps: int) -> Parametrisation:
@@ -79,7 +79,7 @@ def check_steps(steps: object) -> None:
     """Raise ArgumentError unless `steps` is a whole number of at least 1."""
     if not isinstance(steps, int | np.integer) or steps < 1:
         raise ArgumentError(
-            f"steps: wanted a whole number of super steps, at least 1; came {steps}."
+            f"steps: wanted a whole number of super steps, at least 1; got {steps}."
         )
 
 

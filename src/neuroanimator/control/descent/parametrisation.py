@@ -83,7 +83,7 @@ class Spline(Parametrisation):
 
         if not 4 <= knots <= steps:
             raise ArgumentError(
-                f"knots: wanted between 4 and the {steps} super steps, came {knots}."
+                f"knots: wanted between 4 and the {steps} super steps, got {knots}."
             )
         inner = np.linspace(0, 1, knots - 2)
         knot_times = np.concatenate([[0.0] * CUBIC, inner, [1.0] * CUBIC])
@@ -136,7 +136,7 @@ class Periodic(Parametrisation):
         """Return the parametrisation by patterns whose frequency is near that of `period` [s]."""
         if not 2 * dt < period < np.inf:
             raise ArgumentError(
-                f"period: wanted more than two super steps of {dt:g} s, came {period:g} s."
+                f"period: wanted more than two super steps of {dt:g} s, got {period:g} s."
             )
         return cls(*_bounds(bounds), steps, as_parameter(period), dt)
 

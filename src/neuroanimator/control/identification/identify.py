@@ -106,7 +106,7 @@ def identify(
 
     The state at the start of every window of `window` seconds is found as well, so that noise in it does no harm and
     velocities need not be measured. `delay` also finds the sensors' common delay, `offsets` the offset of
-    each sensor. By default the result is corrected and proved on the `physics`, if available.
+    each sensor. By default the result is corrected and verified on the `physics`, if available.
 
     Raises ArgumentError for an emulator without parameters, BadFileError for recordings that do not fit it.
     """
@@ -132,7 +132,7 @@ def identify(
     slopes = fitter.slopes(emulated)
     system = replayable_system(emulator) if physics else None
     if system is not None and system.can_simulate:
-        with phase("proving it on the physics"):
+        with phase("verifying it on the physics"):
             nominal = _at_nominal(fitter, emulated, system)
             first = replace(stages[0], values=emulated.values)
             proven = _on_physics(fitters, first, system)
@@ -246,7 +246,7 @@ def _unproven(system: System | None) -> list[str]:
     """Return why nothing was proved, if the physics is missing."""
     if system is None or not system.missing:
         return []
-    return [f"not proved: {system.missing} Parameters are as good as the emulator."]
+    return [f"not verified: {system.missing} Parameters are as good as the emulator."]
 
 
 def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
@@ -254,13 +254,13 @@ def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
     notes = []
     for name in findings.not_shown:
         notes.append(
-            f"{name}: the recordings never show it; its value is hardly more than the nominal one. Record motions that "
+            f"{name}: the recordings do not determine it; its value is little more than the nominal one. Record motions that "
             "depend on it."
         )
     for names in findings.confused:
         notes.append(
-            f"{', '.join(names)}: cannot be told apart; only a combination of them is known. Fix one, by a range around what "
-            "you measured otherwise, or record other motions."
+            f"{', '.join(names)}: cannot be told apart; only a combination of them is known. Fix one, by a narrow range "
+            "around a measured value, or record other motions."
         )
     for name in findings.at_end:
         place = unknowns.names.index(name)
@@ -297,14 +297,14 @@ def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
     notes = []
     if delay not in known and is_sure[delay] and change[delay] > LATE * emulator.dt:
         notes.append(
-            f"what was measured seems to be {change[delay] * 1e3:.2g} ms late: --delay finds that as well."
+            f"the measurements seem to be {change[delay] * 1e3:.2g} ms late: --delay finds the delay, too."
         )
     for place, entry in enumerate(unknowns.offsets, delay + 1):
         is_large = abs(change[place]) > NOTEWORTHY * fit.noise[entry]
         if place not in known and is_sure[place] and is_large:
             name = unknowns.names[place].removeprefix("offset of ")
             notes.append(
-                f"{name} seems to be off by {change[place]:.3g} {unknowns.units[place]} throughout: --offsets finds that as "
-                "well."
+                f"{name} seems to be off by {change[place]:.3g} {unknowns.units[place]} throughout: --offsets finds the "
+                "offset, too."
             )
     return notes

@@ -105,7 +105,7 @@ def read_measurements(
         found, runs = _on_grid(recording, emulator)
         if columns and found != columns:
             raise BadFileError(
-                f"{recording.file}: other columns than in the recording before it. Give recordings of the same sensors."
+                f"{recording.file}: other columns than the recording before it. Give recordings of the same sensors."
             )
         columns = found
         grids += runs
@@ -127,7 +127,7 @@ def _window_steps(dt: float, window: float | None) -> int:
         steps = SHORTEST * round(steps / SHORTEST)  # so that it can be split
     if steps < MIN_STEPS:
         raise ArgumentError(
-            f"window: wanted at least {MIN_STEPS} super steps, {MIN_STEPS * dt:g} s, came {window:g} s."
+            f"window: wanted at least {MIN_STEPS} super steps, {MIN_STEPS * dt:g} s, got {window:g} s."
         )
     return steps
 
@@ -171,7 +171,7 @@ def _entry(recording: Recording, vector: str, names: list[str], column: tuple[st
             f"{recording.file}: column '{vector}.{name}' is in {unit}, the emulator's in {like[0].split(' ')[1]}. Convert it."
         )
     raise BadFileError(
-        f"{recording.file}: '{vector}.{wanted}' is none of the emulator's. {did_you_mean(wanted, names)}"
+        f"{recording.file}: '{vector}.{wanted}' is no column of the emulator. {did_you_mean(wanted, names)}"
         f"Columns: {listed(f'{vector}.{known}' for known in names)}."
     )
 
@@ -266,7 +266,7 @@ def _sparse(
     every = round(recording.step / dt)
     if abs(every * dt - recording.step) > MAX_TIME_ERROR * dt:
         raise BadFileError(
-            f"{recording.file}: sampled every {recording.step:g} s, which is no whole number of super steps of {dt:g} s. "
+            f"{recording.file}: sampled every {recording.step:g} s, which is not a whole number of super steps of {dt:g} s. "
             "Resample it, or train an emulator whose super step fits."
         )
     steps = (len(measured) - 1) * every

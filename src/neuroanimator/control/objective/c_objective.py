@@ -550,6 +550,6 @@ def _prepared(form: ObjectiveForm) -> tuple[ObjectiveForm, LoadedProgram] | None
             return None
         program = load_program(form.about(), form.write, form.refer, form.check)
     except UnsupportedError as error:
-        warn_once(f"{form.objective}: {error} JAX is used instead of C, which takes longer.")
+        warn_once(f"{form.objective}: {error} JAX is used instead of C, which is slower.")
         return None
     return None if program is None else (form, program)

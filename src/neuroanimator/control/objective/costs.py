@@ -153,7 +153,7 @@ def reach_positions(
     if times is not None:
         if len(times) != len(wanted) or not min(times) >= 0:
             raise ArgumentError(
-                f"keyframes: wanted {len(wanted)} times of at least 0 s, came {list(times)}."
+                f"keyframes: wanted {len(wanted)} times of at least 0 s, got {list(times)}."
             )
         when = Moments.of(tuple(times))
     return _near_pose(system, "position", wanted, within, weight, when, which)
@@ -329,10 +329,10 @@ def reach_node(
     shapes = system.skeleton.shapes
     if shapes is None:
         raise ArgumentError(
-            f"node: {system.name} is no soft body, which alone has nodes. reach_point is for a point of a body."
+            f"node: {system.name} is no soft body, so it has no nodes. Use reach_point for a point of a body."
         )
     if not 0 <= node < len(shapes.mean):
-        raise ArgumentError(f"node: wanted 0 to {len(shapes.mean) - 1}, came {node}.")
+        raise ArgumentError(f"node: wanted 0 to {len(shapes.mean) - 1}, got {node}.")
     return NearNode(
         weight=as_parameter(weight),
         when=Moments.of(at, since),
@@ -421,7 +421,7 @@ def follow_path(
     lengths = np.concatenate([[0.0], np.cumsum(legs)])
     if len(points) < 2 or not lengths[-1] > 0:
         raise ArgumentError(
-            f"follow_path: wanted at least two different points, came {len(points)}."
+            f"follow_path: wanted at least two different points, got {len(points)}."
         )
     if within is None:
         within = PATH_SHARE * float(lengths[-1])
@@ -495,7 +495,7 @@ def travel(
     names = [bone.name for bone in system.skeleton.bones if bone.joints]
     if body is None and names and not has_pose(system.structure):
         raise ArgumentError(
-            f'travel: {system.name} has no free root. Say which body is to come forward: body = "{names[0]}", '
+            f'travel: {system.name} has no free root. Name the body to move forward: body = "{names[0]}", '
             f"or another of {', '.join(names)}."
         )
     if body is None:
@@ -597,13 +597,13 @@ def stay_within(
     sizes = (1, len(entries))
     if len(lows) not in sizes or len(highs) not in sizes:
         raise ArgumentError(
-            f"stay_within: wanted one bound or {len(entries)} for '{part}', came {low} and {high}."
+            f"stay_within: wanted one bound or {len(entries)} for '{part}', got {low} and {high}."
         )
     lows = np.broadcast_to(lows, len(entries))
     highs = np.broadcast_to(highs, len(entries))
     if not (lows < highs).all():
         raise ArgumentError(
-            f"stay_within: wanted low below high for '{part}', came {low} and {high}."
+            f"stay_within: wanted low below high for '{part}', got {low} and {high}."
         )
     return StayWithin(
         weight=as_parameter(weight),
@@ -623,7 +623,7 @@ def _structure(system: System) -> Structure:
 
 def _axes(names: str) -> tuple[int, ...]:
     if not names or any(name not in "xyz" for name in names) or len(set(names)) != len(names):
-        raise ArgumentError(f"axes: wanted some of x, y, z, such as 'xy', came '{names}'.")
+        raise ArgumentError(f"axes: wanted some of x, y, z, such as 'xy', got '{names}'.")
     return tuple("xyz".index(name) for name in names)
 
 
@@ -639,7 +639,7 @@ def _numbers(
         wanted = f"{size or 'some'} finite {numbers}"
         if rows:
             wanted = f"rows of {wanted}"
-        raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
+        raise ArgumentError(f"{label}: wanted {wanted}, got {array.tolist()}.")
     return as_parameter(array)
 
 
@@ -649,7 +649,7 @@ def _number(label: str, value: float) -> Float[np.ndarray, " ..."]:
 
 def _positive(label: str, value: float) -> Float[np.ndarray, " ..."]:
     if not 0 < value < math.inf:
-        raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
+        raise ArgumentError(f"{label}: wanted a finite number above 0, got {value:g}.")
     return as_parameter(value)
 
 
@@ -657,5 +657,5 @@ def _unit_vector(label: str, direction: ArrayLike) -> Float[np.ndarray, " ..."]:
     vector = _numbers(label, direction, 3)
     length = float(np.linalg.norm(vector))
     if length == 0:
-        raise ArgumentError(f"{label}: wanted a direction, came zeros.")
+        raise ArgumentError(f"{label}: wanted a direction, got zeros.")
     return vector / length

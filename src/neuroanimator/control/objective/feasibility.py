@@ -55,7 +55,7 @@ def _check_state(term: ReachState, emulator: Emulator) -> None:
     if (np.abs(features) > limit)[:of_state].any():
         raise ArgumentError(
             "objective: the wanted state lies outside what the emulator was trained on. "
-            "Choose one nearer to rest, or train with wilder starts."
+            "Choose one nearer to rest, or train with wider starts."
         )
 
 
@@ -63,8 +63,8 @@ def _check_speed(term: CostTerm, fastest: float, start: np.ndarray, seconds: flo
     wanted = _wanted_speed(term, start, seconds)
     if wanted > MARGIN * fastest:
         raise ArgumentError(
-            f"objective: wanted {wanted:.3g} m/s, or as far away as that takes; training showed {fastest:.3g} m/s "
-            "at most. Choose a nearer goal, or more time."
+            f"objective: it takes {wanted:.3g} m/s to get there; training reached {fastest:.3g} m/s at most. "
+            "Choose a nearer goal, or more time."
         )
 
 

@@ -119,7 +119,7 @@ def goal_objective(
     """
     if not 0 <= effort_weight < math.inf:
         raise ArgumentError(
-            f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}."
+            f"effort_weight: wanted a finite number of at least 0, got {effort_weight:g}."
         )
     return Objective.of(effort(effort_weight), goal(system, name, since=since))
 
@@ -127,7 +127,7 @@ def goal_objective(
 def steps_in(seconds: float, dt: float, longest: float) -> int:
     """Return the number of super steps of `dt` [s] in `seconds`; ArgumentError for less than one, or more than `longest`."""
     if not dt <= seconds <= longest:
-        raise ArgumentError(f"seconds: wanted between {dt:g} and {longest:g}, came {seconds:g}.")
+        raise ArgumentError(f"seconds: wanted between {dt:g} and {longest:g}, got {seconds:g}.")
     return round(seconds / dt)
 
 
@@ -208,7 +208,7 @@ def _judged_entries(system: System, goal: Goal) -> list[tuple[int, int, float]]:
         own = wanted.keys() & set(range(placed.entries.start, placed.entries.stop))
         if own and not placed.segment.change_size:
             raise ArgumentError(
-                f"goal: '{_part_of(system, min(own))}' follows the controls exactly, and no goal judges it. Name a part that "
+                f"goal: '{_part_of(system, min(own))}' follows the controls exactly, so it cannot be a goal. Name a part that "
                 "moves by itself, or a node of the body (reach_node)."
             )
         for number in range(placed.segment.change_size):

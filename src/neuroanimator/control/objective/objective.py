@@ -87,7 +87,7 @@ def checked_rows(term: StateTerm, steps: int, dt: float) -> Int[np.ndarray, " K"
     if len(beyond):
         raise ArgumentError(
             f"objective: {type(term).__name__} looks at state {beyond[0]} of a motion with states 0 to {steps}. "
-            "Make the motion longer, or mend the term's rows."
+            "Make the motion longer, or correct the term's rows."
         )
     return rows % (steps + 1)
 
@@ -108,7 +108,7 @@ class Moments:
         Raises ArgumentError for both, and for times that are negative or not finite.
         """
         if at is not None and since is not None:
-            raise ArgumentError(f"at and since: wanted one of them, came {at} and {since:g} s.")
+            raise ArgumentError(f"at and since: wanted one of them, got {at} and {since:g} s.")
         if since is not None:
             return cls((_time("since", since),), lasts=True)
         if at is None:
@@ -138,7 +138,7 @@ ALL_ALONG = Moments((0.0,), lasts=True)
 
 def _time(label: str, seconds: float) -> float:
     if not 0 <= seconds < math.inf:
-        raise ArgumentError(f"{label}: wanted a time of at least 0 s, came {seconds:g}.")
+        raise ArgumentError(f"{label}: wanted a time of at least 0 s, got {seconds:g}.")
     return float(seconds)
 
 
@@ -173,7 +173,7 @@ class Objective(eqx.Module):
         for cost in costs:
             if isinstance(cost, Objective):
                 raise ArgumentError(
-                    f"objective: wanted cost terms and functions, came {cost!r} within another objective. "
+                    f"objective: wanted cost terms and functions, got {cost!r} within another objective. "
                     "Give what it is made of: *objective.terms, *objective.functions."
                 )
         terms = tuple(cost for cost in costs if isinstance(cost, CostTerm))

@@ -55,22 +55,22 @@ def check_objective(
     weights = [float(term.weight) for term in objective.terms]
     if any(not 0 <= weight < math.inf for weight in weights):
         raise ArgumentError(
-            f"objective: wanted weights of at least 0, came {min(weights, key=_rank):g}."
+            f"objective: wanted weights of at least 0, got {min(weights, key=_rank):g}."
         )
     if not objective.functions and not any(weights):
         raise ArgumentError(
-            "objective: every weight is zero, so every motion is as good. Give a term a weight."
+            "objective: every weight is zero, so all motions are equally good. Give a term a weight."
         )
     for term in objective.terms:
         check_times(term, steps, emulator.dt)
     cost, slopes = _of_resting(objective, emulator, start, steps)
     if not np.isfinite(cost):
         raise ArgumentError(
-            "objective: J of staying at the start is not finite. Mend the term that makes it."
+            "objective: J of staying at the start is not finite. Correct the term that causes it."
         )
     if not all(np.isfinite(slope).all() for slope in slopes):
         raise ArgumentError(
-            "objective: J has no finite slope, like a square root at zero. Smooth the term that makes it."
+            "objective: J has no finite gradient, like a square root at zero. Smooth the term that causes it."
         )
 
 
@@ -111,7 +111,7 @@ def check_times(term: CostTerm, steps: int, dt: float) -> None:
     latest = max(getattr(when, "times", ()) or (0.0,))
     if latest > (steps + 0.5) * dt:
         raise ArgumentError(
-            f"objective: something is wanted at {latest:g} s, but the motion lasts {steps * dt:g} s. Make it longer."
+            f"objective: a term applies at {latest:g} s, but the motion lasts {steps * dt:g} s. Make it longer."
         )
 
 
@@ -124,9 +124,9 @@ def _check_function(function: CostFunction, trajectory: Trajectory) -> None:
             f"objective: '{name}' failed: {type(error).__name__}: {error}"
         ) from error
     if not hasattr(shape, "shape") or shape.shape != ():
-        came = getattr(shape, "shape", type(shape).__name__)
+        given = getattr(shape, "shape", type(shape).__name__)
         raise ArgumentError(
-            f"objective: '{name}' must return one number, came {came}. Sum or average it."
+            f"objective: '{name}' must return one number, got {given}. Sum or average it."
         )
 
 

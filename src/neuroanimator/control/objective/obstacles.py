@@ -84,7 +84,7 @@ def avoid(
     points = as_numbers(probes, "probes")
     if not zones or points.ndim != 2 or points.shape[1] != 2 or not 0 < margin < math.inf:
         raise ArgumentError(
-            f"avoid: wanted zones, probes (P, 2) and margin above 0, came {len(zones)}, {points.shape}, {margin:g}."
+            f"avoid: wanted zones, probes (P, 2) and margin above 0, got {len(zones)}, {points.shape}, {margin:g}."
         )
     read_pose(system.structure, system.rest)
     return Avoid(

@@ -49,10 +49,10 @@ def stay_trusted(
     """
     if not 0 < threshold < np.inf:  # NaN is refused too
         raise ArgumentError(
-            f"threshold: wanted a score above 0, came {threshold}. 1 is the edge of training."
+            f"threshold: wanted a score above 0, got {threshold}. 1 is the edge of training."
         )
     if emulator.meter is None:
         raise ArgumentError(
-            "threshold: this emulator's file is from before there were scores. na.fit_trust(emulator, data) gives it one."
+            "threshold: this emulator's file is too old to have trust scores. na.fit_trust(emulator, data) adds them."
         )
     return StayTrusted(emulator, as_parameter(threshold), as_parameter(weight))

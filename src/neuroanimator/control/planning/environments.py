@@ -131,10 +131,10 @@ def control_environment(
     if hold is None:
         hold = _steps_in(planner.emulator.dt, environment)
     if min(steps, hold) < 1:
-        raise ArgumentError(f"steps and hold: wanted at least 1, came {steps} and {hold}.")
+        raise ArgumentError(f"steps and hold: wanted at least 1, got {steps} and {hold}.")
     if not 1 <= every <= planner.parametrisation.steps:
         raise ArgumentError(
-            f"every: wanted 1 to the {planner.parametrisation.steps} super steps of a plan, came {every}."
+            f"every: wanted 1 to the {planner.parametrisation.steps} super steps of a plan, got {every}."
         )
     check_actions(planner.emulator, environment)
     observation = _reset(environment, seed)
@@ -186,8 +186,8 @@ def _steps_in(dt: float, environment: Environment) -> int:
     count = round(dt / step)
     if count < 1 or abs(count * step - dt) > SAME_TIME * dt:
         raise ArgumentError(
-            f"environment: its step of {step:g} s does not fill the emulator's super step of {dt:g} s a whole number of "
-            "times. Train with --substeps that make such a multiple."
+            f"environment: the emulator's super step of {dt:g} s is not a whole multiple of its step of {step:g} s. "
+            "Train with --substeps that make it one."
         )
     return count
 
@@ -207,7 +207,7 @@ def _reset(environment: Environment, seed: int | None) -> Any:
     result = environment.reset(seed=seed)
     if not isinstance(result, tuple) or len(result) != 2:
         raise ArgumentError(
-            f"environment.reset: wanted (observation, info) as Gymnasium has it, came {_form(result)}. "
+            f"environment.reset: wanted (observation, info) as Gymnasium has it, got {_form(result)}. "
             "Wrap dm_control's in DmEnvironment."
         )
     observation = result[0]
@@ -230,17 +230,17 @@ def _step(environment: Environment, control: Float[np.ndarray, " C"]) -> _Moment
     if not isinstance(result, tuple) or len(result) != RESULTS:
         raise ArgumentError(
             "environment.step: wanted (observation, reward, terminated, truncated, info) as Gymnasium has it, "
-            f"came {_form(result)}. Wrap dm_control's in DmEnvironment."
+            f"got {_form(result)}. Wrap dm_control's in DmEnvironment."
         )
     observation, reward, is_terminated, is_truncated, _ = result
     if np.ndim(reward) or not np.isfinite(reward):
         raise ArgumentError(
-            f"environment.step: wanted a finite number as reward, came {_form(reward)}."
+            f"environment.step: wanted a finite number as reward, got {_form(reward)}."
         )
     for flag in (is_terminated, is_truncated):
         if np.ndim(flag):
             raise ArgumentError(
-                f"environment.step: wanted True or False as terminated and truncated, came {_form(flag)}."
+                f"environment.step: wanted True or False as terminated and truncated, got {_form(flag)}."
             )
     _check_observation(environment, observation, "step")
     is_over = bool(is_terminated) or bool(is_truncated)

@@ -34,7 +34,7 @@ class ParameterEstimator:
     """Estimates parameters by Gauss-Newton steps through the emulator, over the last super steps.
 
     These are cut into short windows that begin at measured states; `identify` also searches for the starts, which takes
-    a hundred times as long. Nothing is proved on the physics: a parameter is as good as the emulator. Parameters that the
+    a hundred times as long. Nothing is verified on the physics: a parameter is as good as the emulator. Parameters that the
     last motion does not show stay at their nominal values.
     """
 
@@ -50,9 +50,7 @@ class ParameterEstimator:
                 f"{emulator.system}: its emulator is of one body and has no parameters to estimate. Use one of a family."
             )
         if min(windows, every) < 1:
-            raise ArgumentError(
-                f"windows and every: wanted at least 1, came {windows} and {every}."
-            )
+            raise ArgumentError(f"windows and every: wanted at least 1, got {windows} and {every}.")
         self.emulator = emulator
         self.windows = windows
         self.every = every

@@ -107,19 +107,19 @@ class Planner:
         check_method(method)
         if min(steps, iterations) < 1:
             raise ArgumentError(
-                f"steps and iterations: wanted at least 1, came {steps} and {iterations}."
+                f"steps and iterations: wanted at least 1, got {steps} and {iterations}."
             )
         if not 0 <= guesses <= MAX_GUESSES:
-            raise ArgumentError(f"guesses: wanted 0 to {MAX_GUESSES}, came {guesses}.")
+            raise ArgumentError(f"guesses: wanted 0 to {MAX_GUESSES}, got {guesses}.")
         if not 1 <= starts <= max(1, guesses):
             raise ArgumentError(
-                f"starts: wanted 1 to the {max(1, guesses)} guesses, came {starts}. Give more guesses."
+                f"starts: wanted 1 to the {max(1, guesses)} guesses, got {starts}. Give more guesses."
             )
         if parametrisation is None:
             parametrisation = EachStep.of(steps, bounds or emulator.bounds)
         if parametrisation.steps != steps:
             raise ArgumentError(
-                f"parametrisation: wanted one of {steps} super steps, came {parametrisation.steps}."
+                f"parametrisation: wanted one of {steps} super steps, got {parametrisation.steps}."
             )
         check_objective(objective, emulator, emulator.rest, steps)
         problem = pose_problem(emulator, objective, parametrisation, emulator.rest)
@@ -161,7 +161,7 @@ class Planner:
         """Return this planner for an objective of the same costs with other numbers: nothing is recompiled."""
         if not bool(eqx.tree_equal(_without_numbers(objective), _without_numbers(self.objective))):
             raise ArgumentError(
-                "objective: wanted the planner's costs with other numbers. Make a new planner."
+                "objective: only numbers in the planner's costs may change. Make a new planner."
             )
         problem = pose_problem(self.emulator, objective, self.parametrisation, self.emulator.rest)
         return replace(self, objective=objective, _evaluator=evaluator_of(problem))

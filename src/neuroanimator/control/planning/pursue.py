@@ -108,7 +108,7 @@ def pursue_goal(
     horizon = HORIZON_STEPS * dt if horizon is None else horizon
     if not 2 * dt <= horizon <= MAX_HORIZON_STEPS * dt:
         raise ArgumentError(
-            f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, came {horizon:g}."
+            f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, got {horizon:g}."
         )
     begin = np.asarray(goal_start(system, name) if start is None else start, float)
     # Effort is counted per second, and slow systems take many.
@@ -129,7 +129,7 @@ def pursue_goal(
     regulator = regulator_of(plant, system, wanted, emulator.bounds, dt, weight)
     way_steps = min(steps, steps_in(wanted.seconds, dt, MAX_SECONDS * slowness(dt)))
     began = time.perf_counter()
-    with phase("searching for the way there"):
+    with phase("searching for a motion to the goal"):
         way = _way(emulator, system, name, weight, begin, way_steps, regulator)
     search_seconds = time.perf_counter() - began
     motion = drive(plant, begin, lambda step, _: way[step], way_steps, on_step=on_step)
@@ -202,13 +202,15 @@ def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
     if pursuit.way_steps:
         played = pursuit.way_steps * pursuit.dt
         way = f"searched for in {pursuit.search_seconds:.1f} s and played for {played:.4g} s"
-        rows.append(("way there", way))
+        rows.append(("motion to the goal", way))
     where = (
-        "on the true physics" if pursuit.is_on_physics else "on the emulator, which proves nothing"
+        "on the true physics"
+        if pursuit.is_on_physics
+        else "on the emulator, which verifies nothing"
     )
     answer = "no"
     if pursuit.is_reached:
         answer = f"yes, from {pursuit.seconds_to_goal:.4g} s on"
     elif pursuit.is_at_goal.any():
-        answer = "no: it was there, and left again"
+        answer = "no: reached, then left again"
     return [*rows, (f"goal reached {where}", answer)]

@@ -52,7 +52,7 @@ def rollout_on_emulator(
     checked = policy.emulator.state.check(starts, "starts")
     if checked.ndim != 2 or steps < 1:
         raise ArgumentError(
-            f"starts and steps: wanted (B, S) and at least 1, came {checked.shape} and {steps}."
+            f"starts and steps: wanted (B, S) and at least 1, got {checked.shape} and {steps}."
         )
     phase = jax.random.uniform(jax.random.key(seed), (len(checked),), maxval=2 * jnp.pi)
     if is_in_c(policy):

@@ -145,7 +145,7 @@ class Pilot:
         asked_climb = _finite("climb", climb)
         if not TINY < _finite("dt", dt) <= MAX_FRAME:
             raise ArgumentError(
-                f"dt: wanted more than 0 s and at most {MAX_FRAME:g} s, came {dt:g}."
+                f"dt: wanted more than 0 s and at most {MAX_FRAME:g} s, got {dt:g}."
             )
         if state is not None:
             self._go_on_from(self._checked(np.array(state, float)))
@@ -180,7 +180,7 @@ class Pilot:
         gaps = np.diff(times)
         if len(times) < 2 or gaps.min() <= 0 or np.ptp(gaps) > UNEVEN * gaps.mean():
             raise ArgumentError(
-                f"frames: wanted two or more, evenly spaced in time, came {len(times)}."
+                f"frames: wanted two or more, evenly spaced in time, got {len(times)}."
             )
         spec = self.policy.emulator.spec
         states = np.stack([frame.state for frame in frames])
@@ -219,7 +219,7 @@ class Pilot:
         if not self._is_begin_measured or abs(passed - self._super_step) > TINY:
             raise ArgumentError(
                 f"state: an estimator learns from states one super step, {self._super_step:g} s, apart. "
-                "Hand one over at each, with dt=pilot.policy.dt."
+                "Pass one at each, with dt=pilot.policy.dt."
             )
 
     def _interpolated(self) -> Float[np.ndarray, " S"]:
@@ -237,7 +237,7 @@ class Pilot:
         checked = self.policy.emulator.state.check(state, "state")
         if checked.ndim != 1:
             raise ArgumentError(
-                f"state: wanted one of {checked.shape[-1]} numbers, came shape {checked.shape}."
+                f"state: wanted one of {checked.shape[-1]} numbers, got shape {checked.shape}."
             )
         return checked
 
@@ -269,11 +269,11 @@ def _check_estimator(
         )
     if estimator.emulator.state != policy.emulator.state:
         raise ArgumentError(
-            f"estimator: wanted one of the policy's body, {policy.emulator.system}, came one of {estimator.emulator.system}."
+            f"estimator: wanted one of the policy's body, {policy.emulator.system}, got one of {estimator.emulator.system}."
         )
 
 
 def _finite(label: str, value: object) -> float:
     if not isinstance(value, int | float | np.number) or not math.isfinite(value):
-        raise ArgumentError(f"{label}: wanted a finite number, came {value!r}.")
+        raise ArgumentError(f"{label}: wanted a finite number, got {value!r}.")
     return float(value)

@@ -141,7 +141,7 @@ class CommandedMotion(PilotMotion):
         emulator = policy.emulator
         if system and (system.state, system.control) != (emulator.state, emulator.control):
             raise ArgumentError(
-                f"system: wanted the body of the policy, {emulator.system}, came {system.name}."
+                f"system: wanted the body of the policy, {emulator.system}, got {system.name}."
             )
         self.policy = policy
         self.system = system
@@ -163,7 +163,7 @@ class CommandedMotion(PilotMotion):
 
     def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
         if climb != 0:
-            raise ArgumentError(f"climb: this body walks on the ground, came {climb:g}. Say 0.")
+            raise ArgumentError(f"climb: this body walks on the ground, got {climb:g}. Use 0.")
         told = self.reference.with_command(state, np.array([speed, turn]))
         controls = np.asarray(_control(self.policy, as_jax(told)), float)
         controls = self.policy.emulator.bounds.clip(controls)

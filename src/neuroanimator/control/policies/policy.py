@@ -319,7 +319,7 @@ def policy_from(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, 
     try:
         policy = with_tensors(blank_policy(metadata), policy_leaves, tensors)
         if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
-            raise ValueError("its emulator is another than it was trained through")
+            raise ValueError("its emulator is not the one it was trained through")
         return policy
     except FAULTS as error:
         raise BadFileError(
@@ -338,7 +338,7 @@ def check_policy_formats(path: Path, metadata: dict[str, Any], wanted: int, make
 def blank_policy(metadata: dict[str, Any]) -> Policy:
     """Return a policy of the described structure with zero weights."""
     if metadata["command"] != COMMAND.to_json():
-        raise ValueError("commands of another meaning")
+        raise ValueError("commands with another meaning")
     ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
     for low, high in zip(ranges.low, ranges.high, strict=True):
         if not low < high:

@@ -90,7 +90,7 @@ def train_policies(
     if the executor's workers can access this disk. The best has the least validation loss.
     """
     if not seeds or len(set(seeds)) < len(seeds):
-        raise ArgumentError(f"seeds: wanted some, each once; came {list(seeds)}.")
+        raise ArgumentError(f"seeds: wanted one or more, each once; got {list(seeds)}.")
     source = find_emulator(str(emulator))
     content = read_bounded(source, SIZE_LIMIT)
     # Workers have only the emulator's bytes, without files beside them.

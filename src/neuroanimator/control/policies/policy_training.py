@@ -103,10 +103,10 @@ class PolicyTraining:
     def __post_init__(self) -> None:
         for name, least in (("updates", 1), ("batch", 1), ("steps", 1), ("starts", 8)):
             if getattr(self, name) < least:
-                raise ArgumentError(f"{name}: wanted at least {least}, came {getattr(self, name)}.")
+                raise ArgumentError(f"{name}: wanted at least {least}, got {getattr(self, name)}.")
         if not 0 < self.learning_rate < 1:
             raise ArgumentError(
-                f"learning_rate: wanted a number between 0 and 1, came {self.learning_rate:g}."
+                f"learning_rate: wanted a number between 0 and 1, got {self.learning_rate:g}."
             )
 
 
@@ -249,7 +249,7 @@ def gait_speed(emulator: Emulator) -> float:
     spec = emulator.spec
     if spec.gait is None:
         raise ArgumentError(
-            f"The system {spec.system} has no gait. Give its definition one, to know its speed."
+            f"The system {spec.system} has no gait, which sets its speed. Add one to its definition."
         )
     steps = round(GAIT_SECONDS / emulator.dt)
     controls = spec.gait.controls(steps, emulator.dt, spec.bounds)

@@ -273,7 +273,7 @@ class ReferenceMotion(eqx.Module):
             commands=commands,
         )
         if commands is not None and (count % motion.lap or count < motion.lap):
-            raise ValueError(f"reference: wanted {motion.lap} frames of each lap, came {count}")
+            raise ValueError(f"reference: wanted {motion.lap} frames of each lap, got {count}")
         faster = None if commands is None else commands.faster
         if faster is not None and count // motion.lap <= faster.laps:
             raise ValueError(f"reference: wanted more than {faster.laps} laps")

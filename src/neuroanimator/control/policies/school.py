@@ -64,16 +64,16 @@ def school_clips(
             f"school: no policy of {emulator.system} ships. Systems with one: {', '.join(POLICIES)}."
         )
     if not 1 <= count <= MAX_SCHOOL:
-        raise ArgumentError(f"school: wanted 1 to {MAX_SCHOOL} bodies, came {count}.")
+        raise ArgumentError(f"school: wanted 1 to {MAX_SCHOOL} bodies, got {count}.")
     policy = load_policy(emulator.system)
     if seconds is None:
         seconds = USUAL_SECONDS
     if not policy.dt <= seconds <= MAX_SECONDS:
         raise ArgumentError(
-            f"seconds: wanted between {policy.dt:g} and {MAX_SECONDS:g}, came {seconds:g}."
+            f"seconds: wanted between {policy.dt:g} and {MAX_SECONDS:g}, got {seconds:g}."
         )
     if seed < 0:
-        raise ArgumentError(f"seed: wanted 0 or more, came {seed}.")
+        raise ArgumentError(f"seed: wanted 0 or more, got {seed}.")
     motions = school_motion(policy, count, seconds, seed)
     return [make_clip(policy.emulator, one, rate=rate, source="emulator") for one in motions]
 

@@ -53,7 +53,7 @@ def design(
     """Return the body whose motion of `steps` super steps from `start` (S,) is the best by `objective`, and that motion.
 
     The named `parameters` are varied beside the controls, over their ranges in training; those of `start`
-    are the first guess. The best few are corrected and proved on the physics with their parameters, and so is the
+    are the first guess. The best few are corrected and verified on the physics with their parameters, and so is the
     motion of the body of `start`, which is kept if no other is better.
 
     Raises ArgumentError for names that are not parameters, and what `synthesise` raises.

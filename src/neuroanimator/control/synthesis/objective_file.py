@@ -167,7 +167,7 @@ def _objective_of(table: ObjectiveTable, system: System) -> ObjectiveFile:
         )
     longest = MAX_SECONDS * slowness(MANY_SUBSTEPS * system.physics_dt)
     if table.seconds > longest:
-        raise ArgumentError(f"seconds: wanted at most {longest:g}, came {table.seconds:g}.")
+        raise ArgumentError(f"seconds: wanted at most {longest:g}, got {table.seconds:g}.")
     terms = [_cost(number, values, system) for number, values in enumerate(table.costs, start=1)]
     return ObjectiveFile(
         system=system,
@@ -196,7 +196,7 @@ def _parametrisation_maker(
     for key, owner in (("knots", "spline"), ("period", "periodic")):
         if getattr(table, key) is not None and table.parametrisation != owner:
             raise ArgumentError(
-                f'{key}: goes with parametrisation = "{owner}" only, came "{table.parametrisation}".'
+                f'{key}: goes with parametrisation = "{owner}" only, got "{table.parametrisation}".'
             )
     period = table.period
     if period is None and system.gait is not None:

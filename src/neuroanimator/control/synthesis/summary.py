@@ -14,7 +14,7 @@ MINUTES_SPARE = 2.0
 SMALL_GAP = 0.05
 """Relative difference up to which two values of J are called equal."""
 
-UNPROVED = "nothing proves this controller: it was tried on the emulator alone. Try it with care"
+UNPROVED = "not verified: this controller was tried on the emulator alone. Use it with care"
 """Text for a controller that was tried on the emulator alone."""
 
 
@@ -69,7 +69,7 @@ def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     ]
     if synthesis.is_reached is not None:
         answer = "yes" if synthesis.is_reached else "no"
-        rows.append(("goal reached on the emulator, which proves nothing", answer))
+        rows.append(("goal reached on the emulator, which verifies nothing", answer))
     return rows
 
 
@@ -90,15 +90,16 @@ def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | N
     gap = cost_physics - cost_emulator
     if abs(gap) <= SMALL_GAP * max(cost_emulator, cost_physics):
         if is_missed:
-            return meaning + "the emulator foretold as high a J"
-        return meaning + "the physics does what the emulator foretold"
+            return meaning + "the emulator predicted as high a J"
+        return meaning + "the physics does what the emulator predicted"
     if gap < 0:
-        return meaning + "the physics does even better than the emulator foretold"
+        return meaning + "the physics does even better than the emulator predicted"
     if is_gap_large(cost_emulator, cost_physics):
         return (
-            meaning + "the physics does much worse than the emulator foretold: trust the physics' J"
+            meaning
+            + "the physics does much worse than the emulator predicted: trust the physics' J"
         )
-    return meaning + "the physics does a little worse than the emulator foretold"
+    return meaning + "the physics does a little worse than the emulator predicted"
 
 
 def warnings_of(synthesis: Synthesis) -> list[str]:

@@ -128,7 +128,7 @@ def synthesise(
     `measures_trust` measures whether the emulator's gradient can be trusted, at random controls: at its optimum it vanishes.
 
     Without physics, as for recordings or a missing model, the controller is the best on the emulator,
-    which proves nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
+    which verifies nothing. Nothing is corrected, refined or measured, and `outcome.is_on_physics` is False.
 
     Raises ArgumentError for an objective that cannot be descended, DivergedError if the physics diverges at the first guess.
     """
@@ -191,7 +191,7 @@ def finetune(
 ) -> Attempt:
     """Return the best of `attempt` and others with emulators trained on the physics around it, with the cost of all."""
     if not minutes >= 0:
-        raise ArgumentError(f"minutes: wanted 0 or more, came {minutes:g}.")
+        raise ArgumentError(f"minutes: wanted 0 or more, got {minutes:g}.")
     if not minutes:
         return attempt
     seconds_left = 60 * minutes
@@ -202,7 +202,7 @@ def finetune(
         if not latest.has_large_gap or search.is_enough(best.outcome.physics_states):
             break
         on_refine(latest.outcome.gap)
-        with phase("learning the physics around the motion"):
+        with phase("training on the physics around the motion"):
             # Imports training, which most motions do not need.
             from neuroanimator.control.synthesis.finetune import Deadline, OutOfTimeError, refined
 

@@ -263,7 +263,7 @@ def upright_tasks(
     turned = (
         f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
     )
-    farther = f"comes {FASTER_THAN_GAIT} times as far as by its gait, {upright}"
+    farther = f"gets {FASTER_THAN_GAIT} times as far as by its gait, {upright}"
     near = f"ends within {TARGET_WITHIN} body lengths of the target, {upright}"
     return (
         Task(f"{system}-swim", system, 50, SECONDS, farther, swim, **swim_by),

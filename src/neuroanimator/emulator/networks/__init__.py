@@ -32,16 +32,16 @@ def check_widths(kind: str, widths: tuple[int, ...]) -> None:
     """Refuse hidden layers that no emulator file may have; ArgumentError names them."""
     if any(width < 1 for width in widths if kind != "hierarchy"):
         raise ArgumentError(
-            f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)[:MAX_LAYERS]}."
+            f"widths: wanted at least 1 unit in every hidden layer, got {list(widths)[:MAX_LAYERS]}."
         )
     if len(widths) > MAX_LAYERS:
         raise ArgumentError(
-            f"widths: wanted at most {MAX_LAYERS} hidden layers, came {len(widths)}."
+            f"widths: wanted at most {MAX_LAYERS} hidden layers, got {len(widths)}."
         )
     for width in widths:
         if width > MAX_LAYER:
             raise ArgumentError(
-                f"widths: wanted at most {MAX_LAYER} units in a hidden layer, came {width}."
+                f"widths: wanted at most {MAX_LAYER} units in a hidden layer, got {width}."
             )
 
 

@@ -31,7 +31,7 @@ class Classic(Network):
         """Return a fresh network; without a key its weights are zeros."""
         if len(widths) != 1:
             raise ArgumentError(
-                f"widths: the classic network has one hidden layer, came {list(widths)}."
+                f"widths: the classic network has one hidden layer, got {list(widths)}."
             )
         keys = split_key(key, 3)
         return cls(

@@ -256,7 +256,7 @@ def check_parts(
         )
     if widths.count(0) != 1 or 0 in (widths[0], widths[-1]) or min(widths) < 0:
         raise ArgumentError(
-            f"widths: wanted the upper network's layers, 0, a child's layers; came {list(widths)}."
+            f"widths: wanted the upper network's layers, 0, a child's layers; got {list(widths)}."
         )
     above = parts[0]
     children = parts[1:]
@@ -264,7 +264,7 @@ def check_parts(
         sees_what_is_there = _are_below(part.odd, odd) and _are_below(part.even, even)
         if not sees_what_is_there or not {*part.hears} <= {*above.answers}:
             raise ArgumentError(
-                f"hierarchy: part {quoted(part.name)} sees or hears what is not there."
+                f"hierarchy: part {quoted(part.name)} refers to an input that does not exist."
             )
         if part.like < 0:
             continue

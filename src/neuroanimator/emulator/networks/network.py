@@ -69,7 +69,7 @@ def check_halves(widths: tuple[int, ...]) -> None:
     """Refuse odd widths of gated layers; ArgumentError names them."""
     if any(width % 2 for width in widths):
         raise ArgumentError(
-            f"widths: gated layers are half odd, half even units; came {list(widths)}, want even."
+            f"widths: wanted even numbers, since gated layers are half odd, half even units; got {list(widths)}."
         )
 
 

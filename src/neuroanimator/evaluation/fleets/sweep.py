@@ -70,6 +70,6 @@ def sweep(
 def largest_within(rows: list[SweepRow], tolerance: float) -> SweepRow | None:
     """Return the row of the largest n whose error is at most `tolerance`, or None."""
     if not 0 < tolerance < float("inf"):
-        raise ArgumentError(f"tolerance: wanted a positive number, came {tolerance:g}.")
+        raise ArgumentError(f"tolerance: wanted a positive number, got {tolerance:g}.")
     within = [row for row in rows if row.error <= tolerance]
     return max(within, key=lambda row: row.substeps, default=None)

@@ -236,7 +236,7 @@ def _coverage_of_folder(folder: Place) -> Coverage:
         starts.append(tensors["states"][:, 0].copy())
         efforts.append(_efforts(system, tensors["controls"]))
     if not parts:
-        raise BadFileError(f"{folder} holds no whole shard yet. Run the same 'generate' again.")
+        raise BadFileError(f"{folder} holds no complete shard yet. Run the same 'generate' again.")
     states, controls = _evenly(parts, sum(len(part.states) for part in parts))
     runs = sum(min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD) for shard in present)
     divergence = Divergence(0, 0.0)

@@ -202,7 +202,7 @@ def _order(
     extra = [name for name in present if name not in wanted]
     if missing or extra:
         faults = [f"no column '{vector}.{name}'" for name in missing[:1]]
-        faults += [f"'{vector}.{name}' is none of the emulator's" for name in extra[:1]]
+        faults += [f"'{vector}.{name}' is no column of the emulator" for name in extra[:1]]
         listed = ",".join(f"{vector}.{name}" for name in wanted)
         raise BadFileError(f"{recording.file}: {' and '.join(faults)}. Wanted {listed}.")
     return [present.index(name) for name in wanted]
@@ -225,7 +225,7 @@ def _substeps(recording: Recording, dt: float) -> int:
     count = round(dt / recording.step)
     if count < 1 or abs(count * recording.step - dt) > MAX_TIME_ERROR * dt:
         raise BadFileError(
-            f"{recording.file}: sampled every {recording.step:g} s, which does not fill the emulator's super step of "
-            f"{dt:g} s a whole number of times. Resample it."
+            f"{recording.file}: sampled every {recording.step:g} s; the emulator's super step of {dt:g} s "
+            "is not a whole multiple of that. Resample it."
         )
     return count

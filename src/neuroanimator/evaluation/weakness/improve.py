@@ -116,7 +116,7 @@ class Improvement:
             return f"every error is at most {self.tolerance:.3g} after {taken}"
         if all(error.after == error.before for error in self.errors):
             return f"no better after {taken}, if usual errors are to stay: try a larger network, or more --updates"
-        return f"not every error is at most {self.tolerance:.3g} after {taken}: give it more --rounds, or --samples"
+        return f"not every error is at most {self.tolerance:.3g} after {taken}: allow more --rounds, or --samples"
 
 
 def improve(
@@ -153,7 +153,7 @@ def improve(
             "Give it more recordings: improve --from recording.csv."
         )
     if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ArgumentError(f"tolerance: wanted a number above 0, came {tolerance:g}.")
+        raise ArgumentError(f"tolerance: wanted a number above 0, got {tolerance:g}.")
     distributions = distributions_of(system, emulator.dt)
     begin = emulator.rest if start is None else np.asarray(start, float)
     for name, controls in (controllers or {}).items():

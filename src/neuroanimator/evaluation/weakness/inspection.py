@@ -69,8 +69,8 @@ class Extrapolation:
         if not self.samples:
             return "all unseen runs stay within what training showed"
         return (
-            f"{self.samples:,} samples ({self.share:.2g} of all) lie outside of what training showed, and the error there is "
-            f"{short_number(self.ratio)} times that inside: generate more, so that the data reach as far as use does"
+            f"{self.samples:,} samples ({self.share:.2g} of all) lie outside the training data, and the error there is "
+            f"{short_number(self.ratio)} times that inside: generate more, so that the data cover what occurs in use"
         )
 
 

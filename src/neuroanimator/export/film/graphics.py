@@ -82,5 +82,5 @@ def context_module(backend: str) -> str:
         command, env=environment, capture_output=True, text=True, timeout=MAX_TRIAL
     )
     if trial.returncode:
-        raise ResourceError(f"{backend} does not draw here.")
+        raise ResourceError(f"{backend} cannot render here.")
     return trial.stdout.strip()

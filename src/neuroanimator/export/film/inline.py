@@ -26,7 +26,7 @@ MOTION_WORDS = "What 'animate' shows: the emulator's own motion."
 """Caption of the film of an emulator's motion."""
 
 REPLAY_WORDS = (
-    "What the controls do on the true physics, and in magenta what the emulator foretold."
+    "What the controls do on the true physics, and in magenta what the emulator predicted."
 )
 """Caption of the film of a replay."""
 

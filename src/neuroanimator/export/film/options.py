@@ -8,12 +8,12 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.errors import ArgumentError
 
 CAMERAS = {
-    "follow": "goes along at the body's side, a little above",
-    "side": "goes along exactly beside it, level",
-    "front": "goes ahead of it and looks back",
-    "back": "goes behind it",
-    "top": "goes along above it and looks down",
-    "still": "stays where it is, with the whole motion in view",
+    "follow": "moves along beside the body, a little above",
+    "side": "moves along exactly beside it, level",
+    "front": "moves ahead of it, looking back",
+    "back": "moves behind it",
+    "top": "moves along above it, looking down",
+    "still": "stays still, with the whole motion in view",
 }
 """Cameras by name, with descriptions."""
 
@@ -65,7 +65,7 @@ def checked_film(size: tuple[int, int], camera: str) -> Film:
         if side % 2 or not MIN_SIDE <= side <= MAX_SIDE:
             raise ArgumentError(
                 f"size: wanted even numbers of pixels between {MIN_SIDE} and {MAX_SIDE}, "
-                f"such as 1280x720, came {width}x{height}."
+                f"such as 1280x720, got {width}x{height}."
             )
     if camera not in CAMERAS:
         raise ArgumentError(f"No camera called '{camera[:40]}'. Cameras: {', '.join(CAMERAS)}.")
@@ -77,10 +77,10 @@ def read_film(size: str, camera: str) -> Film:
     width, cross, height = size.partition("x")
     if not (cross and _is_number(width) and _is_number(height)):
         raise ArgumentError(
-            f"size: wanted width x height in pixels, such as 1280x720, came '{size[:40]}'."
+            f"size: wanted width x height in pixels, such as 1280x720, got '{size[:40]}'."
         )
     if max(len(width), len(height)) > len(str(MAX_SIDE)):
-        raise ArgumentError(f"size: wanted at most {MAX_SIDE} pixels a side, came '{size[:40]}'.")
+        raise ArgumentError(f"size: wanted at most {MAX_SIDE} pixels a side, got '{size[:40]}'.")
     return checked_film((int(width), int(height)), camera)
 
 

@@ -132,14 +132,14 @@ def _encode(
 
 def _check_together(clips: Sequence[Clip]) -> None:
     if not 1 <= len(clips) <= MAX_CLIPS:
-        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, came {len(clips)}.")
+        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, got {len(clips)}.")
     for clip in clips:
         check_drawable(clip)
     first = clips[0]
     for clip in clips[1:]:
         if (clip.name, clip.definition) != (first.name, first.definition):
             raise ArgumentError(
-                f"clips: wanted several of one system, came {clip.name} beside {first.name}."
+                f"clips: wanted clips of one system, got {first.name} and {clip.name}."
             )
     _check_rates(clips)
 
@@ -149,5 +149,5 @@ def _check_rates(clips: Sequence[Clip]) -> None:
     for clip in clips[1:]:
         if abs(clip.rate - first.rate) > UNEVEN_RATES * first.rate:
             raise ArgumentError(
-                f"clips: wanted one rate, came {clip.rate:g} beside {first.rate:g} a second."
+                f"clips: wanted one rate, got {first.rate:g} and {clip.rate:g} frames a second."
             )

@@ -118,7 +118,7 @@ def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
     are_close = np.isclose(trusted, scores, rtol=SCORE_TOLERANCE, atol=SCORE_TOLERANCE)
     if not are_close.all() or np.mean(is_covered != (scores <= EDGE)) > BORDERLINE:
         raise NeuroAnimatorError(
-            "trust in C does not do what JAX does, so nothing was written. Please report it."
+            "trust scores in C disagree with JAX, so nothing was written. Please report it."
         )
 
 

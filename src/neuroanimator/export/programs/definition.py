@@ -105,7 +105,7 @@ def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -
     if not has_trust:
         return definition
     if model.meter is None:
-        return replace(definition, missing=f"It gives no trust: {NO_METER}.")
+        return replace(definition, missing=f"No trust: {NO_METER}.")
     outputs = (*definition.outputs, Port("trust", TRUST))
     return replace(definition, function=partial(_trusted_step, model), outputs=outputs)
 

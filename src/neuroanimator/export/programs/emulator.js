@@ -16,7 +16,7 @@ export async function load(source = new URL("./@name@.wasm", import.meta.url)) {
 @loading@
 function checkCount(count, name) {
   if (!Number.isInteger(count) || count < 1) {
-    throw new RangeError(`${name}: wanted a whole number of 1 or more, came ${count}`);
+    throw new RangeError(`${name}: wanted a whole number of 1 or more, got ${count}`);
   }
 }
 

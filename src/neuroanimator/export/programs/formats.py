@@ -29,8 +29,8 @@ def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> lis
     for path in outs:
         if path.suffix not in WRITERS:
             raise ArgumentError(
-                f"out: '{path.name}' ends in none of {', '.join(WRITERS)}, which an emulator or a policy is written "
-                "as. A motion is written by 'animate'."
+                f"out: '{path.name}' ends in none of {', '.join(WRITERS)}, the formats of an emulator or a policy. "
+                "'animate' writes motions."
             )
     model: Model
     if is_policy or reference.endswith(POLICY_ENDING):

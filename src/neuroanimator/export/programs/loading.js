@@ -13,6 +13,6 @@ async function instantiate(source) {
 
 function check(numbers, wanted, name) {
   if (numbers.length !== wanted) {
-    throw new RangeError(`${name}: wanted ${wanted} numbers, came ${numbers.length}`);
+    throw new RangeError(`${name}: wanted ${wanted} numbers, got ${numbers.length}`);
   }
 }

@@ -108,7 +108,7 @@ class Vectors:
             if is_wrong.any():
                 row, entry = np.argwhere(is_wrong)[0]
                 raise NeuroAnimatorError(
-                    f"{where} does not do what JAX does, so nothing was written: of {self.count} inputs "
+                    f"{where} disagrees with JAX, so nothing was written: of {self.count} inputs "
                     f"{is_wrong.any(axis=1).sum()} differ, the first in {output}[{entry}], "
                     f"{found[row, entry]:g} for {expected[row, entry]:g}. Please report it."
                 )
@@ -239,7 +239,7 @@ def _steady_vectors(
         if len(chosen) >= MIN_SHARE * COUNT:
             return Vectors(*(_rows(arrays, chosen) for arrays in (inputs, outputs, scales)))
     raise NeuroAnimatorError(
-        f"{system}: from most states like those it was trained on follows no number, or one that hangs on rounding. "
+        f"{system}: from most states like those it was trained on, its results are not finite, or depend on rounding. "
         "Train it longer before exporting it."
     )
 

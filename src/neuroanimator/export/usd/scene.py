@@ -384,7 +384,7 @@ def _converted(text: bytes, suffix: str) -> bytes:
     except ImportError:
         raise ResourceError(
             f"A {suffix} file is made by usd-core, which is missing. Install it with: pip install 'neuroanimator[usd]'; "
-            "or write .usda, which needs nothing."
+            "or write .usda, which needs no package."
         ) from None
     with temporary_folder() as folder:
         source = folder / "scene.usda"

@@ -96,7 +96,7 @@ def parameters_of(tables: Mapping[str, ParameterTable], body: Body) -> tuple[Par
         if low < 0 or (low == 0 and not attribute.may_be_zero):
             wanted = "at least 0" if attribute.may_be_zero else "above 0"
             raise ArgumentError(
-                f"{where}.range: wanted values {wanted}, came {low:g} {attribute.unit}. Narrow the range."
+                f"{where}.range: wanted values {wanted}, got {low:g} {attribute.unit}. Narrow the range."
             )
         parameters.append(parameter_from_table(name, table, attribute.unit, own[table.sets]))
     return tuple(parameters)

@@ -60,13 +60,13 @@ def _spine(body: Body) -> list[Bone]:
     stations = _stations(body.positions)
     if len(stations) < 2:
         raise ArgumentError(
-            "skin: kind 'swimmer' wants mass points along X; all of them lie at one place."
+            "skin: kind 'swimmer' needs mass points along X; all of them are at the same place."
         )
     uprights = [_upward(body.positions, station) for station in stations]
     tall = [number for number, weights in enumerate(uprights) if weights]
     if not tall:
         raise ArgumentError(
-            "skin: kind 'swimmer' wants mass points above each other somewhere along X."
+            "skin: kind 'swimmer' needs mass points above each other somewhere along X."
         )
     bones = []
     for number, station in enumerate(stations):
@@ -128,7 +128,7 @@ def _corners(body: Body) -> list[Bone]:
         distances = np.linalg.norm(body.positions - corner, axis=1)
         nearest.append(int(distances.argmin()))
     if len(set(nearest)) < len(nearest) or (high - low).min() <= 0:
-        raise ArgumentError("skin: kind 'box' wants eight mass points, one at every corner.")
+        raise ArgumentError("skin: kind 'box' needs eight mass points, one at every corner.")
     bones = []
     for number, point in enumerate(nearest):
         binding = Binding(

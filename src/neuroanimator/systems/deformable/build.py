@@ -132,10 +132,10 @@ def _corners(names: tuple[str, ...], face: tuple[str, ...]) -> list[int]:
 def _check_drive(definition: BodyDefinition) -> None:
     if bool(definition.muscles) != bool(definition.external_forces):
         return
-    came, remedy = ("both", "Leave one out") if definition.muscles else ("neither", "Add one")
+    given, remedy = ("both", "Leave one out") if definition.muscles else ("neither", "Add one")
     raise ArgumentError(
         "muscles or external_forces: wanted exactly one of the two tables to drive the body, "
-        f"came {came}. {remedy}."
+        f"got {given}. {remedy}."
     )
 
 
@@ -157,7 +157,7 @@ def _muscles(
     for column, (name, pairs) in enumerate(table.springs.items()):
         if not pairs:
             raise ArgumentError(
-                f"muscles.springs.{name}: wanted at least one spring, came none. Name some."
+                f"muscles.springs.{name}: wanted at least one spring, got none. Name some."
             )
         for pair in pairs:
             ends = frozenset(_node_numbers(names, pair, f"muscles.springs.{name}"))

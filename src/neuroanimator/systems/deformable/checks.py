@@ -33,12 +33,12 @@ def check_nodes(definition: BodyDefinition, max_nodes: int) -> None:
     """Refuse too many mass points, and those without mass."""
     if len(definition.nodes) > max_nodes:
         raise ArgumentError(
-            f"nodes: wanted at most {max_nodes}, came {len(definition.nodes)}. Use a coarser body."
+            f"nodes: wanted at most {max_nodes}, got {len(definition.nodes)}. Use a coarser body."
         )
     for name, (*_, mass) in definition.nodes.items():
         if mass <= 0:
             raise ArgumentError(
-                f"nodes.{name}: wanted [x, y, z, mass] with a mass above 0 kg, came {mass:g} kg. "
+                f"nodes.{name}: wanted [x, y, z, mass] with a mass above 0 kg, got {mass:g} kg. "
                 "Give it its share of the body's mass."
             )
 
@@ -55,7 +55,7 @@ def check_springs(
     """
     if len(springs) > max_springs:
         raise ArgumentError(
-            f"springs: wanted at most {max_springs}, came {len(springs)}. Use a coarser body."
+            f"springs: wanted at most {max_springs}, got {len(springs)}. Use a coarser body."
         )
     lengths = np.linalg.norm(positions[springs[:, 1]] - positions[springs[:, 0]], axis=1)
     earlier: set[frozenset[int]] = set()
@@ -63,7 +63,7 @@ def check_springs(
         pair = [names[i] for i in ends]
         if length < MIN_SPRING_LENGTH:
             raise ArgumentError(
-                f"springs: {pair} has no length at rest: both ends are at one place. Move one, or leave it out."
+                f"springs: {pair} has no length at rest: both ends are at the same place. Move one, or leave it out."
             )
         if frozenset(ends) in earlier:
             raise ArgumentError(

@@ -42,7 +42,7 @@ def check_faces(
             other = face_of.setdefault(edge, face)
             if other != face:
                 raise ArgumentError(
-                    f"faces: {list(faces[other])} and {list(faces[face])} look to opposite sides. "
+                    f"faces: {list(faces[other])} and {list(faces[face])} face opposite sides. "
                     "List their corners counterclockwise from outside."
                 )
     arms = p[single].mean(axis=1) - positions.mean(axis=0)

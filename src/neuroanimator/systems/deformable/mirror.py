@@ -105,7 +105,7 @@ def _check_mirror(
     face_images = Counter(_ring(body, nodes[face][::-1]) for face in body.faces)
     for ring in face_images - faces:
         raise ArgumentError(
-            f"mirror: a face is missing: {list(ring)}, the mirror image of one that is there. "
+            f"mirror: a face is missing: {list(ring)}, the mirror image of one that exists. "
             "Add it, or leave out the mirror."
         )
     forces: Numbers = {}
@@ -122,11 +122,11 @@ def _refuse_difference(noun: str, meaning: str, parts: Numbers, images: Numbers)
         return
     scale = np.abs(np.array(list(parts.values()))).max(axis=0)
     for name, wanted in images.items():
-        came = parts.get(name)
-        if came is None or not np.allclose(came, wanted, TOLERANCE, TOLERANCE * scale):
-            shown = "none" if came is None else _shown(came)
+        given = parts.get(name)
+        if given is None or not np.allclose(given, wanted, TOLERANCE, TOLERANCE * scale):
+            shown = "none" if given is None else _shown(given)
             raise ArgumentError(
-                f"mirror: {noun} {name}: as the image of its partner it needs {_shown(wanted)}, came {shown} ({meaning}). "
+                f"mirror: {noun} {name}: as the image of its partner it needs {_shown(wanted)}, got {shown} ({meaning}). "
                 "Make both the same, name another partner, or leave out the mirror."
             )
 

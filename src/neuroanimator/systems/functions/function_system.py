@@ -172,7 +172,7 @@ def _parameter(name: str, table: ParameterTable) -> Parameter:
     """Return the parameter that is an argument of a step function."""
     if not table.sets.isidentifier():
         raise ArgumentError(
-            f"parameters.{name}.sets: wanted the name of an argument of step, came {quoted(table.sets)}."
+            f"parameters.{name}.sets: wanted the name of an argument of step, got {quoted(table.sets)}."
         )
     unit = known_unit(table.unit or "1", f"parameters.{name}")
     middle = (table.range[0] + table.range[1]) / 2

@@ -64,7 +64,7 @@ def name_and_unit(text: str, where: str) -> tuple[str, str]:
     name, _, unit = without_brackets(text).partition(" ")
     if not re.fullmatch(PART_PATTERN, name) or not unit.strip():
         raise BadFileError(
-            f"{where}: wanted a name and a unit such as 'angle rad', came {quoted(text, MAX_SHOWN)}."
+            f"{where}: wanted a name and a unit such as 'angle rad', got {quoted(text, MAX_SHOWN)}."
         )
     return name, known_unit(unit.strip(), where)
 

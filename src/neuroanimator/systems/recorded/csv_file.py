@@ -185,6 +185,6 @@ def _number(cell: str, where: str) -> float:
         value = math.nan
     if not abs(value) < MAX_MAGNITUDE:  # True for NaN
         raise BadFileError(
-            f"{where}: wanted a finite number, came {cell[:MAX_SHOWN]!r}. Fill it in, or begin a new run after it."
+            f"{where}: wanted a finite number, got {cell[:MAX_SHOWN]!r}. Fill it in, or begin a new run after it."
         )
     return value

@@ -99,7 +99,9 @@ def open_recording(path: Path) -> Recording:
 def cut_runs(samples: Samples, name: str) -> Recording:
     """Return the samples run by run: a new one starts where the run's label changes or time goes back."""
     if len(samples.time) < 2:
-        raise BadFileError(f"{name}: {len(samples.time)} rows; wanted some hundred. Record longer.")
+        raise BadFileError(
+            f"{name}: {len(samples.time)} rows; wanted a few hundred. Record longer."
+        )
     gaps = np.diff(samples.time)
     is_relabelled = samples.run[1:] != samples.run[:-1]
     begins = np.flatnonzero(is_relabelled | (gaps < 0)) + 1

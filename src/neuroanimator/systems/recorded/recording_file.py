@@ -43,11 +43,11 @@ class RecordingFile:
         rows = tuple(len(states) for states in recording.states)
         if rows != self.rows:
             raise BadFileError(
-                f"{recording.file}: other runs than its definition says. Pass its TOML file again."
+                f"{recording.file}: its runs are not those of its definition. Pass its TOML file again."
             )
         if abs(recording.step - self.step) > STEP_TOLERANCE * recording.step:
             raise ArgumentError(
-                f"physics.step: {recording.file} is sampled every {recording.step:g} s, came {self.step:g}."
+                f"physics.step: {recording.file} is sampled every {recording.step:g} s, got {self.step:g}."
             )
         return recording
 

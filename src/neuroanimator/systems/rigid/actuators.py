@@ -70,7 +70,7 @@ def bounds_of_actuators(
         high.append(float(bound[1]))
         if not bound[0] <= holding.get(name, bound[0]) <= bound[1]:
             raise ArgumentError(
-                f"holding.{name}: wanted {bound[0]:g} to {bound[1]:g}, as in control.{name}, came {holding[name]:g}."
+                f"holding.{name}: wanted {bound[0]:g} to {bound[1]:g}, as in control.{name}, got {holding[name]:g}."
             )
     held = tuple(float(holding.get(name, 0.0)) for name in names) if any(holding.values()) else ()
     return Bounds(tuple(low), tuple(high), held)

@@ -100,7 +100,7 @@ def joint_views(
         if feature not in FEATURES[kind] or (feature == "planar") != is_planar:
             valid = ", ".join(feature for feature in FEATURES[kind] if feature != "planar")
             raise ArgumentError(
-                f"state.{name}: a {kind} joint cannot be '{feature}'. Ways: {valid}."
+                f"state.{name}: a {kind} joint cannot be '{feature}'. Features: {valid}."
             )
         view = JointView(
             index=joint,
@@ -129,7 +129,7 @@ def _check_root(views: list[JointView], planar: tuple[str, ...]) -> None:
         if view.feature == "free" and (len(roots) > 1 or view.index > 0):
             raise ArgumentError(
                 f"state.{view.name}: 'free' says that it does not matter where the body stands, so it must be the first joint, "
-                "and the only free one. Say 'placed'."
+                "and the only free one. Use 'placed'."
             )
     if planar and not _is_planar_root(views, planar):
         raise ArgumentError(

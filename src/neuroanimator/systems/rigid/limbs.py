@@ -48,7 +48,7 @@ def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
     for group, joints in groups.items():
         if not joints:
             raise ArgumentError(
-                f"groups.{group}: wanted one or more joints, came none. Joints: {listed(names)}."
+                f"groups.{group}: wanted one or more joints, got none. Joints: {listed(names)}."
             )
         for joint in joints:
             if joint in of_root:

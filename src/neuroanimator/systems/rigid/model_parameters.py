@@ -381,7 +381,7 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
     match = PATTERN.fullmatch(table.sets)
     if match is None or match["element"] not in ATTRIBUTES:
         raise ArgumentError(
-            f"{where}: wanted element/name/attribute such as body/forearm/mass, came {quoted(table.sets)}. "
+            f"{where}: wanted element/name/attribute such as body/forearm/mass, got {quoted(table.sets)}. "
             f"Elements: {listed(ATTRIBUTES)}."
         )
     element = match["element"]
@@ -398,8 +398,8 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
         index = int(match["index"])
     if index is None or index >= attribute.numbers:
         raise ArgumentError(
-            f"{where}: wanted which of its {attribute.numbers} numbers, {match['attribute']}[0] to "
-            f"[{attribute.numbers - 1}], came {quoted(table.sets)}."
+            f"{where}: wanted one of its {attribute.numbers} numbers, {match['attribute']}[0] to "
+            f"[{attribute.numbers - 1}], got {quoted(table.sets)}."
         )
     target = Target(element, numbers, match["attribute"], attribute, index)
     _refuse_unfit(model, where, target, table)
@@ -439,7 +439,7 @@ def _refuse_unfit(model: mujoco.MjModel, where: str, target: Target, table: Para
     own = {target.attribute.read(model, number, target.place) for number in target.numbers}
     if len(own) > 1:
         raise ArgumentError(
-            f"{where}: the values of all to be set at once differ, from {min(own):g} to {max(own):g}. Name one: "
+            f"{where}: the values to be set together differ, from {min(own):g} to {max(own):g}. Name one: "
             f"{target.element}/NAME/{target.name}."
         )
     first = target.numbers[0]
@@ -464,8 +464,8 @@ def _impossible(model: mujoco.MjModel, element: str, number: int) -> str:
         if moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE_TOLERANCE):
             shown = ", ".join(f"{moment:.3g}" for moment in model.body_inertia[number])
             return (
-                f"a body has moments of inertia of {shown} kg·m², of which one exceeds the sum of the others: no body "
-                "has such"
+                f"a body has moments of inertia of {shown} kg·m², of which one exceeds the sum of the others, "
+                "as in no real body"
             )
     if element == "joint" and model.jnt_limited[number]:
         low, high = model.jnt_range[number]

@@ -29,7 +29,7 @@ MEMORY_LIMIT = 256 * 2**20
 """Maximum size of a compiled model and of its state, and size of MuJoCo's working memory for it [bytes]."""
 
 LARGEST = {
-    "nodes": ("nflexvert", NODE_LIMIT, "Make the soft body of fewer"),
+    "nodes": ("nflexvert", NODE_LIMIT, "Give the soft body fewer"),
     "bodies": ("nbody", BODY_LIMIT, "Join bodies that are fixed to each other"),
     "degrees of freedom": ("nv", FREEDOM_LIMIT, "Fix joints that need not move"),
     "model memory": ("nbuffer", MEMORY_LIMIT, "Use fewer or simpler meshes, and smaller pictures"),
@@ -53,7 +53,7 @@ def check_model(main: str, model: mujoco.MjModel) -> None:
         refuse(
             main,
             "delay",
-            "what an actuator or a sensor remembers of the past is no part of the state. Remove nsample and delay",
+            "the history of an actuator or a sensor is not part of the state. Remove nsample and delay",
         )
     of_nodes = {"nbody": model.nflexvert, "nv": 3 * model.nflexvert}
     for name, (field, limit, advice) in LARGEST.items():
@@ -80,7 +80,7 @@ def _check_finite(main: str, model: mujoco.MjModel) -> None:
                 refuse(
                     main,
                     name,
-                    "not finite. Write finite numbers, and leave out a range that has no end",
+                    "not finite. Write finite numbers, and leave out infinite ranges",
                 )
 
 

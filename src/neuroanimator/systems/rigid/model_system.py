@@ -129,7 +129,7 @@ class ModelSystem(MujocoSystem):
         entry = height_entry(self.model)
         if entry is None:
             raise ArgumentError(
-                "sampling.above_ground: wanted a root with a free joint or a vertical slide. Say false."
+                "sampling.above_ground: wanted a root with a free joint or a vertical slide. Set it to false."
             )
         return entry
 
@@ -259,7 +259,7 @@ class ModelSystem(MujocoSystem):
             _check_joint("velocity", name, sizes)
             if len(velocity) != sizes[name]:
                 raise ArgumentError(
-                    f"sampling.velocity.{name}: wanted {sizes[name]} numbers, came {len(velocity)}."
+                    f"sampling.velocity.{name}: wanted {sizes[name]} numbers, got {len(velocity)}."
                 )
 
     def goal(self, name: str, table: GoalTable) -> Goal:
@@ -328,12 +328,10 @@ def _check_ends(name: str, ends: tuple[float, float], kind: str) -> None:
     """Refuse invalid ends of a spread, or ends for a joint that cannot have them."""
     if kind not in ("hinge", "slide"):
         raise ArgumentError(
-            f"sampling.position.{name}: wanted one number, as it is a {kind} joint; came two."
+            f"sampling.position.{name}: wanted one number, as it is a {kind} joint; got two."
         )
     if not ends[0] <= ends[1]:
-        raise ArgumentError(
-            f"sampling.position.{name}: wanted [least, largest], came {list(ends)}."
-        )
+        raise ArgumentError(f"sampling.position.{name}: wanted [least, largest], got {list(ends)}.")
 
 
 def _check_joint(table: str, name: str, sizes: Mapping[str, int]) -> None:

@@ -176,7 +176,7 @@ def _advice(folders: list[str]) -> str:
     """Return advice on a file that is not in the model's tree but may be in one of `folders`."""
     for folder in folders:
         if folder:
-            return f"If the model may read files there, say 'new --tree {quote(folder)}'"
+            return f"If the model may read files there, use 'new --tree {quote(folder)}'"
     return "Put the file beside the model"
 
 
@@ -392,7 +392,7 @@ def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
             refuse_at(
                 element,
                 "",
-                "xacro's macros are not expanded. Run `xacro` on the file, and take what it writes",
+                "xacro's macros are not expanded. Run `xacro` on the file, and use its output",
             )
     root[:] = [child for child in root if child.tag in URDF_PARTS]
     for texture in root.iter("texture"):

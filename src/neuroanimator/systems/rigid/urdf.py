@@ -80,7 +80,7 @@ def _add_mimic(
         return
     leader = mimic.get("joint", "")
     if leader not in joints:
-        fault = f"mimics the joint {quoted(leader[:MAX_SHOWN])}, which is not there. Correct it"
+        fault = f"mimics the joint {quoted(leader[:MAX_SHOWN])}, which does not exist. Correct it"
         refuse(file, f"joint {quoted(joint.name)}", fault)
     equality = spec.add_equality(name1=joint.name, name2=leader)
     equality.type = mujoco.mjtEq.mjEQ_JOINT
@@ -115,7 +115,7 @@ def _free_base(spec: mujoco.MjSpec, file: str) -> None:
         refuse(
             file,
             "robot",
-            "no root link that could be free. Say base = fixed, or take out the link 'world'",
+            "no root link that could be free. Use base = fixed, or take out the link 'world'",
         )
     root.add_freejoint(name=ROOT)
     spec.worldbody.add_geom(name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=list(FLOOR_SIZE))

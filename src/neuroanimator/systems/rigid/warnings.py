@@ -20,7 +20,7 @@ MAX_KINDS = 100
 OTHERS = "other warnings"
 """Name of the count of warnings beyond the first `MAX_KINDS`."""
 
-CROWDED = "more touches at once than fits into memory: let fewer geoms collide, by their contype and conaffinity"
+CROWDED = "more contacts at once than fit into memory: let fewer geoms collide, by their contype and conaffinity"
 """Advice on a model whose contacts outgrow MuJoCo's working memory."""
 
 ADVICE = {
@@ -100,9 +100,9 @@ def warning_line() -> str:
     others = len(_heard) - 1
     more = ""
     if others == 1:
-        more = ", and of one other kind"
+        more = " (and one other kind)"
     elif others > 1:
-        more = f", and of {others} other kinds"
+        more = f" (and {others} other kinds)"
     return f"MuJoCo warned {times}: {text}{more}. Runs that diverged were dropped, or count as failed; {_advice(text, CALMER)}."
 
 

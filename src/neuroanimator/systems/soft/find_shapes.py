@@ -103,8 +103,8 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
             fits = (np.abs(away) < FARTHEST * scene.size).all(axis=(0, 2, 3))  # False for NaN
             if not fits.any():
                 raise ArgumentError(
-                    f"physics: the body flies apart in steps of {scene.finding_step:g} s while its movers wander. "
-                    "Take smaller steps, or let movers be slower."
+                    f"physics: the body flies apart at a step of {scene.finding_step:g} s while its movers wander. "
+                    "Use smaller steps, or slower movers."
                 )
             if not fits.all():
                 motion = Motion(*(part[..., fits] for part in motion))

@@ -156,16 +156,16 @@ def _check_holders(main: str, model: mujoco.MjModel, bodies: Int[np.ndarray, " N
             refuse(
                 main,
                 _name_of(model, node),
-                "a node of the soft body hangs on a body that moves. Pin it to the world, or let an equality (connect) tie it "
-                "to a mocap body",
+                "a node of the soft body is attached to a body that moves. Pin it to the world, or let an equality (connect) tie "
+                "it to a mocap body",
             )
         above = body if len(joints) == 0 else int(model.body_parentid[body])
         if model.body_weldid[above] != 0 or model.body_mocapid[model.body_rootid[above]] >= 0:
             refuse(
                 main,
                 _name_of(model, node),
-                "the soft body lies inside a body that moves, where its nodes would go along without inertia. Put it into "
-                "the world, and let an equality (connect) tie nodes to a mocap body",
+                "the soft body lies inside a body that moves, where its nodes would be carried along without inertia. Put it "
+                "into the world, and let an equality (connect) tie nodes to a mocap body",
             )
 
 

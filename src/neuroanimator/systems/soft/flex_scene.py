@@ -68,7 +68,7 @@ class FlexScene(SoftScene):
         bodies = mover_names(model)
         if set(bodies) != set(definition.movers):
             raise ArgumentError(
-                f"movers: wanted the mocap bodies of {main}, {listed(sorted(bodies))}; came "
+                f"movers: wanted the mocap bodies of {main}, {listed(sorted(bodies))}; got "
                 f"{listed([quoted(name) for name in definition.movers])}. Name the same ones."
             )
         self.bodies = [bodies[name] for name in definition.movers]
@@ -89,7 +89,7 @@ class FlexScene(SoftScene):
         self.ground_height = ground_height(model, self.data)
         if self.anchor == FREE and self.ground_height is None:
             raise ArgumentError(
-                f"{main}: nothing holds the soft body, and it falls for ever. Add a horizontal plane, pin nodes, or tie some "
+                f"{main}: nothing holds the soft body, and it falls forever. Add a horizontal plane, pin nodes, or tie some "
                 "to a mocap body by an equality (connect)."
             )
         capsules: list[RoundCollider] = []

@@ -162,7 +162,7 @@ def _sides(faces: Int[np.ndarray, "F 3"]) -> dict[tuple[int, int], list[tuple[in
             beside.append((face, opposite))
             if len(beside) > MAX_FACES_OF_AN_EDGE:
                 raise ArgumentError(
-                    f"mesh: {len(beside)} faces share the edge of nodes {first} and {second}; wanted one or two. Take some away."
+                    f"mesh: {len(beside)} faces share the edge of nodes {first} and {second}; wanted one or two. Remove some."
                 )
             if (first, second) in directed:
                 raise ArgumentError(
@@ -204,17 +204,17 @@ def _check_nodes(
 ) -> None:
     count = len(positions)
     if not np.isfinite(positions).all():
-        raise ArgumentError("mesh: a node's position is no finite number.")
+        raise ArgumentError("mesh: a node's position is not finite.")
     if len(elements) == 0 or elements.min() < 0 or elements.max() >= count:
         raise ArgumentError(f"mesh: wanted {name}s of its {count} nodes.")
     unused = np.setdiff1d(np.arange(count), elements)
     if len(unused):
-        raise ArgumentError(f"mesh: no {name} has the nodes {some(unused)}. Take them away.")
+        raise ArgumentError(f"mesh: no {name} has the nodes {some(unused)}. Remove them.")
     _, first = np.unique(positions, axis=0, return_index=True)
     doubled = np.setdiff1d(np.arange(count), first)
     if len(doubled):
         raise ArgumentError(
-            f"mesh: the nodes {some(doubled)} lie where others do. Merge vertices by distance."
+            f"mesh: the nodes {some(doubled)} coincide with others. Merge vertices by distance."
         )
 
 
@@ -228,13 +228,13 @@ def _check_sizes(
     extent = float(np.ptp(positions, axis=0).max())
     flat = np.flatnonzero(sizes < LEAST_SIZE * extent**power)
     if len(flat):
-        raise ArgumentError(f"mesh: {name} {some(flat)} has no {size}. Take it away.")
+        raise ArgumentError(f"mesh: {name} {some(flat)} has no {size}. Remove it.")
 
 
 def _check_pins(pins: Int[np.ndarray, " K"], count: int) -> None:
     wrong = pins[(pins < 0) | (pins >= count)]
     if len(wrong):
-        raise ArgumentError(f"pins: {some(wrong)} are no nodes; the mesh has 0 to {count - 1}.")
+        raise ArgumentError(f"pins: {some(wrong)} are not nodes; the mesh has 0 to {count - 1}.")
 
 
 def some(numbers: np.ndarray) -> str:

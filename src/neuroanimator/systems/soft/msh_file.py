@@ -100,7 +100,7 @@ def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
     version, kind = lines.words(3)[:2]
     if version not in VERSIONS or kind != "0":
         raise BadFileError(
-            f"{name}: wanted Gmsh MSH 2.2 or 4.1 in ASCII, came version {quoted(version)}, kind {quoted(kind)}. "
+            f"{name}: wanted Gmsh MSH 2.2 or 4.1 in ASCII, got version {quoted(version)}, kind {quoted(kind)}. "
             "Save it again: gmsh -3 -format msh41 solid.geo"
         )
     is_old = version == "2.2"
@@ -146,7 +146,9 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
         positions += [lines.point(lines.words(3)) for _ in range(own)]
     places = {tag: place for place, tag in enumerate(tags)}
     if len(places) < len(tags) or min(tags, default=0) < 0:
-        raise BadFileError(f"{lines.name}: two nodes have one number, or none has. Save it again.")
+        raise BadFileError(
+            f"{lines.name}: two nodes have the same number, or a number is negative. Save it again."
+        )
     return places, positions
 
 

@@ -40,12 +40,12 @@ class Scene(SoftScene):
         holding = [number for number, mover in enumerate(self.movers.tables) if mover.pins]
         if not holding and not definition.is_solid:
             raise ArgumentError(
-                "movers: nothing holds the cloth, and how it flies is not emulated. Give a mover pins."
+                "movers: nothing holds the cloth, and free flight is not emulated. Give a mover pins."
             )
         self.anchor = holding[0] if holding else FREE
         if self.anchor == FREE and definition.ground is None:
             raise ArgumentError(
-                "movers: nothing holds the body, and it falls for ever. Add a [ground], or give a mover pins."
+                "movers: nothing holds the body, and it falls forever. Add a [ground], or give a mover pins."
             )
         self.mesh = mesh
         self.body = self._body(mesh)
@@ -127,13 +127,13 @@ class Scene(SoftScene):
         for name, table in self.definition.parameters.items():
             if table.sets not in WIND:
                 raise ArgumentError(
-                    f"parameters.{name}.sets: wanted one of {listed(WIND)}, came {quoted(table.sets)}."
+                    f"parameters.{name}.sets: wanted one of {listed(WIND)}, got {quoted(table.sets)}."
                 )
             own = self.wind[WIND.index(table.sets)]
             parameters.append(parameter_from_table(name, table, "m/s", own))
         if parameters and (self.anchor == FREE or self.movers.turning[self.anchor]):
             raise ArgumentError(
-                "parameters: the wind can vary for a body that a mover holds which does not turn. Let it not turn."
+                "parameters: the wind can vary only if a mover that does not turn holds the body. Set its turns = false."
             )
         return parameters
 

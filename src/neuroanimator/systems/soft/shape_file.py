@@ -115,7 +115,7 @@ def read_flex_shapes(path: Path, scene: FlexScene) -> ShapeFile:
     with _faults_named(path):
         file = _checked(tensors, scene.movers.turning, scene.anchor)
         if file.shapes.mean.shape != scene.positions.shape:
-            raise ValueError("another number of nodes in the model than in the shapes")
+            raise ValueError("other numbers of nodes in the model and in the shapes")
         return file
 
 
@@ -149,7 +149,7 @@ def _mesh_of(tensors: dict[str, np.ndarray], shapes: Shapes, corners: int) -> Me
     if elements.ndim != 2 or elements.shape[1] != corners:
         raise ValueError("elements of another kind")
     if positions.shape != shapes.mean.shape:
-        raise ValueError("another number of nodes in the mesh than in the shapes")
+        raise ValueError("other numbers of nodes in the mesh and in the shapes")
     _check_numbers(positions)
     _check_numbers(elements)
     return Mesh(positions.astype(float), elements.astype(int))
