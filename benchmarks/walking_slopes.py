@@ -12,7 +12,8 @@ The truth is the gradient of the physics' mean return under noise, estimated fro
 with the rewards that follow it. `halves` is the cosine between two halves of these rollouts, and `exact` the estimate that
 follows from it of the cosine between the exact gradient and the truth. An emulator's gradient is taken at the states of the
 true rollout (decoupled), or along its own (imagined). Also shown are central differences of the physics without noise and,
-where `mujoco-mjx` is installed, MJX's own derivatives (see mjx_slope.py). Episodes end where those of the true rollout do.
+where `mujoco-mjx` is installed, MJX's own derivatives (see mjx_slope.py), with the time of one core for compiling them and
+for one gradient over the longest horizon. Episodes end where those of the true rollout do.
 
 `--keep` names a folder for the policies, which are read from it if present.
 
@@ -261,7 +262,7 @@ def measured(case: Case, rollouts: int) -> Rows:
     rng = np.random.default_rng(2)
     longest = case.steps(max(HORIZONS))
     horizons = list(dict.fromkeys(case.steps(horizon) for horizon in HORIZONS))
-    slopes = slopes_of(case)
+    slopes = slopes_of(case, longest)
     names = [*slopes, "differences", "halves", "exact"]
     cosines: dict[str, list[list[float]]] = {name: [[] for _ in horizons] for name in names}
     for start in case.starts:
@@ -292,18 +293,22 @@ def measured(case: Case, rollouts: int) -> Rows:
         for name in names:
             row[name] = float(np.median(cosines[name][index]))
             row[f"{name}_least"] = float(np.min(cosines[name][index]))
+        mjx = slopes.get("mjx")
+        if isinstance(mjx, mjx_slope.PhysicsSlope):
+            row["mjx_compile_s"] = mjx.compile_seconds
+            row["mjx_gradient_s"] = mjx.gradient_seconds
         rows.append(row)
     return rows
 
 
-def slopes_of(case: Case) -> dict[str, Slope]:
-    """Return the functions that compute slopes by derivatives, by name."""
-    slopes = {
+def slopes_of(case: Case, steps: int) -> dict[str, Slope]:
+    """Return the functions that compute slopes over `steps` by derivatives, by name."""
+    slopes: dict[str, Slope] = {
         "decoupled": emulator_slope(case, is_true=True),
         "imagined": emulator_slope(case, is_true=False),
     }
     if mjx_slope.is_installed() and case.body in ENVIRONMENTS:
-        slopes["mjx"] = physics_slope(case)
+        slopes["mjx"] = physics_slope(case, steps)
     return slopes
 
 
@@ -368,11 +373,11 @@ def _return_slope(
     return slopes
 
 
-def physics_slope(case: Case) -> Slope:
-    """Return a function for MJX's slopes, along its own rollouts."""
+def physics_slope(case: Case, steps: int) -> mjx_slope.PhysicsSlope:
+    """Return a function for MJX's slopes over `steps`, along its own rollouts."""
     model = case.system.model_with(case.system.scheme)
     substeps = case.system.scheme.steps(case.policy.dt)
-    return mjx_slope.slope_of(model, substeps, case.rules.reward, case.policy.dt)
+    return mjx_slope.PhysicsSlope(model, substeps, case.rules.reward, case.policy.dt, steps)
 
 
 def smoothed(
