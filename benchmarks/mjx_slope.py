@@ -2,17 +2,18 @@
 
 MJX differentiates its contact solver in reverse only if that has one iteration, which is different physics. Here the solver is
 the model's own, with all its iterations: the Jacobians of a super step are taken forwards, one tangent for each entry of
-state and control, and the return is propagated back through them.
+state and control, and the slopes of rewards are propagated back through them.
 
-MJX writes out the four stages of a Runge-Kutta step one after another. Here they are a loop, so that `mjx.forward` is compiled
-once. Compilation is the longest part, so XLA is told not to optimise.
+Compiling takes longest, so it is of one super step, without optimisation, and the four stages of a Runge-Kutta step, which
+MJX writes out one after another, are a loop.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,50 +35,57 @@ def is_installed() -> bool:
     return importlib.util.find_spec("mujoco.mjx") is not None
 
 
-class PhysicsSlope:
-    """Slopes of weighted sums of rewards, along MJX's own rollouts of `steps` super steps."""
+class Leap(NamedTuple):
+    """A super step of MJX and its Jacobians."""
+
+    after: Float[np.ndarray, " S"]
+    by_state: Float[np.ndarray, "S S"]
+    by_control: Float[np.ndarray, "S C"]
+
+
+class Linearised:
+    """MJX's super steps with their Jacobians, compiled for one model."""
 
     compile_seconds: float
     """Time of one core for tracing and compiling [s]."""
-    gradient_seconds: float = 0.0
-    """Time of one core for the last slope [s]."""
 
-    def __init__(self, model: mujoco.MjModel, substeps: int, reward: Any, dt: float, steps: int):
-        leap = _super_step(model, substeps)
+    def __init__(self, model: mujoco.MjModel, substeps: int):
+        advance = _super_step(model, substeps)
 
-        def total(
-            controls: Float[Array, "T C"], start: Float[Array, " S"], weights: Float[Array, " T"]
-        ) -> Float[Array, ""]:
-            def advance(state: Array, control: Array) -> tuple[Array, tuple[Array, Array]]:
-                after = leap(state, control)
-                return after, (state, after)
-
-            _, (before, after) = jax.lax.scan(advance, start, controls)
-            return (weights * reward(before, controls, after, dt)).sum()
+        def twice(state: Array, control: Array) -> tuple[Array, Array]:
+            after = advance(state, control)
+            return after, after
 
         began = time.process_time()
-        shapes = [(steps, model.nu), (model.nq + model.nv,), (steps,)]
-        blanks = [jax.ShapeDtypeStruct(shape, jnp.float32) for shape in shapes]
-        lowered = jax.jit(jax.grad(total)).lower(*blanks)
-        self._compiled = lowered.compile(compiler_options=UNOPTIMISED)
+        jacobians = jax.jit(jax.jacfwd(twice, argnums=(0, 1), has_aux=True))
+        blanks = [jax.ShapeDtypeStruct((size,), jnp.float32) for size in _sizes(model)]
+        self._compiled = jacobians.lower(*blanks).compile(compiler_options=UNOPTIMISED)
         self.compile_seconds = time.process_time() - began
+        self._spent = 0.0
+        self._count = 0
 
-    def __call__(
-        self,
-        controls: Float[np.ndarray, "T C"],
-        states: Float[np.ndarray, "T+1 S"],
-        weights: Float[np.ndarray, " T"],
-    ) -> Float[np.ndarray, "T C"]:
-        """Return the slope by the controls, from the first of the `states`."""
+    @property
+    def seconds(self) -> float:
+        """Mean time of one core for a super step and its Jacobians [s]."""
+        return self._spent / max(self._count, 1)
+
+    def __call__(self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]) -> Leap:
+        """Return the super step from `state`."""
         began = time.process_time()
-        arguments = [jnp.asarray(part, jnp.float32) for part in (controls, states[0], weights)]
-        slope = np.asarray(self._compiled(*arguments), float)
-        self.gradient_seconds = time.process_time() - began
-        return slope
+        inputs = [jnp.asarray(part, jnp.float32) for part in (state, control)]
+        (by_state, by_control), after = self._compiled(*inputs)
+        leap = Leap(*(np.asarray(part, float) for part in (after, by_state, by_control)))
+        self._spent += time.process_time() - began
+        self._count += 1
+        return leap
 
 
-def _super_step(model: mujoco.MjModel, substeps: int) -> Any:
-    """Return a function (state (S,), control (C,)) → the state after `substeps` steps, differentiable in reverse."""
+def _sizes(model: mujoco.MjModel) -> tuple[int, int]:
+    return model.nq + model.nv, model.nu
+
+
+def _super_step(model: mujoco.MjModel, substeps: int) -> Callable[[Array, Array], Array]:
+    """Return a function (state (S,), control (C,)) → the state after `substeps` Runge-Kutta steps."""
     from mujoco import mjx
     from mujoco.mjx._src.forward import _advance
 
@@ -92,9 +100,7 @@ def _super_step(model: mujoco.MjModel, substeps: int) -> Any:
         data = _advance(physics, data, blank.act_dot, acceleration, speed)
         return data.qpos, data.qvel
 
-    def step(control: Array, begun: tuple) -> tuple:
-        place, guess = begun
-
+    def step(control: Array, place: tuple, guess: Array) -> tuple[tuple, Array]:
         def stage(rates: tuple, row: tuple) -> tuple[tuple, None]:
             speed, acceleration, mean_speed, mean_acceleration = rates
             part, share = row
@@ -105,32 +111,18 @@ def _super_step(model: mujoco.MjModel, substeps: int) -> Any:
             mean_acceleration += share * data.qacc
             return (qvel, data.qacc, mean_speed, mean_acceleration), None
 
-        # Zeros that depend on the state: JAX traces a loop anew for every part of it that turns out to have a tangent.
-        still = 0 * place[1]
+        still = 0 * guess
         rates, _ = jax.lax.scan(stage, (still, guess, still, still), tableau)
         _, acceleration, mean_speed, mean_acceleration = rates
         return moved(place, mean_speed, mean_acceleration), acceleration
 
-    def advanced(state: Array, control: Array) -> Array:
+    def advance(state: Array, control: Array) -> Array:
         place = (state[: model.nq], state[model.nq :])
+        # Zeros that depend on the state: JAX traces a loop anew when more of it turns out to have tangents.
         begun = (place, 0 * place[1])
         (place, _), _ = jax.lax.scan(
-            lambda begun, _: (step(control, begun), None), begun, None, length=substeps
+            lambda begun, _: (step(control, *begun), None), begun, None, length=substeps
         )
         return jnp.concatenate(place)
 
-    def forwards(state: Array, control: Array) -> tuple[Array, tuple[Array, Array]]:
-        def twice(state: Array, control: Array) -> tuple[Array, Array]:
-            after = advanced(state, control)
-            return after, after
-
-        jacobians, after = jax.jacfwd(twice, argnums=(0, 1), has_aux=True)(state, control)
-        return after, jacobians
-
-    def backwards(jacobians: tuple[Array, Array], later: Array) -> tuple[Array, Array]:
-        by_state, by_control = jacobians
-        return later @ by_state, later @ by_control
-
-    leap = jax.custom_vjp(advanced)
-    leap.defvjp(forwards, backwards)
-    return leap
+    return advance

@@ -134,7 +134,7 @@ def measured(case: Case) -> Rows:
     """Return a row for each kind of slope."""
     steps = case.steps(HORIZON)
     ways = [rolled_out(case, start, steps) for start in case.starts]
-    slopes: dict[str, Slope | None] = {**slopes_of(case, steps)}
+    slopes: dict[str, Slope | None] = {**slopes_of(case)}
     del slopes["imagined"]
     slopes["differences"] = difference_slope(case)
     slopes["random"] = None
