@@ -12,7 +12,8 @@ The truth is the gradient of the physics' mean return under noise, estimated fro
 with the rewards that follow it. `halves` is the cosine between two halves of these rollouts, and `exact` the estimate that
 follows from it of the cosine between the exact gradient and the truth. An emulator's gradient is taken at the states of the
 true rollout (decoupled), or along its own (imagined). Also shown are central differences of the physics without noise and,
-where `mujoco-mjx` is installed, MJX's own derivatives (see mjx_slope.py). Episodes end where those of the true rollout do.
+where `mujoco-mjx` is installed, MJX's own derivatives (see mjx_slope.py), with the time of one core for compiling them and
+for one gradient over the longest horizon. Episodes end where those of the true rollout do.
 
 `--keep` names a folder for the policies, which are read from it if present.
 
@@ -292,18 +293,22 @@ def measured(case: Case, rollouts: int) -> Rows:
         for name in names:
             row[name] = float(np.median(cosines[name][index]))
             row[f"{name}_least"] = float(np.min(cosines[name][index]))
+        physics = slopes.get("mjx")
+        if isinstance(physics, PhysicsSlope):
+            row["mjx_compile_s"] = physics.leap.compile_seconds
+            row["mjx_gradient_s"] = physics.leap.seconds * steps
         rows.append(row)
     return rows
 
 
 def slopes_of(case: Case) -> dict[str, Slope]:
     """Return the functions that compute slopes by derivatives, by name."""
-    slopes = {
+    slopes: dict[str, Slope] = {
         "decoupled": emulator_slope(case, is_true=True),
         "imagined": emulator_slope(case, is_true=False),
     }
     if mjx_slope.is_installed() and case.body in ENVIRONMENTS:
-        slopes["mjx"] = physics_slope(case)
+        slopes["mjx"] = PhysicsSlope(case)
     return slopes
 
 
@@ -368,11 +373,47 @@ def _return_slope(
     return slopes
 
 
-def physics_slope(case: Case) -> Slope:
-    """Return a function for MJX's slopes, along its own rollouts."""
-    model = case.system.model_with(case.system.scheme)
-    substeps = case.system.scheme.steps(case.policy.dt)
-    return mjx_slope.slope_of(model, substeps, case.rules.reward, case.policy.dt)
+class PhysicsSlope:
+    """MJX's slopes, along its own rollouts, up to the last step that has a weight.
+
+    The super steps of the last rollout are kept: returns over several horizons need the same.
+    """
+
+    def __init__(self, case: Case):
+        model = case.system.model_with(case.system.scheme)
+        self.case = case
+        self.leap = mjx_slope.Linearised(model, case.system.scheme.steps(case.policy.dt))
+        self._controls = np.empty(0)
+        self._leaps: list[mjx_slope.Leap] = []
+
+    def __call__(self, controls: np.ndarray, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Return the slope (T, C) by the controls (T, C), from the first of the states (T+1, S)."""
+        steps = int(np.flatnonzero(weights)[-1]) + 1
+        leaps = self._rolled_out(controls, states[0], steps)
+        way = np.stack([states[0], *(leap.after for leap in leaps)])
+        rewards = _reward_slopes(
+            self.case.rules.reward, way, controls[:steps], weights[:steps], self.case.policy.dt
+        )
+        before, direct, after = (np.asarray(part, float) for part in rewards)
+        slopes = np.zeros(controls.shape)
+        later = np.zeros(states.shape[1])
+        for step in reversed(range(steps)):
+            later = later + after[step]
+            slopes[step] = direct[step] + later @ leaps[step].by_control
+            later = before[step] + later @ leaps[step].by_state
+        return slopes
+
+    def _rolled_out(
+        self, controls: np.ndarray, start: np.ndarray, steps: int
+    ) -> list[mjx_slope.Leap]:
+        """Return the first `steps` super steps."""
+        if self._controls is not controls:
+            self._controls = controls
+            self._leaps = []
+        while len(self._leaps) < steps:
+            at = self._leaps[-1].after if self._leaps else start
+            self._leaps.append(self.leap(at, controls[len(self._leaps)]))
+        return self._leaps[:steps]
 
 
 def smoothed(
