@@ -587,7 +587,7 @@ def failing(trajectory: Trajectory) -> jax.Array:
 
 
 REFUSED_COSTS = {
-    "wanted at 9 s, but the motion lasts 1 s": lambda: stand_upright(times=(0.5, 9.0)),
+    "applies at 9 s, but the motion lasts 1 s": lambda: stand_upright(times=(0.5, 9.0)),
     "every weight is zero": lambda: stand_upright(0.0, 0.0),
     "weights of at least 0, got -1": lambda: Objective.of(effort(-1.0), effort(1.0)),
     "weights of at least 0, got nan": lambda: Objective.of(effort(float("nan"))),

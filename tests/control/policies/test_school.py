@@ -45,7 +45,7 @@ def test_a_school_is_written_and_what_it_cannot_be_is_refused(cli: Cli, tmp_path
             ["fish", "--school", "2", "--start", "body.heading=1"],
             "start: a school is steered by its",
         ),
-        (["fish", "--school", "2", "--out", "a.csv"], "'a.csv' holds one body"),
+        (["fish", "--school", "2", "--out", "a.csv"], "'a.csv': a .csv holds one body"),
     ):
         refused = cli("animate", *arguments, "--out", tmp_path / "b.glb")
         assert refused.returncode == 2

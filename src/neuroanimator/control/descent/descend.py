@@ -242,9 +242,17 @@ def _descend(
     begins = np.repeat(np.asarray(problem.start, float)[None], len(best_zs), axis=0)
     if problem.varied is not None:
         varied = problem.varied
-        values = [varied.values(z) for z in as_float32(best_zs)]
+        emulator = problem.emulator
+        known = dict(zip(emulator.parameter_entries, emulator.parameters, strict=True))
+        ranges = [known[entry] for entry in varied.entries]
+        # Rounding to float32 may leave the range.
+        values = np.clip(
+            [varied.values(z) for z in as_float32(best_zs)],
+            [parameter.low for parameter in ranges],
+            [parameter.high for parameter in ranges],
+        )
         begins = np.stack(
-            [start_of_body(problem.emulator, begins[0], varied.entries, one) for one in values]
+            [start_of_body(emulator, begins[0], varied.entries, one) for one in values]
         )
     return Descent(
         method=options.method,
