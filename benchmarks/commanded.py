@@ -42,7 +42,7 @@ import neuroanimator as na
 from neuroanimator.control.policies.commands import Command, Commands
 from neuroanimator.control.policies.reference_motion import ORIENTATION, ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
-from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
@@ -55,6 +55,9 @@ Rows = list[dict[str, Any]]
 
 UPDATES = 2700
 """Number of updates of the policy, each of 32 steps of `LEARNERS` bodies."""
+
+STAGE = "0 to 4 m/s, from the walk"
+"""Name of the learning in the table of curves."""
 
 LEARNERS = 512
 """Number of bodies simulated in parallel during learning."""
@@ -369,8 +372,8 @@ def _laps(states: Float[np.ndarray, "K S"], phase: int) -> float:
     return float((states[-1, phase] - states[0, phase]) / (2 * np.pi))
 
 
-def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, float, Rows]:
-    """Return (the policy's file, core seconds of learning, rows of its learning curve)."""
+def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, float]:
+    """Return (the policy's file, core seconds of learning)."""
     for name in ("human.xml", "commanded.xml", "commanded.toml", "walk.csv", "run.csv"):
         (place / name).write_bytes((HUMAN / name).read_bytes())
     shutil.copytree(HUMAN / "skin", place / "skin", dirs_exist_ok=True)
@@ -379,7 +382,7 @@ def learn(start: Path, seed: int, updates: int, place: Path) -> tuple[Path, floa
     command = [PROGRAM, "policy", "commanded.toml", "--start", start.resolve(), "--out", file]
     command += ["--seed", seed, "--updates", updates, "--bodies", LEARNERS]
     subprocess.run([str(part) for part in command], cwd=place, check=True, capture_output=True)
-    return file, seconds_of_children() - began, curve_of(file, {"seed": seed})
+    return file, seconds_of_children() - began
 
 
 def draw_sheet(policy: StatePolicy, states: Float[np.ndarray, "K S"], out: Path) -> None:
@@ -410,9 +413,13 @@ def main() -> None:
             row: dict[str, Any] = {"seed": seed}
             file = arguments.policy
             if file is None:
-                file, seconds, curve = learn(arguments.start, seed, arguments.updates, Path(place))
-                row |= {"core seconds": seconds, "transitions": curve[-1]["steps"]}
-                curves += curve
+                file, row["core seconds"] = learn(
+                    arguments.start, seed, arguments.updates, Path(place)
+                )
+            curve = curve_of(file, {"seed": seed, "stage": STAGE})
+            if curve:
+                row |= {"transitions": curve[-1]["steps"]}
+            curves += curve
             policy = load_state_policy(file)
             row["file kB"] = file.stat().st_size / 1000
             if arguments.keep:
@@ -425,9 +432,10 @@ def main() -> None:
             told = [(3.0, 0.7, 0.0), (3.0, 0.0, 0.0), (4.0, 0.7, 0.6), (3.0, 0.3, 0.0)]
             draw_sheet(policy, walked(policy, task, system, told), arguments.sheet)
     if not arguments.dry:
-        write_csv(RESULTS / "commanded.csv", rows)
-        if curves:
-            write_csv(RESULTS / "commanded_curves.csv", curves)
+        table = RESULTS / "commanded.csv"
+        write_csv(table, [*other_rows(table, rows, "seed"), *rows])
+        curve_table = RESULTS / "commanded_curves.csv"
+        write_csv(curve_table, [*other_rows(curve_table, curves, "seed"), *curves])
 
 
 if __name__ == "__main__":
