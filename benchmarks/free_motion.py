@@ -7,8 +7,9 @@ python benchmarks/free_motion.py --folder F keeps datasets and emulators in the 
 
 The protocol of NeRD (Xu et al. 2025, arXiv 2508.15755): a cart-pole for 1,000 and an ant for 500 steps of 1/60 s from
 random starts, no control. Errors are distances from MuJoCo in fine steps, means over time and over the starts. Bodies
-are ours and Gymnasium's, and their engine differs. Emulators have the settings that `new` proposes, and a million transitions;
-the controls of half of the ant's runs stop at some point, and its layers are narrower than usual, for at most 100,000 weights.
+are ours and Gymnasium's, and their engine differs. An ant of the physics that stops dead after a second shows how much of
+the errors is creeping. Emulators have the settings that `new` proposes, and a million transitions; the controls of half of
+the ant's runs stop at some point, and its layers are narrower than usual, for at most 100,000 weights.
 """
 
 from __future__ import annotations
@@ -75,6 +76,8 @@ class Case(NamedTuple):
     """What of the training is not as usual."""
     parts: dict[str, tuple[str, ...]]
     """Names of the parts of the state that share an error, by its name."""
+    landed: float | None = None
+    """Time by which the body has landed [s]; None for one that does not."""
 
 
 def sample_cartpole(system: System, rng: np.random.Generator) -> Float[np.ndarray, " S"]:
@@ -125,6 +128,7 @@ CASES = (
             "orientation": ("root.orientation",),
             "joints": ANT_JOINTS,
         },
+        landed=1.0,
     ),
 )
 
@@ -155,15 +159,25 @@ def rows_of(case: Case, folder: Path, *, is_quick: bool) -> list[dict[str, Any]]
     emulated = np.asarray(emulator.rollout(starts, controls), float)
     seconds = seconds_of(emulator, system, starts[0], controls[0])
     weights = sum(leaf.size for leaf in jax.tree.leaves(emulator.network))
+    motions = {"emulator": emulated, "MuJoCo, the model's own step": own}
+    if case.landed is not None:
+        motions["held still once landed"] = held_still(fine, round(case.landed / emulator.dt))
     rows = []
-    for method, states in (("emulator", emulated), ("MuJoCo, the model's own step", own)):
+    for method, states in motions.items():
         row = {"case": case.name, "method": method, "super_step_s": emulator.dt, "steps": steps}
         row |= errors_of(case, system, states, fine)
-        row["frames_a_second"] = case.frames / seconds[method]
+        row["frames_a_second"] = case.frames / seconds[method] if method in seconds else ""
         made_of = (count, weights, made) if method == "emulator" else ("", "", "")
         row |= dict(zip(("transitions", "weights", "making_s"), made_of, strict=True))
         rows.append(row)
     return rows
+
+
+def held_still(states: Float[np.ndarray, "B T S"], step: int) -> Float[np.ndarray, "B T S"]:
+    """Return motions that stop dead after a number of super steps."""
+    held = states.copy()
+    held[:, step:] = states[:, step : step + 1]
+    return held
 
 
 def errors_of(
