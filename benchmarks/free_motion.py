@@ -7,8 +7,10 @@ python benchmarks/free_motion.py --folder F keeps datasets and emulators in the 
 
 The protocol of NeRD (Xu et al. 2025, arXiv 2508.15755): a cart-pole for 1,000 and an ant for 500 steps of 1/60 s from
 random starts, no control. Errors are distances from MuJoCo in fine steps, means over time and over the starts. Bodies
-are ours and Gymnasium's, and their engine differs. Emulators have the settings that `new` proposes, and a million transitions;
-the controls of half of the ant's runs stop at some point, and its layers are narrower than usual, for at most 100,000 weights.
+are ours and Gymnasium's, and their engine differs. An ant of the physics that stops dead after a second shows how much of
+the errors is creeping. The cart-pole's emulator has the settings that `new` proposes, and a million transitions. The ant's
+has 240,000: the controls of half of its runs stop at some point, errors of calm windows count as much as those of wild ones
+in relation to the motion, its layers are narrower than usual, for at most 100,000 weights, and its updates fewer.
 """
 
 from __future__ import annotations
@@ -75,6 +77,8 @@ class Case(NamedTuple):
     """What of the training is not as usual."""
     parts: dict[str, tuple[str, ...]]
     """Names of the parts of the state that share an error, by its name."""
+    landed: float | None = None
+    """Time by which the body has landed [s]; None for one that does not."""
 
 
 def sample_cartpole(system: System, rng: np.random.Generator) -> Float[np.ndarray, " S"]:
@@ -118,13 +122,14 @@ CASES = (
         "Ant-v5",
         500,
         sample_ant,
-        {"idle_share": 0.5},
-        {"widths": (176, 128)},
+        {"idle_share": 0.5, "count": 240_000},
+        {"widths": (176, 128), "calm": 1e-3, "updates": 8_000},
         {
             "position": ("root.position",),
             "orientation": ("root.orientation",),
             "joints": ANT_JOINTS,
         },
+        landed=1.0,
     ),
 )
 
@@ -137,13 +142,16 @@ def rows_of(case: Case, folder: Path, *, is_quick: bool) -> list[dict[str, Any]]
     toml, _ = write_definition(case.model, folder / f"{case.name}.toml")
     trust_files(toml)
     name, definition, substeps = resolve(str(toml))
-    count = QUICK_TRANSITIONS if is_quick else TRANSITIONS
-    dataset = DatasetConfig.usual(name, definition, substeps, count=count, **case.data)
+    data_settings = {"count": TRANSITIONS} | case.data
+    training_settings = dict(case.training)
+    if is_quick:
+        data_settings["count"] = QUICK_TRANSITIONS
+        training_settings["updates"] = QUICK_UPDATES
+    dataset = DatasetConfig.usual(name, definition, substeps, **data_settings)
     generate(dataset, folder / "data")
     data = read_transitions(folder / "data")
     system = data.system
-    settings = case.training | ({"updates": QUICK_UPDATES} if is_quick else {})
-    config = TrainingConfig.usual(system.structure, **settings)
+    config = TrainingConfig.usual(system.structure, **training_settings)
     emulator = train(data, config, folder / f"{case.name}.emulator.safetensors")
     made = time.perf_counter() - began
     rng = np.random.default_rng(TEST_SEED)
@@ -155,15 +163,25 @@ def rows_of(case: Case, folder: Path, *, is_quick: bool) -> list[dict[str, Any]]
     emulated = np.asarray(emulator.rollout(starts, controls), float)
     seconds = seconds_of(emulator, system, starts[0], controls[0])
     weights = sum(leaf.size for leaf in jax.tree.leaves(emulator.network))
+    motions = {"emulator": emulated, "MuJoCo, the model's own step": own}
+    if case.landed is not None:
+        motions["held still once landed"] = held_still(fine, round(case.landed / emulator.dt))
     rows = []
-    for method, states in (("emulator", emulated), ("MuJoCo, the model's own step", own)):
+    for method, states in motions.items():
         row = {"case": case.name, "method": method, "super_step_s": emulator.dt, "steps": steps}
         row |= errors_of(case, system, states, fine)
-        row["frames_a_second"] = case.frames / seconds[method]
-        made_of = (count, weights, made) if method == "emulator" else ("", "", "")
+        row["frames_a_second"] = case.frames / seconds[method] if method in seconds else ""
+        made_of = (dataset.count, weights, made) if method == "emulator" else ("", "", "")
         row |= dict(zip(("transitions", "weights", "making_s"), made_of, strict=True))
         rows.append(row)
     return rows
+
+
+def held_still(states: Float[np.ndarray, "B T S"], step: int) -> Float[np.ndarray, "B T S"]:
+    """Return motions that stop dead after a number of super steps."""
+    held = states.copy()
+    held[:, step:] = states[:, step : step + 1]
+    return held
 
 
 def errors_of(
