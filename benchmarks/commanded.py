@@ -149,8 +149,8 @@ class Walkers:
         return np.stack([self.commands.speed(states), states[:, self.commands.turning]], axis=1)
 
     def controls(self) -> Float[np.ndarray, "N C"]:
-        found = np.asarray(_controls(self.policy, jnp.asarray(self.states, jnp.float32)), float)
-        return self.policy.emulator.bounds.clip(found)
+        """Return the controls (N, C) of the policy."""
+        return controls_of(self.policy, self.states)
 
     def step(self) -> None:
         """Take one super step under the commands; fallen bodies stay down."""
@@ -164,14 +164,18 @@ class Walkers:
         self.states = np.where(self.is_fallen[:, None], self.states, states)
 
     def _falls(self, states: Float[np.ndarray, "N S"]) -> np.ndarray:
+        is_low = states[:, 2] < LEAST_HEIGHT
+        return is_low | (self.trunks(states)[:, 2, 2] < np.cos(LARGEST_TILT))
+
+    def trunks(self, states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N 3 3"]:
+        """Return the rotations of the trunks in these states, from their own axes to the world's."""
         data = mujoco.MjData(self.system.model)
-        upright = []
+        trunks = []
         for state in states:
             data.qpos[:] = state[: self.system.model.nq]
             mujoco.mj_kinematics(self.system.model, data)
-            upright.append(data.xmat[self.trunk, 8])
-        is_low = states[:, 2] < LEAST_HEIGHT
-        return is_low | (np.array(upright) < np.cos(LARGEST_TILT))
+            trunks.append(data.xmat[self.trunk].reshape(3, 3).copy())
+        return np.array(trunks)
 
     def push(self, row: int, impulse: float, angle: float) -> None:
         """Push the trunk of one body for a few physics steps, while its policy goes on controlling it."""
@@ -182,8 +186,7 @@ class Walkers:
         substeps = round(self.policy.dt / model.opt.timestep)
         state = self.states[row]
         while left > 0:
-            one = jnp.asarray(state[None], jnp.float32)
-            held = self.policy.emulator.bounds.clip(np.asarray(_controls(self.policy, one), float))
+            held = controls_of(self.policy, state[None])
             data.qpos[:] = state[: model.nq]
             data.qvel[:] = state[model.nq : model.nq + model.nv]
             data.ctrl[:] = held[0]
@@ -197,6 +200,12 @@ class Walkers:
                 mujoco.mj_step(model, data)
             state = np.concatenate([data.qpos, data.qvel])
         self.states[row] = state
+
+
+def controls_of(policy: StatePolicy, states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N C"]:
+    """Return a policy's controls, within their bounds."""
+    found = np.asarray(_controls(policy, jnp.asarray(states, jnp.float32)), float)
+    return policy.emulator.bounds.clip(found)
 
 
 @eqx.filter_jit

@@ -19,13 +19,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
-import mujoco
 import numpy as np
-from commanded import RESULTS, Walkers
+from commanded import RESULTS, Walkers, controls_of
 from following import HUMAN
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, TURN
@@ -151,8 +148,7 @@ class Fallers:
             seen = np.delete(seen, self.unseen, axis=1)
             seen[:, self.motion.phase] = TURN * step / self.motion.lap
             seen[:, -1] = first[-1]
-            found = np.asarray(_controls(self.get_up, jnp.asarray(seen, jnp.float32)), float)
-            self._step(self.get_up.emulator.bounds.clip(found))
+            self._step(controls_of(self.get_up, seen))
 
     def stand_up(self) -> None:
         """Hand all bodies that are upright to the walking policy, headed as they are."""
@@ -172,22 +168,11 @@ class Fallers:
 
     def tilts(self) -> Float[np.ndarray, " N"]:
         """Return the angles of trunks to the vertical [rad]."""
-        return np.arccos(np.clip(self._trunks()[:, 2, 2], -1, 1))
+        return np.arccos(np.clip(self.walkers.trunks(self.walkers.states)[:, 2, 2], -1, 1))
 
     def lie_otherwise(self) -> Bool[np.ndarray, " N"]:
         """Return whether each body has fallen and does not lie on its front."""
-        return self.has_fallen & (self._trunks()[:, 2, 0] > ON_FRONT)
-
-    def _trunks(self) -> Float[np.ndarray, "N 3 3"]:
-        walkers = self.walkers
-        model = walkers.system.model
-        data = mujoco.MjData(model)
-        trunks = []
-        for state in walkers.states:
-            data.qpos[:] = state[: model.nq]
-            mujoco.mj_kinematics(model, data)
-            trunks.append(data.xmat[walkers.trunk].reshape(3, 3).copy())
-        return np.array(trunks)
+        return self.has_fallen & (self.walkers.trunks(self.walkers.states)[:, 2, 0] > ON_FRONT)
 
     def _step(self, lying: Float[np.ndarray, "N C"]) -> None:
         """Take one super step, with these controls for the bodies that have fallen."""
@@ -214,11 +199,6 @@ def _moved(
     linear = slice(velocity, velocity + 3)
     states[:, linear] = rotate(back, states[:, linear])
     return states
-
-
-@eqx.filter_jit
-def _controls(policy: StatePolicy, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
-    return policy.control_of(states)
 
 
 def fallen_and_risen(
