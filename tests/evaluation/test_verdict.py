@@ -30,6 +30,7 @@ from neuroanimator.files.zoo import shipped_emulators
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.survey import base_windows
 from neuroanimator.training.train import Report
 from neuroanimator.training.validation import validation_errors
@@ -94,7 +95,7 @@ def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_targe
         "target_x.velocity",
         "target_y.velocity",
     ]
-    assert "Never moves, so left out of all errors: target_x[0] m" in found.note
+    assert "Left out of all errors, since its change never varies: target_x[0] m" in found.note
     assert found.verdict.word in ("usable", "good")
     assert emulator.verdict is not None
     assert emulator.verdict.word in ("usable", "good")
@@ -136,6 +137,18 @@ def test_what_never_moves_stands_still_whatever_the_network_says(with_target):
     np.testing.assert_array_equal(path[:, 1:3], np.tile(np.float32(start[1:3]), (501, 1)))
     np.testing.assert_array_equal(path[:, 4:], 0)
     assert np.ptp(path[:, 0]) > 0.1
+
+
+def test_a_clock_goes_on_alike_and_adds_no_error(with_target):
+    _, data, config = with_target
+    states = data.states.copy()
+    first = np.random.default_rng(0).uniform(-3, 3, (len(states), 1))
+    states[..., 1] = first + 0.03 * np.arange(states.shape[1])
+    fresh = build_emulator(replace(data, states=states), config)
+    assert fresh.normaliser.unit[1] == 0
+    assert fresh.normaliser.unit[0] > 0
+    path = np.asarray(fresh.rollout(np.zeros(6), np.ones((50, 1))))
+    np.testing.assert_allclose(path[:, 1], 0.03 * np.arange(51), atol=1e-5)
 
 
 def test_what_stands_still_is_kept_within_the_range_of_training(with_target):

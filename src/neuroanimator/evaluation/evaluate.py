@@ -126,7 +126,7 @@ class Evaluation:
     diverged_starts: int
     """Number of random starts tried."""
     still: list[str] = field(default_factory=list)
-    """State entries that never move and are left out of all errors."""
+    """State entries whose change never varies, and which are left out of all errors."""
     noise: Float[np.ndarray, " S"] | None = None
     """Standard deviation of the noise in each state entry of recordings; None where unknown."""
     noise_by_entry: Float[np.ndarray, " M"] | None = None
@@ -203,7 +203,9 @@ class Evaluation:
             shown = ", ".join(self.still[:MAX_NAMED])
             left_out = len(self.still) - MAX_NAMED
             more = f" and {left_out} more" if left_out > 0 else ""
-            sentences.append(f"Never moves, so left out of all errors: {shown}{more}.")
+            sentences.append(
+                f"Left out of all errors, since its change never varies: {shown}{more}."
+            )
         return " ".join(sentences)
 
     def _on_speed(self) -> list[str]:

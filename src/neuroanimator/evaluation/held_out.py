@@ -12,7 +12,7 @@ from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.normaliser import MIN_CHANGE
+from neuroanimator.emulator.normaliser import MIN_CHANGE, varies
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.arrays import as_rows
@@ -57,7 +57,7 @@ class HeldOut:
     change_scale: Float[np.ndarray, " V"]
     """Standard deviation of the change in one super step, in the body's own frame: the unit of every error.
 
-    A number that never moves has none, and no error: see `moves`.
+    Zero for a number whose change is always the same, which has no error: see `moves`.
     """
     most_transitions: int = MAX_TRANSITIONS
     noise: Float[np.ndarray, " S"] | None = None
@@ -79,7 +79,7 @@ class HeldOut:
 
     @property
     def still(self) -> list[str]:
-        """Names and units of the state entries that never move and are left out of every error."""
+        """Names and units of the state entries whose change never varies, and which are left out of every error."""
         names = self.system.state.names
         entries = self.frame.change_entries(self.states.shape[-1])
         still = []
@@ -179,7 +179,9 @@ def make_test(
             f"{system.name}: every test run diverged in the physics itself. Use a smaller step."
         )
     changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
-    scale = system.structure.common_scale(changes.std(axis=(0, 1)))
+    deviation = changes.std(axis=(0, 1))
+    is_varied = varies(changes.mean(axis=(0, 1)), deviation)
+    scale = system.structure.common_scale(np.where(is_varied, deviation, 0))
     test = HeldOut(system, dt, states, controls, scale)
     if not test.moves.any():
         raise ArgumentError(

@@ -20,7 +20,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import LEVELS, ErrorBounds, errors_in, log_scores
-from neuroanimator.emulator.normaliser import MIN_CHANGE
+from neuroanimator.emulator.normaliser import varies
 from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.body_frame import Frame
@@ -166,10 +166,11 @@ def with_error_bounds(
 def _usual_change(
     structure: Structure, states: Float[np.ndarray, "B F S"]
 ) -> Float[np.ndarray, " V"]:
-    """Return the standard deviation of each number's change in a super step; 0 for what never moves."""
+    """Return the standard deviation of each number's change in a super step; 0 where it does not vary."""
     changes = Frame.of(structure, 0.0).difference(states[:, :-1], states[:, 1:])
     deviation = changes.std(axis=(0, 1))
-    return structure.common_scale(np.where(deviation >= MIN_CHANGE, deviation, 0))
+    is_varied = varies(changes.mean(axis=(0, 1)), deviation)
+    return structure.common_scale(np.where(is_varied, deviation, 0))
 
 
 class _Measured(NamedTuple):

@@ -23,7 +23,7 @@ from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.networks.hierarchy import Part
 from neuroanimator.emulator.networks.hierarchy_parts import parts_of_body, parts_of_joints
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.emulator.normaliser import MIN_CHANGE, Normaliser
+from neuroanimator.emulator.normaliser import MIN_CHANGE, Normaliser, varies
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
@@ -77,17 +77,16 @@ class _Moments:
 
     @classmethod
     def of(cls, rows: Float[np.ndarray, "N K"]) -> _Moments:
-        return cls(
-            len(rows), rows.mean(axis=0), rows.std(axis=0), rows.min(axis=0), rows.max(axis=0)
-        )
+        mean = rows.mean(axis=0, dtype=float)
+        std = rows.std(axis=0, dtype=float)
+        return cls(len(rows), mean, std, rows.min(axis=0), rows.max(axis=0))
 
     def joined(self, other: _Moments) -> _Moments:
         """Return the moments of both together, in double precision (Chan, Golub and LeVeque, 1979)."""
         count = self.count + other.count
-        apart = np.asarray(other.mean, float) - self.mean
+        apart = other.mean - self.mean
         mean = self.mean + apart * (other.count / count)
-        squares = self.count * np.asarray(self.std, float) ** 2
-        squares += other.count * np.asarray(other.std, float) ** 2
+        squares = self.count * self.std**2 + other.count * other.std**2
         squares += apart**2 * (self.count * other.count / count)
         low = np.minimum(self.low, other.low)
         high = np.maximum(self.high, other.high)
@@ -316,11 +315,12 @@ def _normaliser(
     change_scale = np.maximum(change.std, MIN_SCALE)
     unit = np.maximum(whole_change.std, MIN_SCALE)
     if latent.encoding.is_identity:
-        moves = whole_change.std >= MIN_CHANGE
-        if not moves.any():
+        mean = np.where(latent.odd_changes, 0.0, whole_change.mean)
+        is_varied = varies(mean, whole_change.std)
+        if not is_varied.any():
             raise ArgumentError(NOTHING_MOVES)
-        change_scale = np.where(moves, change_scale, 0.0)
-        unit = data.system.structure.common_scale(np.where(moves, unit, 0.0))
+        change_scale = np.where(is_varied, change_scale, 0.0)
+        unit = data.system.structure.common_scale(np.where(is_varied, unit, 0.0))
     else:  # all latent numbers of a deformable body move, and have their own units
         unit = _body_units(data, latent)
     plain_mean = np.where(odd_raw, 0.0, raw.mean)

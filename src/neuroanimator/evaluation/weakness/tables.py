@@ -73,7 +73,7 @@ def component_table(inspection: Inspection) -> Table:
         remarks.append(f"{len(left_out)} more have errors of at most {most:.2g} of their change.")
     still = len(inspection.components) - len(components)
     if still:
-        remarks.append(f"{still} more never move, and have no error.")
+        remarks.append(f"{still} more change always by the same, and have no error.")
     return Table(rows, remarks)
 
 
