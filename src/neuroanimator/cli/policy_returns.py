@@ -262,6 +262,9 @@ def _evaluate_following(
         ),
     ]
     if inside.returns.mean() < TRUE_RETURN * found.returns.mean():
-        advice = "useless as physics; 'neuroanimator train' makes one from the policy's motions"
+        advice = (
+            "useless as physics; 'neuroanimator train' makes one from the policy's motions, "
+            "a better one with more --updates"
+        )
         rows.append(("the emulator", advice))
     print_rows(rows)
