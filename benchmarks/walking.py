@@ -26,8 +26,7 @@ from neuroanimator.cli.policy import first_emulator
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.csv_table import other_rows, write_csv
 from neuroanimator.evaluation.machine import describe_machine
-from neuroanimator.gym.policy_task import task_to_learn
-from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.policy_task import PolicyTask, task_to_learn
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.system import System
@@ -72,15 +71,15 @@ def learnt(env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows
     return row, [{"environment": env_id, "seed": seed} | point for point in points]
 
 
-def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, EpisodeRules, Emulator]:
-    """Return (the physics of a task, its rules, the initial emulator), as in `neuroanimator policy`."""
+def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, PolicyTask, Emulator]:
+    """Return (the physics of a task, the task, its initial emulator), as in `neuroanimator policy`."""
     run(folder, "new", env_id)
     toml = folder / f"{env_id}.toml"
     name, definition, _ = resolve(str(toml))
     trust_files(toml)
     system = load_system(str(toml))
     task = task_to_learn(definition, toml, system)
-    return system, task.rules, first_emulator(name, definition, task, folder / "run", seed)
+    return system, task, first_emulator(name, definition, task, folder / "run", seed)
 
 
 def keep(file: str, rows: Rows) -> None:

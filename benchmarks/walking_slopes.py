@@ -141,8 +141,8 @@ def cases_of(body: str, folder: Path, count: int) -> list[Case]:
 
 def learn(env_id: str, folder: Path, files: dict[int, Path]) -> None:
     """Write the policy and its emulator after each of the numbers of updates in `files`."""
-    system, rules, emulator = prepared(env_id, folder, 0)
-    learner = Learner(system, emulator, rules, PolicyLearning())
+    system, task, emulator = prepared(env_id, folder, 0)
+    learner = Learner(system, emulator, task.rules, PolicyLearning())
     for updates, file in files.items():
         while learner.numbers.update < updates:
             learner.advance()
