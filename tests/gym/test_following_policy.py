@@ -176,11 +176,14 @@ def test_a_human_from_its_toml_to_its_motion(emulator: Emulator, cli: Cli, tmp_p
     assert (tmp_path / "walk.glb").stat().st_size > 1000
 
 
-def test_the_policy_that_ships_gets_up_from_the_floor(system: System, cli: Cli, tmp_path: Path):
+@pytest.mark.parametrize("place", [(), ("--inside",)], ids=["on the physics", "inside"])
+def test_the_policy_that_ships_gets_up_from_the_floor(
+    system: System, cli: Cli, tmp_path: Path, place: tuple[str, ...]
+):
     toml = TOML.with_name("get-up.toml")
     policy = TOML.with_name("get-up.policy.safetensors")
     out = tmp_path / "up.csv"
-    done = cli("animate", str(policy), "--system", str(toml), "--out", str(out))
+    done = cli("animate", str(policy), "--system", str(toml), *place, "--out", str(out))
     assert done.returncode == 0, done.stderr
     _, states = read_table(out, system.state)
     height = states[:, 2]
