@@ -1,4 +1,4 @@
-"""The products of a super step alone, as float32 from where its weights lie: the least that a super step can take."""
+"""The products of a super step alone, from where its weights lie: the least that a super step can take."""
 
 from __future__ import annotations
 
@@ -23,36 +23,61 @@ from runtimes_cases.case import BATCH_STEPS, BATCHES, STEPS, SUPER_STEP, Case, M
 
 NAME = "products alone"
 
+PAIRS = {"products of bfloat16 alone": "_bfloat16", "products of int16 alone": "_int16"}
+"""Runtimes with weights and inputs of 16 bits, and how the names of their functions in `roofline.c` end."""
+
+TILES = "products of bfloat16 in tiles alone"
+
 SIDE_BY_SIDE = 8
 """Sums that are added to side by side, as `roofline.c` has it."""
 
 
 def cases(motion: Motion) -> Iterator[Case]:
-    """Yield the products of one motion, and of sixteen side by side."""
+    """Yield the products of one motion, and of motions side by side; also of 16 bits, where the processor has them."""
     text = (Path(__file__).parent / "roofline.c").read_text(encoding="utf-8")
     library = compiled_library(prelude() + text, FLAGS)
     if library is None:
         raise ResourceError("runtimes: nothing can be compiled here. Install a C compiler.")
-    products = products_of(motion.emulator)
-    blocks = -(-products // (SIDE_BY_SIDE * WIDTH))
-    panels = -(-products // (WIDTH * WIDTH))
-    weights = lanes(panels * WIDTH)
+    yield from _products(motion, library, NAME, "", weights_per_float=1)
+    if hasattr(library, "products_bfloat16"):
+        for name, suffix in PAIRS.items():
+            yield from _products(motion, library, name, suffix, weights_per_float=2)
+    if hasattr(library, "has_tiles") and library.has_tiles():
+        yield from _products_of_lanes(motion, library, TILES, "_tiles", weights_per_float=2)
+
+
+def _products(
+    motion: Motion, library: ctypes.CDLL, name: str, suffix: str, weights_per_float: int
+) -> Iterator[Case]:
+    """Yield products by the functions of `roofline.c` whose names end with `suffix`."""
+    blocks = _blocks(motion, SIDE_BY_SIDE * WIDTH * weights_per_float)
+    weights = lanes(blocks * SIDE_BY_SIDE)
     one = lanes(1)
-    alone = partial(library.products, _at(weights), ctypes.c_long(blocks), ctypes.c_long(STEPS))
-    yield Case(NAME, SUPER_STEP, STEPS, partial(alone, _at(one)))
+    function = library[f"products{suffix}"]
+    sizes = ctypes.c_long(blocks), ctypes.c_long(STEPS)
+    yield Case(name, SUPER_STEP, STEPS, partial(function, _at(weights), *sizes, _at(one)))
+    yield from _products_of_lanes(motion, library, name, suffix, weights_per_float)
+
+
+def _products_of_lanes(
+    motion: Motion, library: ctypes.CDLL, name: str, suffix: str, weights_per_float: int
+) -> Iterator[Case]:
+    """Yield the products of each batch, sixteen motions side by side."""
+    panels = _blocks(motion, WIDTH * WIDTH * weights_per_float)
+    weights = lanes(panels * WIDTH)
     x = lanes(WIDTH)
     y = lanes(panels * WIDTH)
+    function = library[f"products_of_lanes{suffix}"]
     for batch in BATCHES:
         steps = batch * BATCH_STEPS
-        together = partial(
-            library.products_of_lanes,
-            _at(weights),
-            _at(x),
-            ctypes.c_long(panels),
-            ctypes.c_long(steps // WIDTH),
-            _at(y),
-        )
-        yield Case(NAME, batch_task(batch), steps, together)
+        sizes = ctypes.c_long(panels), ctypes.c_long(steps // WIDTH)
+        together = partial(function, _at(weights), _at(x), *sizes, _at(y))
+        yield Case(name, batch_task(batch), steps, together)
+
+
+def _blocks(motion: Motion, products: int) -> int:
+    """Return the number of blocks of so many products that hold all of a super step."""
+    return -(-products_of(motion.emulator) // products)
 
 
 def products_of(emulator: SuperStep) -> int:

@@ -81,8 +81,7 @@ def _program(
 
     Only numbers and our own names are written: no text from an emulator's file reaches a compiler.
     """
-    latent, control, _ = _inputs(emulator, is_wide=is_wide)
-    _, _, state = _inputs(emulator, is_wide=False)
+    latent, control, state = _inputs(emulator, is_wide=is_wide)
     constants = Constants()
     functions = [c_function("encode", encode, emulator, [state], constants)]
     for name, function in super_steps.items():

@@ -1,31 +1,75 @@
 /* Sixteen motions in parallel. Numbers are in the units of the emulator's state and control. */
 
+#define SQUARE (LANES * LANES)
+#define PADDED(count) (((count) + LANES - 1) / LANES * LANES)
+
+/* The two halves of `from` (SQUARE), interleaved. */
+static void riffle(const float *NA_RESTRICT from, float *NA_RESTRICT to) {
+    for (int i = 0; i < SQUARE / 2; i++) {
+        to[2 * i] = from[i];
+        to[2 * i + 1] = from[SQUARE / 2 + i];
+    }
+}
+
+/* Transposes `square` (LANES, LANES). A riffle rotates the bits of each index by one, and four exchange row and column. */
+static void transpose(float *square) {
+    NA_ALIGNED float other[SQUARE];
+    riffle(square, other);
+    riffle(other, square);
+    riffle(square, other);
+    riffle(other, square);
+}
+
+/* Copies `count` of a row of LANES floats. */
+static void copy_row(const float *from, float *to, long count) {
+    if (count == LANES)
+        memcpy(to, from, LANES * sizeof(float));
+    else
+        for (long i = 0; i < count; i++) to[i] = from[i];
+}
+
+static long smaller(long some, long other) { return some < other ? some : other; }
+
+/* `lanes` (count, LANES) of rows (count) that begin `stride` apart. Lanes from `present` on repeat the last row. `lanes` has
+   room for whole squares. */
+static void lanes_of_rows(const float *rows, long stride, long present, long count, float *lanes) {
+    for (long first = 0; first < count; first += LANES, lanes += SQUARE) {
+        const long columns = smaller(LANES, count - first);
+        for (long l = 0; l < LANES; l++)
+            copy_row(rows + smaller(l, present - 1) * stride + first, lanes + l * LANES, columns);
+        transpose(lanes);
+    }
+}
+
+/* The reverse. `lanes` are left in another order. */
+static void rows_of_lanes(float *lanes, long stride, long present, long count, float *rows) {
+    for (long first = 0; first < count; first += LANES, lanes += SQUARE) {
+        const long columns = smaller(LANES, count - first);
+        transpose(lanes);
+        for (long l = 0; l < present; l++) copy_row(lanes + l * LANES, rows + l * stride + first, columns);
+    }
+}
+
 /* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C).
    Returns whether all starts are small enough and all else is finite. */
 int rollouts(const float *k, const float *starts, const float *controls, long count, long steps, float *states) {
-    NA_ALIGNED float latent[LATENT * LANES], state[STATE * LANES], one[LATENT];
-    NA_ALIGNED float control[(CONTROL > 0 ? CONTROL : 1) * LANES];
+    NA_ALIGNED float latent[LATENT * LANES], state[PADDED(STATE) * LANES];
+    NA_ALIGNED float control[PADDED(CONTROL > 0 ? CONTROL : 1) * LANES] = {0};
+    int are_sound = all_below(starts, count * STATE, MAX_MAGNITUDE);
     for (long first = 0; first < count; first += LANES) {
-        const long present = count - first < LANES ? count - first : LANES;
-        for (long l = 0; l < LANES; l++) {
-            /* Surplus lanes repeat the last motion. */
-            const float *start = starts + (first + (l < present ? l : present - 1)) * STATE;
-            encode(k, start, one);
-            for (int i = 0; i < LATENT; i++) latent[i * LANES + l] = one[i];
-            if (l < present) memcpy(states + (first + l) * (steps + 1) * STATE, start, STATE * sizeof(float));
-        }
+        const long present = smaller(LANES, count - first);
+        float *rows = states + first * (steps + 1) * STATE;
+        for (long l = 0; l < present; l++)
+            memcpy(rows + l * (steps + 1) * STATE, starts + (first + l) * STATE, STATE * sizeof(float));
+        lanes_of_rows(starts + first * STATE, STATE, present, STATE, state);
+        encode(k, state, latent);
         for (long t = 0; t < steps; t++) {
-            for (long l = 0; l < LANES; l++) {
-                const float *held = controls + ((first + (l < present ? l : present - 1)) * steps + t) * CONTROL;
-                for (int i = 0; i < CONTROL; i++) control[i * LANES + l] = held[i];
-            }
+            lanes_of_rows(controls + (first * steps + t) * CONTROL, steps * CONTROL, present, CONTROL, control);
             super_step_lanes(k, latent, control, latent, state);
-            for (long l = 0; l < present; l++) {
-                float *next = states + ((first + l) * (steps + 1) + t + 1) * STATE;
-                for (int i = 0; i < STATE; i++) next[i] = state[i * LANES + l];
-            }
+            /* Here, while they are in the cache. */
+            are_sound &= all_finite(control, CONTROL * LANES) & all_finite(state, STATE * LANES);
+            rows_of_lanes(state, (steps + 1) * STATE, present, STATE, rows + (t + 1) * STATE);
         }
     }
-    const int are_given_sound = all_below(starts, count * STATE, MAX_MAGNITUDE) & all_finite(controls, count * steps * CONTROL);
-    return are_given_sound & all_finite(states, count * (steps + 1) * STATE);
+    return are_sound;
 }
