@@ -36,7 +36,7 @@ from real_recordings_cases.families import (
 )
 from real_recordings_cases.fitted_physics import fitted_physics
 from real_recordings_cases.lyapunov import lyapunov_time
-from real_recordings_cases.methods import FREE_METHODS, Method, start_noise
+from real_recordings_cases.methods import FREE_METHODS, Clocks, Method, start_noise
 from real_recordings_cases.runs import write_recording
 from real_recordings_cases.source_files import fetch
 
@@ -65,7 +65,7 @@ QUICK_ROWS = "afn"
 """Rows of a quick run: nothing is fitted."""
 
 FIGURES = (
-    "making_s",
+    *Clocks._fields,
     "predicting_s",
     "iterations",
     "rollouts",
@@ -96,13 +96,14 @@ def rows_of(case: Case, data: Path, rows_told: str) -> list[dict[str, Any]]:
     for name, (row, method) in METHODS.items():
         if row not in rows_told:
             continue
-        began = time.perf_counter()
+        began = Clocks.now()
         prediction = method(case, training)
         if prediction is None:
             continue
+        making = began.passed()._asdict()
         made = time.perf_counter()
         states = prediction.predict(unseen.starts, unseen.controls)
-        seconds = {"making_s": made - began, "predicting_s": time.perf_counter() - made}
+        seconds = making | {"predicting_s": time.perf_counter() - made}
         shares = {} if prediction.shares is None else prediction.shares(unseen)
         tell(row, name, states, seconds | shares | prediction.figures)
     if unseen.halves is not None and NOISE_ROW in rows_told:

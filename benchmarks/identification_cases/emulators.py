@@ -62,6 +62,17 @@ CARRIER_CASES = (
 )
 """Emulators of an arm by URDF with a payload: six parameters, masses and dampings."""
 
+HALF_RECIPE = {"updates": 10_000}
+
+CARRIER_DATA_CASES = (
+    Case("carrier100h", "carrier.toml", 100_000, HALF_RECIPE),
+    Case("carriers100h", "carrier_family.toml", 100_000, HALF_RECIPE),
+    Case("carriers100r", "carrier_family.toml", 100_000, HALF_RECIPE | {"rare_share": 0.3}),
+    Case("carriers300h", "carrier_family.toml", 300_000, HALF_RECIPE),
+    Case("carrier300h", "carrier.toml", 300_000, HALF_RECIPE),
+)
+"""The same with half of the updates: what data do, and rare super steps drawn more often, each by itself."""
+
 TRUCK_RECIPE = {"widths": (128, 96), "updates": 100_000}
 TRUCKS_RECIPE = {"widths": (128, 96), "updates": 40_000}
 WIDE_TRUCKS_RECIPE = {"widths": (192, 128), "updates": 27_000}
@@ -76,6 +87,7 @@ TRUCK_CASES = (
 SYSTEMS = {
     "arm": CASES,
     "arm by URDF": CARRIER_CASES,
+    "arm by URDF, short training": CARRIER_DATA_CASES,
     "truck": TRUCK_CASES,
 }
 """Cases of the table by system; the first of each is of one body."""

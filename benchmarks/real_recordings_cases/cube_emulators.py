@@ -9,7 +9,6 @@ Random starts of the dataset are those of tosses. The emulator sees contacts com
 
 from __future__ import annotations
 
-import time
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from real_recordings_cases.bounds import bounded_shares
 from real_recordings_cases.cases import MODELS, Case
 from real_recordings_cases.families import CUBE_SAMPLES, by_emulator
 from real_recordings_cases.fitted_physics import fit_physics
-from real_recordings_cases.methods import Prediction
+from real_recordings_cases.methods import Clocks, Prediction
 from real_recordings_cases.runs import Run, write_recording
 
 TRANSITIONS = 600_000
@@ -59,8 +58,8 @@ class Cube:
 
     toml: Path
     emulator: Emulator
-    making_s: float
-    """Wall time of fit, dataset and training [s]."""
+    making: Clocks
+    """Times of fit, dataset and training."""
 
 
 def cube_emulator(case: Case, training: list[Run]) -> Prediction | None:
@@ -69,7 +68,7 @@ def cube_emulator(case: Case, training: list[Run]) -> Prediction | None:
         return None
     cube = _cube(case, tuple(training))
     shares = bounded_shares(case, cube.emulator, 0.0, training)
-    figures = {"making_s": cube.making_s}
+    figures = cube.making._asdict()
     return Prediction(by_emulator(case, cube.emulator), figures, shares)
 
 
@@ -83,9 +82,9 @@ def cube_fine_tuned(case: Case, training: list[Run]) -> Prediction | None:
     recording = cube.toml.parent / "training.csv"
     write_recording(recording, learnt, case.columns, case.dt)
     out = cube.toml.parent / "tuned.emulator.safetensors"
-    began = time.perf_counter()
+    began = Clocks.now()
     tuned = fine_tune(cube.emulator, recording, out, config=ImprovementConfig(**TUNING)).emulator
-    figures = {"making_s": cube.making_s + time.perf_counter() - began}
+    figures = cube.making.plus(began.passed())._asdict()
     shares = bounded_shares(case, tuned, 0.0, training[-HELD_OUT:])
     return Prediction(by_emulator(case, tuned), figures, shares)
 
@@ -101,7 +100,7 @@ def _cube(case: Case, training: tuple[Run, ...]) -> Cube:
 
 
 def _make_cube(case: Case, training: list[Run]) -> Cube:
-    began = time.perf_counter()
+    began = Clocks.now()
     model = fit_physics(case, training).model
     toml = write_cube(case, model, Path(mkdtemp()))
     trust_files(toml)
@@ -110,7 +109,7 @@ def _make_cube(case: Case, training: list[Run]) -> Cube:
     data = simulate_transitions(config)
     settings = TrainingConfig.usual(data.system.structure, **TRAINING)
     emulator = train(data, settings, toml.parent / "cube.emulator.safetensors")
-    return Cube(toml, emulator, time.perf_counter() - began)
+    return Cube(toml, emulator, began.passed())
 
 
 def write_cube(case: Case, model: mujoco.MjModel, folder: Path) -> Path:

@@ -9,10 +9,10 @@ from real_recordings_cases.cases import CASES, Case
 from real_recordings_cases.runs import Run, write_recording
 from real_recordings_cases.source_files import REPOSITORIES, source_file
 
-ROWS = 600
-"""Number of samples of a pendulum's motion: 3 s."""
+ROWS = 400
+"""Number of samples of a pendulum's motion: 2 s."""
 
-TOSSES = 3
+TOSSES = 2
 
 EXCERPTS = {
     "triple pendulum": "triple_pendulum.csv",
@@ -20,6 +20,17 @@ EXCERPTS = {
     "cube tosses": "cube_tosses.csv",
 }
 """By the name of a case, what its excerpt is called."""
+
+ORIGIN = """\
+Excerpts of recordings published by others, resampled and renamed; not part of this project. Each is written by
+real_recordings.py --excerpts; columns are named in the first line, with units.
+
+triple_pendulum.csv: the first 2 s of the free swing of dynamicslab/MultiArm-Pendulum, every 5 ms. Angles are those of hinges,
+zero when hanging, as measured; velocities are slopes of a cubic over 30 ms.
+pendubot.csv: the first 2 s of a swing-up by the shoulder's motor of dfki-ric-underactuated-lab/double_pendulum, every 5 ms.
+Velocities are slopes over 50 ms; torques are means over the next 5 ms, from the motors' currents.
+cube_tosses.csv: two tosses of DAIRLab/contact-nets, 148 samples a second: position, orientation (wxyz), velocity, angular
+velocity in the cube's own axes."""
 
 
 def write_excerpts(folder: Path, data: Path) -> None:
@@ -41,9 +52,7 @@ def _beginning(case: Case, runs: list[Run]) -> list[Run]:
 
 
 def _licences(data: Path) -> str:
-    parts = [
-        "Excerpts of recordings published by others, resampled and renamed; not part of this project."
-    ]
+    parts = [ORIGIN]
     for repository in REPOSITORIES:
         place = f"github.com/{repository.owner}/{repository.name} at {repository.commit}"
         text = source_file(repository, "LICENSE").read(data).decode()

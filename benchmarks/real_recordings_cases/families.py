@@ -12,7 +12,6 @@ measured are angles; their velocities are made of them, so identification is not
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,7 +37,7 @@ from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve, trust_files
 from real_recordings_cases.bounds import bounded_shares, super_steps
 from real_recordings_cases.cases import MODELS, Case, Windows
-from real_recordings_cases.methods import Method, Predict, Prediction
+from real_recordings_cases.methods import Clocks, Method, Predict, Prediction
 from real_recordings_cases.runs import Columns, Run, write_recording
 
 SUPER_STEP = 0.05
@@ -86,9 +85,8 @@ class Family:
     identification: Identification
     recording: Path
     """The training part, all of its state."""
-    making_s: float
-    """Wall time of dataset and training [s]."""
-    identifying_s: float
+    making: Clocks
+    """Times of dataset, training and identification."""
 
 
 def of_chains(method: Callable[[Case, list[Run]], Prediction]) -> Method:
@@ -210,14 +208,13 @@ def _make_family(case: Case, training: list[Run]) -> Family:
     write_recording(angles, measured, shown, case.dt)
     trust_files(toml)
     name, definition, substeps = resolve(str(toml))
-    began = time.perf_counter()
+    began = Clocks.now()
     config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=TRANSITIONS)
     data = simulate_transitions(config)
     settings = TrainingConfig(updates=UPDATES, widths=WIDTHS)
     emulator = train(data, settings, folder / "family.emulator.safetensors")
-    made = time.perf_counter()
     found = identify(emulator, angles, offsets=True)
-    return Family(toml, emulator, found, recording, made - began, time.perf_counter() - made)
+    return Family(toml, emulator, found, recording, began.passed())
 
 
 def write_family(case: Case, training: list[Run], folder: Path) -> Path:
@@ -296,8 +293,5 @@ def _inside(family: Family) -> dict[str, float]:
 def _figures(family: Family) -> dict[str, object]:
     found = family.identification
     fitted = " ".join(f"{estimate.name}={estimate.value:.4g}" for estimate in found.estimates)
-    return {
-        "making_s": family.making_s + family.identifying_s,
-        "iterations": found.final.iterations,
-        "fitted": fitted,
-    }
+    counts = {"iterations": found.final.iterations, "fitted": fitted}
+    return family.making._asdict() | counts

@@ -6,9 +6,11 @@ A method looks at a case and its training runs and returns what predicts: starts
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +32,31 @@ RIDGE_STRIDE = 10
 
 SMALL = 1e-9
 """What never changes is measured by this."""
+
+
+class Clocks(NamedTuple):
+    """Times that have passed since some moment; cells of the table."""
+
+    making_s: float
+    """Wall time [s]."""
+    making_cpu_s: float
+    """CPU time of all threads, and of child processes that have ended [s]."""
+
+    @classmethod
+    def now(cls) -> Clocks:
+        """Return what the clocks show."""
+        used = os.times()
+        cpu = used.user + used.system + used.children_user + used.children_system
+        return cls(time.perf_counter(), cpu)
+
+    def passed(self) -> Clocks:
+        """Return the times since these clocks were read."""
+        now = Clocks.now()
+        return Clocks(now.making_s - self.making_s, now.making_cpu_s - self.making_cpu_s)
+
+    def plus(self, other: Clocks) -> Clocks:
+        """Return the times of both."""
+        return Clocks(self.making_s + other.making_s, self.making_cpu_s + other.making_cpu_s)
 
 
 @dataclass(frozen=True)
