@@ -50,6 +50,7 @@ import neuroanimator as na
 from neuroanimator.control.descent.descend import start_of_body, vary_parameters
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.problem import VariedParameters
+from neuroanimator.control.synthesis.design import DESIGN_ITERATIONS
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
@@ -75,7 +76,7 @@ def our_row(emulator: na.Emulator, problem: Problem, seed: int) -> tuple[dict[st
         parametrisation=problem.parametrisation,
         first=problem.first,
         seed=seed,
-        iterations=60,
+        iterations=DESIGN_ITERATIONS,
     )
     began = time.perf_counter()
     cpu_began = time.process_time()

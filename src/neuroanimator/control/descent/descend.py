@@ -168,7 +168,10 @@ def first_guesses(
     """Return the initial z: the given ones, or the given first one and then random ones as in training."""
     first = options.first
     if first is not None and first.ndim == 3:
-        return np.stack([parametrisation.guess(controls) for controls in first])
+        # Often all are the same, and finding the frequency of a gait takes as long as several sweeps.
+        different, numbers = np.unique(first, axis=0, return_inverse=True)
+        guesses = np.stack([parametrisation.guess(controls) for controls in different])
+        return guesses[numbers.reshape(-1)]
     others = random_guesses(emulator, parametrisation, options.starts - 1, options.seed)
     return np.concatenate([parametrisation.guess(first)[None], others])
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -28,8 +29,8 @@ from neuroanimator.control.identification.predictions import (
 )
 from neuroanimator.control.identification.unknowns import Unknowns
 
-MAX_ITERATIONS = 40
-"""Maximum number of Gauss-Newton steps in a fit."""
+MAX_ITERATIONS = 60
+"""Default maximum number of Gauss-Newton steps in a fit."""
 
 FIRST_DAMPING = 1e-3
 LESS_DAMPING = 0.1
@@ -38,11 +39,14 @@ MAX_DAMPING = 1e4
 """Damping of steps (Levenberg and Marquardt): its initial value, its factors after a step that helped and after one
 that did not, and its maximum, at which a fit ends."""
 
-TOLERANCE = 1e-4
-"""Minimum relative decrease of the cost by a step that counts, or predicted decrease if it did not help."""
+ENOUGH = 0.02
+"""Decrease of the cost that is not worth a step: that of a fifth of a standard deviation of one unknown."""
 
 PATIENCE = 3
-"""Number of consecutive steps that may do less: the first are damped, and slow where much is uncertain."""
+"""Number of consecutive steps that may do less than that."""
+
+KEPT = 0.5
+"""Minimum share of the predicted decrease of the cost with which dear slopes are kept for the next step."""
 
 NOISE_ROUNDS = 3
 """Number of times that the noise is estimated again and the fit continued with it."""
@@ -56,8 +60,29 @@ LEAST_NOISE = 1e-5
 MEDIAN_TO_DEVIATION = 1.4826
 """Ratio of a normal distribution's standard deviation to the median of its absolute values."""
 
-Predict = Callable[[Float[np.ndarray, "W I"], Float[np.ndarray, " G"]], Float[np.ndarray, "W F S"]]
+
+class Prediction(NamedTuple):
+    """Predicted sensor readings."""
+
+    shown: Float[np.ndarray, "W F S"]
+    slopes: Slopes | None = None
+    """Their derivatives, where they cost little more."""
+
+
+Predict = Callable[[Float[np.ndarray, "W I"], Float[np.ndarray, " G"]], Prediction]
 """Function from starts and shared unknowns to the sensors' readings."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Unknowns from which a fit begins."""
+
+    values: Float[np.ndarray, " G"]
+    starts: Float[np.ndarray, "W I"]
+    noise: Float[np.ndarray, " S"]
+    """Standard deviation of residuals."""
+    iterations: int = 0
+    """Number of steps that led to them."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +98,26 @@ class Fit:
     iterations: int
 
 
+class Fitted(NamedTuple):
+    """A fit, and the slopes of its last step, which were taken at it or near it."""
+
+    fit: Fit
+    slopes: Slopes
+
+
 SlopesAt = Callable[[Fit], Slopes]
 """Function from a fit to predictions with their derivatives."""
+
+
+@dataclass
+class _Descent:
+    """A fit on its way."""
+
+    fit: Fit
+    slopes: Slopes
+    are_current: bool = True
+    """Whether the slopes are those at the fit."""
+    damping: float = FIRST_DAMPING
 
 
 class Fitter:
@@ -96,92 +139,104 @@ class Fitter:
         self.is_measured = seen
         self.spread = np.where(spread > 0, spread, 1.0)
 
-    def taken_up(self, fit: Fit) -> Fit:
+    def taken_up(self, fit: Fit) -> Guess:
         """Return the initial guess from a `fit` of windows of half the length: its values, and every other of its starts."""
-        starts = fit.starts[::2]
-        residuals = self._residuals(self.predictor.by_emulator, starts, fit.values)
-        return replace(fit, starts=starts, residuals=residuals)
+        return Guess(fit.values, fit.starts[::2], fit.noise, fit.iterations)
 
-    def first_guess(self) -> Fit:
+    def first_guess(self) -> Guess:
         """Return the nominal values and the measured starts, with the initial noise."""
         starts = self.predictor.starts_at(self.measurements.guess[:, 0])
-        values = self.unknowns.nominal.copy()
-        residuals = self._residuals(self.predictor.by_emulator, starts, values)
-        return Fit(values, starts, residuals, FIRST_NOISE * self.spread, 0)
+        return Guess(self.unknowns.nominal.copy(), starts, FIRST_NOISE * self.spread)
 
-    def fitted(self, guess: Fit, predict: Predict, slopes: SlopesAt | None = None) -> Fit:
-        """Return the fit of `predict`'s motions, starting from `guess`; the noise is estimated between rounds.
+    def seen(self, guess: Guess, prediction: Prediction) -> Fit:
+        """Return the `guess` with the residuals of its motions."""
+        residuals = self._residuals(prediction)
+        return Fit(guess.values, guess.starts, residuals, guess.noise, guess.iterations)
 
-        The `slopes` are the emulator's by default.
-        """
-        fit = guess
-        for _ in range(NOISE_ROUNDS):
-            fit = self._round(fit, predict, slopes or self.slopes)
-            noise = self._noise_of(fit.residuals)
-            if np.allclose(noise, fit.noise, rtol=0.1):
-                break
-            fit = replace(fit, noise=noise)
-        return fit
+    def by_emulator(
+        self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
+    ) -> Prediction:
+        """Return the emulator's motions with their derivatives: nearly all of them are needed for the next step."""
+        slopes = self.predictor.slopes(starts, values)
+        return Prediction(slopes.shown, slopes)
 
     def slopes(self, fit: Fit) -> Slopes:
         """Return the emulator's predictions and their derivatives at a fit."""
         return self.predictor.slopes(fit.starts, fit.values)
 
-    def _round(self, fit: Fit, predict: Predict, slopes_at: SlopesAt) -> Fit:
-        """Return the fit with fixed noise: damped Gauss-Newton steps, as long as they help."""
-        residuals = self._residuals(predict, fit.starts, fit.values)
-        cost = self._cost(residuals, fit.noise, fit.values)
-        fit = replace(fit, residuals=residuals)
-        damping = FIRST_DAMPING
-        slopes = slopes_at(fit)
+    def fitted(
+        self,
+        guess: Guess,
+        predict: Predict,
+        slopes_at: SlopesAt | None = None,
+        max_iterations: int = MAX_ITERATIONS,
+    ) -> Fitted:
+        """Return the fit of `predict`'s motions, starting from `guess`; the noise is estimated between rounds.
+
+        Where predictions come without slopes, those of `slopes_at`, by default the emulator's, are kept for the following
+        steps as long as these do what they predict.
+        """
+        slopes_at = slopes_at or self.slopes
+        prediction = predict(guess.starts, guess.values)
+        fit = self.seen(guess, prediction)
+        slopes = prediction.slopes or slopes_at(fit)
+        descent = _Descent(fit, slopes)
+        last = guess.iterations + max_iterations
+        for _ in range(NOISE_ROUNDS):
+            descent.damping = min(descent.damping, FIRST_DAMPING)
+            self._descend(descent, predict, slopes_at, last)
+            noise = self._noise_of(descent.fit.residuals)
+            if np.allclose(noise, descent.fit.noise, rtol=0.1):
+                break
+            descent.fit = replace(descent.fit, noise=noise)
+        return Fitted(descent.fit, descent.slopes)
+
+    def _descend(self, descent: _Descent, predict: Predict, slopes_at: SlopesAt, last: int) -> None:
+        """Take damped Gauss-Newton steps with fixed noise, as long as they help, up to iteration `last`."""
         small_steps = 0
-        for _ in range(MAX_ITERATIONS):
+        while descent.fit.iterations < last and descent.damping <= MAX_DAMPING:
+            fit = descent.fit
+            cost = self._cost(fit)
             weights = robust_weights(fit.residuals, fit.noise)
             normal = normal_equations(
-                fit.residuals, weights, slopes, fit.values, self.unknowns, damping
+                fit.residuals, weights, descent.slopes, fit.values, self.unknowns, descent.damping
             )
             step = bounded_step(normal, fit.values, self.unknowns)
-            values = fit.values + step.values
+            if step.gain < ENOUGH or small_steps == PATIENCE:
+                return
             starts = self.predictor.moved(fit.starts, step.starts)
-            residuals = self._residuals(predict, starts, values)
-            following = self._cost(residuals, fit.noise, values)
             iterations = fit.iterations + 1
-            is_better = following < cost
-            gain = cost - following if is_better else step.gain
-            is_small = gain < TOLERANCE * cost
-            small_steps = small_steps + 1 if is_small else 0
+            moved = Guess(fit.values + step.values, starts, fit.noise, iterations)
+            prediction = predict(moved.starts, moved.values)
+            following = self.seen(moved, prediction)
+            decrease = cost - self._cost(following)
+            is_better = decrease > 0
+            gain = decrease if is_better else step.gain
+            small_steps = small_steps + 1 if gain < ENOUGH else 0
             if is_better:
-                fit = Fit(values, starts, residuals, fit.noise, iterations)
-                cost = following
-                damping *= LESS_DAMPING
-                if small_steps < PATIENCE:
-                    slopes = slopes_at(fit)
+                descent.fit = following
+                descent.are_current = False
+                descent.damping *= LESS_DAMPING
             else:
-                fit = replace(fit, iterations=iterations)
-                damping *= MORE_DAMPING
-            if small_steps == PATIENCE or damping > MAX_DAMPING:
-                break
-        return fit
+                descent.fit = replace(fit, iterations=iterations)
+            if is_better and prediction.slopes is not None:
+                descent.slopes = prediction.slopes
+                descent.are_current = True
+            elif not descent.are_current and decrease < KEPT * (step.gain + normal.starts_gain):
+                descent.slopes = slopes_at(descent.fit)
+                descent.are_current = True
+            elif not is_better:
+                descent.damping *= MORE_DAMPING
 
-    def _residuals(
-        self,
-        predict: Predict,
-        starts: Float[np.ndarray, "W I"],
-        values: Float[np.ndarray, " G"],
-    ) -> Float[np.ndarray, "W F S"]:
+    def _residuals(self, prediction: Prediction) -> Float[np.ndarray, "W F S"]:
         """Return measurements minus predictions: infinite where a prediction is not finite."""
         measured = self.measurements.measured
-        shown = predict(starts, values)
+        shown = prediction.shown
         residuals = measured - np.where(np.isfinite(shown), shown, np.inf)
         return np.where(np.isnan(measured), np.nan, residuals)
 
-    def _cost(
-        self,
-        residuals: Float[np.ndarray, "W F S"],
-        noise: Float[np.ndarray, " S"],
-        values: Float[np.ndarray, " G"],
-    ) -> float:
-        return robust_cost(residuals, noise, values, self.unknowns)
+    def _cost(self, fit: Fit) -> float:
+        return robust_cost(fit.residuals, fit.noise, fit.values, self.unknowns)
 
     def _noise_of(self, residuals: Float[np.ndarray, "W F S"]) -> Float[np.ndarray, " S"]:
         """Return the standard deviation of the noise of each number, robust against outliers.

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.identification.findings import Findings, findings_of
-from neuroanimator.control.identification.fit import Fit, Fitter, Predict, SlopesAt
+from neuroanimator.control.identification.fit import (
+    Fit,
+    Fitted,
+    Fitter,
+    Guess,
+    Predict,
+    Prediction,
+    SlopesAt,
+)
 from neuroanimator.control.identification.least_squares import (
     covariance,
     normal_equations,
@@ -35,6 +43,9 @@ SURE = 5.0
 
 NOTEWORTHY = 0.5
 """Minimum unrequested offset that is reported, as a share of the noise."""
+
+FIRST_STEPS = 3
+"""Maximum number of steps on the physics by the emulator's slopes: the first ones do nearly all that they can."""
 
 LATE = 0.1
 """Minimum unrequested delay that is reported, as a share of a super step."""
@@ -123,20 +134,19 @@ def identify(
     begun = time.perf_counter()
     with phase("fitting the emulator"):
         stages = _by_emulator(fitters)
-    emulated = stages[-1]
+    emulated, slopes = stages[-1]
     seconds_of_emulator = time.perf_counter() - begun
     begun = time.perf_counter()
     fitter = fitters[-1]
-    nominal = fitter.first_guess()
+    nominal = _at_nominal(fitter, emulated, fitter.by_emulator)
     proven = None
-    slopes = fitter.slopes(emulated)
     system = replayable_system(emulator) if physics else None
     if system is not None and system.can_simulate:
         with phase("verifying it on the physics"):
-            nominal = _at_nominal(fitter, emulated, system)
-            first = replace(stages[0], values=emulated.values)
-            proven = _on_physics(fitters, first, system)
-            slopes = _true_slopes(fitter, system)(proven)
+            nominal = _at_nominal(fitter, emulated, _true_motions(fitter, system))
+            first = stages[0].fit
+            guess = Guess(emulated.values, first.starts, first.noise)
+            proven, slopes = _on_physics(fitters, guess, system)
     seconds_of_physics = time.perf_counter() - begun
     final = proven or emulated
     findings = _findings(fitter, final, slopes)
@@ -173,41 +183,39 @@ def _stages(emulator: Emulator, measurements: Measurements, unknowns: Unknowns) 
     return fitters
 
 
-def _by_emulator(fitters: list[Fitter]) -> list[Fit]:
+def _by_emulator(fitters: list[Fitter]) -> list[Fitted]:
     """Return the emulator's fit of each stage."""
-    fits: list[Fit] = []
+    fits: list[Fitted] = []
     for fitter in fitters:
-        guess = fitter.taken_up(fits[-1]) if fits else fitter.first_guess()
-        fits.append(fitter.fitted(guess, fitter.predictor.by_emulator))
+        guess = fitter.taken_up(fits[-1].fit) if fits else fitter.first_guess()
+        fits.append(fitter.fitted(guess, fitter.by_emulator))
     return fits
 
 
-def _at_nominal(fitter: Fitter, emulated: Fit, system: System) -> Fit:
-    """Return the residuals of the physics with nominal parameters and the identified starts."""
-    values = fitter.unknowns.nominal
-    shown = fitter.predictor.by_physics(system, emulated.starts, values)
-    residuals = fitter.measurements.measured - shown
-    return Fit(values, emulated.starts, residuals, emulated.noise, 0)
+def _at_nominal(fitter: Fitter, emulated: Fit, predict: Predict) -> Fit:
+    """Return the residuals of `predict`'s motions with nominal parameters and the identified starts."""
+    guess = Guess(fitter.unknowns.nominal, emulated.starts, emulated.noise)
+    return fitter.seen(guess, predict(guess.starts, guess.values))
 
 
-def _on_physics(fitters: list[Fitter], first: Fit, system: System) -> Fit:
-    """Return the fit of true motions through all stages, starting from `first`.
+def _on_physics(fitters: list[Fitter], guess: Guess, system: System) -> Fitted:
+    """Return the fit of true motions, starting from the `guess` for the shortest windows.
 
-    It uses the emulator's slopes over short windows, where they are good, and differences of the physics itself over
-    longer ones, so that the emulator's remaining errors affect neither the result nor its standard deviations.
+    A few steps there use the emulator's slopes, which are good over short windows; longer ones follow differences of the
+    physics itself, so that the emulator's remaining errors affect neither the result nor its standard deviations.
     """
-    fit = fitters[0].fitted(first, _true_motions(fitters[0], system))
-    for fitter in fitters[1:]:
-        fit = fitter.taken_up(fit)
+    shortest = fitters[0]
+    motions = _true_motions(shortest, system)
+    fit, _ = shortest.fitted(guess, motions, max_iterations=FIRST_STEPS)
     last = fitters[-1]
-    return last.fitted(fit, _true_motions(last, system), _true_slopes(last, system))
+    every = len(fit.starts) // len(last.measurements.controls)
+    guess = Guess(fit.values, fit.starts[::every], fit.noise, fit.iterations)
+    return last.fitted(guess, _true_motions(last, system), _true_slopes(last, system))
 
 
 def _true_motions(fitter: Fitter, system: System) -> Predict:
-    def predict(
-        starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
-    ) -> Float[np.ndarray, "W F S"]:
-        return fitter.predictor.by_physics(system, starts, values)
+    def predict(starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]) -> Prediction:
+        return Prediction(fitter.predictor.by_physics(system, starts, values))
 
     return predict
 

@@ -44,6 +44,8 @@ class Normal(NamedTuple):
     starts_matrix: Float[np.ndarray, "W V V"]
     starts_right: Float[np.ndarray, "W V"]
     cross: Float[np.ndarray, "W V G"]
+    starts_gain: float
+    """Predicted decrease of the cost by the starts, if motions are linear."""
 
 
 def robust_weights(
@@ -113,6 +115,7 @@ def normal_equations(
         starts_matrix=starts_matrix,
         starts_right=starts_right,
         cross=cross,
+        starts_gain=float(np.sum(starts_right * solved[..., -1]) / 2),
     )
 
 
@@ -123,12 +126,14 @@ def bounded_step(normal: Normal, values: Float[np.ndarray, " G"], unknowns: Unkn
     matrix = (matrix + matrix.T) / 2
     floor = LEAST * np.trace(matrix) + np.finfo(float).tiny
     factor, _ = cho_factor(matrix + floor * np.eye(len(matrix)), lower=True)
-    lower = np.tril(factor)
-    target = solve_triangular(lower, normal.right * scale, lower=True)
     low = (unknowns.low - values) / scale
     high = (unknowns.high - values) / scale
-    solution = lsq_linear(lower.T, target, (low, np.maximum(high, low + 1e-12)))
-    change = np.clip(solution.x, low, high) * scale
+    share = cho_solve((factor, True), normal.right * scale)
+    if (share < low).any() or (share > high).any():
+        lower = np.tril(factor)
+        target = solve_triangular(lower, normal.right * scale, lower=True)
+        share = lsq_linear(lower.T, target, (low, np.maximum(high, low + 1e-12))).x
+    change = np.clip(share, low, high) * scale
     rest = normal.starts_right - normal.cross @ change
     starts = np.linalg.solve(normal.starts_matrix, rest[..., None])[..., 0]
     gain = float(normal.right @ change - change @ normal.matrix @ change / 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from neuroanimator.control.identification.measurements import Measurements
 from neuroanimator.control.identification.unknowns import Unknowns
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.super_step import latent_size, rollout_latent
+from neuroanimator.emulator.super_step import UNROLL, latent_size, rollout_latent
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Scheme, System
@@ -64,17 +64,8 @@ class Predictor:
         """Return the starts after a change in the body's frame."""
         return np.asarray(self._still.apply(starts, change), float)
 
-    def by_emulator(
-        self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
-    ) -> Float[np.ndarray, "W F S"]:
-        """Return the sensor readings of the emulator's motions from `starts`, with `values` of the unknowns."""
-        shown = _shown_by_emulator(
-            self.emulator, self._places, _single(starts), _single(values), self.controls
-        )
-        return np.asarray(shown, float)
-
     def slopes(self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]) -> Slopes:
-        """Return `by_emulator` with its derivatives."""
+        """Return the sensor readings of the emulator's motions from `starts`, with their derivatives."""
         arrays = _slopes(
             self.emulator,
             self._still,
@@ -174,15 +165,8 @@ class MeasuredStartPredictor:
         """Return `starts` unchanged: they are known."""
         return starts
 
-    def by_emulator(
-        self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " P"]
-    ) -> Float[np.ndarray, "W F S"]:
-        """Return the emulator's motions from `starts`, with `values` of the parameters."""
-        shown = _from_measured(self.emulator, _single(starts), _single(values), self.controls)
-        return np.asarray(shown, float)
-
     def slopes(self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " P"]) -> Slopes:
-        """Return `by_emulator` with its derivatives."""
+        """Return the emulator's motions from `starts`, with `values` of the parameters, and their derivatives."""
         arrays = _slopes_from_measured(
             self.emulator, _single(starts), _single(values), self.controls
         )
@@ -219,8 +203,40 @@ def _motion(
 ) -> Float[Array, "F S"]:
     """Return the emulator's motion from `start` with the parameters in `values`."""
     latent = jnp.concatenate([start[: places.moving], values[: places.parameters]])
-    following = rollout_latent(emulator, latent, controls, is_bounded=False)
+    following = _rollout(emulator, latent, controls)
     return emulator.decode(jnp.concatenate([latent[None], following]))
+
+
+@eqx.filter_custom_jvp
+def _rollout(
+    emulator: Emulator, latent: Float[Array, " I"], controls: Float[Array, "T C"]
+) -> Float[Array, "T I"]:
+    """Return the latent states after `latent`, whose derivatives by it are products of the super steps' Jacobians.
+
+    A Jacobian has as many rows as there are numbers that move, fewer than there are unknowns with parameters, and those of
+    all super steps are found side by side.
+    """
+    return rollout_latent(emulator, latent, controls, is_bounded=False)
+
+
+@_rollout.def_jvp
+def _rollout_slope(primals: Any, tangents: Any) -> tuple[Array, Array]:
+    emulator, latent, controls = primals
+    _, change, _ = tangents
+    moving = len(latent) - len(emulator.parameter_entries)
+    following = rollout_latent(emulator, latent, controls, is_bounded=False)
+    before = jnp.concatenate([latent[None], following[:-1]])
+
+    def moved(latent: Array, control: Array) -> Array:
+        return emulator.step_latent_unbounded(latent, control)[:moving]
+
+    def pushed(change: Array, jacobian: Array) -> tuple[Array, Array]:
+        later = jnp.concatenate([jacobian @ change, change[moving:]])
+        return later, later
+
+    jacobians = jax.vmap(jax.jacrev(moved))(before, controls)
+    _, changes = jax.lax.scan(pushed, change, jacobians, unroll=UNROLL)
+    return following, changes
 
 
 def _observed(
@@ -257,21 +273,6 @@ def _delayed(
 
 
 @eqx.filter_jit
-def _shown_by_emulator(
-    emulator: Emulator,
-    places: _Places,
-    starts: Float[Array, "W I"],
-    values: Float[Array, " G"],
-    controls: Float[Array, "W T C"],
-) -> Float[Array, "W F S"]:
-    def shown(start: Array, held: Array) -> Array:
-        states = _motion(emulator, places, start, values, held)
-        return _observed(places, emulator.dt, states, values)
-
-    return jax.vmap(shown)(starts, controls)
-
-
-@eqx.filter_jit
 def _slopes(
     emulator: Emulator,
     still: Frame,
@@ -305,19 +306,6 @@ def _motion_from_measured(
     state = jnp.concatenate([start[:moving], values])
     following = rollout_latent(emulator, emulator.encode(state), controls, is_bounded=False)
     return jnp.concatenate([state[None], emulator.decode(following)])
-
-
-@eqx.filter_jit
-def _from_measured(
-    emulator: Emulator,
-    starts: Float[Array, "W S"],
-    values: Float[Array, " P"],
-    controls: Float[Array, "W T C"],
-) -> Float[Array, "W F S"]:
-    def shown(start: Array, held: Array) -> Array:
-        return _motion_from_measured(emulator, start, values, held)
-
-    return jax.vmap(shown)(starts, controls)
 
 
 @eqx.filter_jit

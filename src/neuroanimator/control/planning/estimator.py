@@ -102,7 +102,7 @@ class ParameterEstimator:
         first = replace(fitter.first_guess(), values=begin)
         if self._noise is not None:
             first = replace(first, noise=self._noise)
-        fit = fitter.fitted(first, fitter.predictor.by_emulator)
+        fit, _ = fitter.fitted(first, fitter.by_emulator)
         self.values = fit.values
         self._noise = fit.noise
 

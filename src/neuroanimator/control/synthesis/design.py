@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.descent.descend import descend
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS
 from neuroanimator.control.synthesis.synthesise import Synthesis, check_same_system, synthesise
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import System
 
-DESIGN_ITERATIONS = 60
+DESIGN_ITERATIONS = 40
 """Maximum number of backward sweeps: body and motion together take longer than a motion alone."""
 
 STARTS = 16
@@ -88,7 +89,9 @@ def design(
     best = nominal
     begin = state
     for start_found, controls in zip(found.candidate_starts, found.candidates, strict=True):
-        other = proved(start_found, replace(options, first=controls, starts=1))
+        # No more sweeps than after a correction: these would follow the emulator's errors.
+        again = replace(options, first=controls, starts=1, iterations=CORRECTING_ITERATIONS)
+        other = proved(start_found, again)
         if other.outcome.cost_physics < best.outcome.cost_physics:
             best = other
             begin = start_found
