@@ -148,10 +148,13 @@ def test_parameters_come_back_within_their_deviations(
         assert left < found.nominal.residuals[..., entry].std()
 
 
+# Without noise, errors of slopes look like information.
+@pytest.mark.parametrize("noise", [0.01, 0.0])
 def test_what_cannot_be_told_apart_is_said_and_its_product_is_right(
-    emulator: Emulator, system: System, tmp_path: Path
+    noise: float, emulator: Emulator, system: System, tmp_path: Path
 ) -> None:
-    found = identify(emulator, record(tmp_path / "r.csv", system, emulator.dt), window=WINDOW)
+    path = record(tmp_path / "r.csv", system, emulator.dt, noise=noise)
+    found = identify(emulator, path, window=WINDOW)
     assert found.confused == (("gain", "gear"),)
     assert any("gain, gear: cannot be told apart" in note for note in found.notes)
     assert found.parameters["gain"] * found.parameters["gear"] == pytest.approx(1.2, rel=0.05)
