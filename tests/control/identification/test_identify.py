@@ -265,6 +265,14 @@ def test_recordings_that_do_not_fit_are_refused_by_name(
     assert "r.csv" in str(error.value)
 
 
+def test_noise_from_which_the_physics_diverges_is_refused(
+    emulator: Emulator, system: System, tmp_path: Path
+) -> None:
+    path = record(tmp_path / "r.csv", system, emulator.dt, has_velocities=False, noise=1e8)
+    with pytest.raises(NeuroAnimatorError, match=r"the physics diverges .* longer windows"):
+        identify(emulator, path, window=WINDOW)
+
+
 def test_degrees_called_radians_are_found(
     emulator: Emulator, system: System, tmp_path: Path
 ) -> None:
