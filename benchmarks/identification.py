@@ -4,6 +4,7 @@ python benchmarks/identification.py accuracy                      errors of fami
 python benchmarks/identification.py recordings                    six recordings; needs pip install 'mujoco[sysid]'
 python benchmarks/identification.py recordings --seeds 1 --dry
 python benchmarks/identification.py summary                       medians and ratios of these two tables
+python benchmarks/identification.py tutorial                      the toolbox's own tutorial; needs it, too
 
 Emulators are taken from the folder --emulators, and made there if they are missing: 15 minutes of two cores. A recording
 lasts five seconds, of a body with ten parameters within 30 % of nominal ones, with noise of one per cent in angles and
@@ -11,7 +12,7 @@ velocities. All methods get the same files and bounds, and begin at nominal valu
 process on the cores it may use.
 
 Writes results/identification_accuracy.csv, results/identification.csv (a line per run, including failures) and
-results/identification_summary.csv (medians).
+results/identification_summary.csv (medians), results/identification_tutorial.csv.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from identification_cases.toolbox import (
     require_toolbox,
     run_toolbox,
 )
+from identification_cases.tutorial import LESSONS, lesson_rows
 from jaxtyping import Float
 
 import neuroanimator as na
@@ -52,6 +54,7 @@ RESULTS = Path(__file__).parent / "results"
 ACCURACY = RESULTS / "identification_accuracy.csv"
 RUNS = RESULTS / "identification.csv"
 SUMMARY = RESULTS / "identification_summary.csv"
+TUTORIAL = RESULTS / "identification_tutorial.csv"
 
 SECONDS = 5.0
 """Length of a recording [s]."""
@@ -299,7 +302,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("part", choices=["accuracy", "recordings", "summary"])
+    parser.add_argument("part", choices=["accuracy", "recordings", "summary", "tutorial"])
     parser.add_argument("--emulators", type=Path, default=Path("emulators"))
     parser.add_argument(
         "--systems",
@@ -325,6 +328,13 @@ def main() -> None:
             print_table(some)
             rows += some
             keep(RUNS, rows, arguments.dry)
+    elif arguments.part == "tutorial":
+        require_toolbox()
+        rows = []
+        for lesson in LESSONS:
+            rows += lesson_rows(lesson, arguments.emulators / "tutorial")
+            print_table(rows)
+            keep(TUTORIAL, rows, arguments.dry)
     else:
         making = next(r for r in read_numbers(ACCURACY) if r["emulator"] == LARGE_FAMILY.name)
         summary = summary_rows(read_numbers(RUNS), making["data_s"] + making["training_s"])

@@ -11,7 +11,7 @@ import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -83,11 +83,29 @@ def require_toolbox() -> None:
         )
 
 
+class Residuals(Protocol):
+    """What the toolbox minimises."""
+
+    size: int
+    """Number of parameters of the body."""
+
+    def parameters(self) -> sysid.ParameterDict:
+        """Return what it looks for, those of the body as "body", with initial values and bounds."""
+        ...
+
+    def residuals(
+        self, unknowns: Float[np.ndarray, " ..."], parameters: sysid.ParameterDict, /
+    ) -> Any:
+        """Return the residuals of one point (U,) or of several (U, N): (R,) or (R, N)."""
+        ...
+
+
 class Problem:
     """A recording as residuals of the toolbox."""
 
     def __init__(self, recording: Recording, system: ModelSystem, scheme: Scheme, way: Way):
         self.system = system
+        self.size = len(system.parameters)
         self.way = way
         self.model = system.model_with(scheme)
         self.substeps = scheme.steps(recording.dt)
@@ -187,10 +205,9 @@ class Problem:
         return (measured.data - frames) / self.scale, measured, measured
 
 
-def run_toolbox(problem: Problem, optimiser: str, limit: float) -> Outcome:
+def run_toolbox(problem: Residuals, optimiser: str, limit: float) -> Outcome:
     """Return what the toolbox finds within `limit` seconds."""
     backend, settings = OPTIMISERS[optimiser]
-    body = len(problem.system.parameters)
     trials: list[tuple[float, Float[np.ndarray, " P"]]] = []
     parameters = problem.parameters()
     began = time.perf_counter()
@@ -201,7 +218,7 @@ def run_toolbox(problem: Problem, optimiser: str, limit: float) -> Outcome:
         if elapsed > limit:
             raise OutOfTimeError
         if unknowns.size == parameters.size:
-            trials.append((elapsed, unknowns.ravel()[:body].copy()))
+            trials.append((elapsed, unknowns.ravel()[: problem.size].copy()))
         return problem.residuals(unknowns, parameters)
 
     iterations = 0

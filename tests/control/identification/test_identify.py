@@ -148,10 +148,13 @@ def test_parameters_come_back_within_their_deviations(
         assert left < found.nominal.residuals[..., entry].std()
 
 
+# Without noise, errors of slopes look like information.
+@pytest.mark.parametrize("noise", [0.01, 0.0])
 def test_what_cannot_be_told_apart_is_said_and_its_product_is_right(
-    emulator: Emulator, system: System, tmp_path: Path
+    noise: float, emulator: Emulator, system: System, tmp_path: Path
 ) -> None:
-    found = identify(emulator, record(tmp_path / "r.csv", system, emulator.dt), window=WINDOW)
+    path = record(tmp_path / "r.csv", system, emulator.dt, noise=noise)
+    found = identify(emulator, path, window=WINDOW)
     assert found.confused == (("gain", "gear"),)
     assert any("gain, gear: cannot be told apart" in note for note in found.notes)
     assert found.parameters["gain"] * found.parameters["gear"] == pytest.approx(1.2, rel=0.05)
@@ -260,6 +263,14 @@ def test_recordings_that_do_not_fit_are_refused_by_name(
         identify(emulator, path)
     assert wanted in str(error.value)
     assert "r.csv" in str(error.value)
+
+
+def test_noise_from_which_the_physics_diverges_is_refused(
+    emulator: Emulator, system: System, tmp_path: Path
+) -> None:
+    path = record(tmp_path / "r.csv", system, emulator.dt, has_velocities=False, noise=1e8)
+    with pytest.raises(NeuroAnimatorError, match=r"the physics diverges .* longer windows"):
+        identify(emulator, path, window=WINDOW)
 
 
 def test_degrees_called_radians_are_found(

@@ -28,6 +28,7 @@ from neuroanimator.control.identification.predictions import (
     Slopes,
 )
 from neuroanimator.control.identification.unknowns import Unknowns
+from neuroanimator.errors import ArgumentError
 
 MAX_ITERATIONS = 60
 """Default maximum number of Gauss-Newton steps in a fit."""
@@ -241,12 +242,17 @@ class Fitter:
     def _noise_of(self, residuals: Float[np.ndarray, "W F S"]) -> Float[np.ndarray, " S"]:
         """Return the standard deviation of the noise of each number, robust against outliers.
 
-        Residuals are smaller than the noise, since the unknowns absorb part of it.
+        Residuals are smaller than the noise, since the unknowns absorb part of it. Raises ArgumentError if no motion is finite.
         """
         noise = np.ones(residuals.shape[-1])
         seen = self.is_measured
         typical = np.nanmedian(np.abs(residuals[..., seen]), axis=(0, 1))
         numbers = int(np.isfinite(residuals).sum())
+        if not numbers:
+            raise ArgumentError(
+                "recordings: the physics diverges from every initial state that was found. With this much noise, give longer "
+                "windows (--window), or measure velocities, too."
+            )
         fitted = len(residuals) * self.predictor.start_size + self.unknowns.size
         left = max(numbers - fitted, 1) / numbers
         deviation = MEDIAN_TO_DEVIATION * typical / np.sqrt(left)

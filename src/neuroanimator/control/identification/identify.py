@@ -230,7 +230,7 @@ def _true_slopes(fitter: Fitter, system: System) -> SlopesAt:
 def _findings(fitter: Fitter, fit: Fit, slopes: Slopes) -> Findings:
     weights = robust_weights(fit.residuals, fit.noise)
     normal = normal_equations(fit.residuals, weights, slopes, fit.values, fitter.unknowns, 0.0)
-    return findings_of(covariance(normal), fit.values, fitter.unknowns)
+    return findings_of(covariance(normal, fitter.unknowns), fit.values, fitter.unknowns)
 
 
 def _estimates(fit: Fit, findings: Findings, unknowns: Unknowns) -> tuple[Estimate, ...]:
@@ -300,7 +300,7 @@ def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
     weights = robust_weights(fit.residuals, fit.noise)
     normal = normal_equations(fit.residuals, weights, slopes, values, unknowns, 0.0)
     change = np.linalg.solve(normal.matrix, normal.right)
-    deviations = np.sqrt(np.maximum(np.diag(covariance(normal)), 0.0))
+    deviations = np.sqrt(np.maximum(np.diag(covariance(normal, unknowns)), 0.0))
     is_sure = np.abs(change) >= SURE * deviations
     notes = []
     if delay not in known and is_sure[delay] and change[delay] > LATE * emulator.dt:

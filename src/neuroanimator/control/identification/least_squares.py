@@ -25,6 +25,10 @@ unknowns that a recording does not show at their values."""
 LEAST = 1e-12
 """Minimum diagonal entry of the starts' normal equations, relative to the largest."""
 
+SLOPE_ERROR = 1e-4
+"""Relative error of slopes, from finite differences of such a share of a range: it looks like information where there is
+none."""
+
 
 class Step(NamedTuple):
     """A change of all unknowns."""
@@ -140,7 +144,14 @@ def bounded_step(normal: Normal, values: Float[np.ndarray, " G"], unknowns: Unkn
     return Step(change, starts, gain)
 
 
-def covariance(normal: Normal) -> Float[np.ndarray, "G G"]:
-    """Return the covariance of the shared unknowns, from undamped normal equations with inverse variances as weights."""
-    identity = np.eye(len(normal.matrix))
-    return cho_solve(cho_factor((normal.matrix + normal.matrix.T) / 2), identity)
+def covariance(normal: Normal, unknowns: Unknowns) -> Float[np.ndarray, "G G"]:
+    """Return the covariance of the shared unknowns, from undamped normal equations with inverse variances as weights.
+
+    A combination of which no more is known than errors of slopes feign has the variance of the prior alone.
+    """
+    scale = unknowns.high - unknowns.low
+    matrix = normal.matrix * np.outer(scale, scale)
+    information, directions = np.linalg.eigh((matrix + matrix.T) / 2)
+    is_feigned = information < SLOPE_ERROR**2 * information[-1]
+    variances = 1 / np.where(is_feigned, PRIOR, information)
+    return (directions * variances) @ directions.T * np.outer(scale, scale)
