@@ -42,7 +42,7 @@ import neuroanimator as na
 from neuroanimator.control.policies.commands import Command, Commands
 from neuroanimator.control.policies.reference_motion import ORIENTATION, ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
@@ -441,10 +441,8 @@ def main() -> None:
             told = [(3.0, 0.7, 0.0), (3.0, 0.0, 0.0), (4.0, 0.7, 0.6), (3.0, 0.3, 0.0)]
             draw_sheet(policy, walked(policy, task, system, told), arguments.sheet)
     if not arguments.dry:
-        table = RESULTS / "commanded.csv"
-        write_csv(table, [*other_rows(table, rows, "seed"), *rows])
-        curve_table = RESULTS / "commanded_curves.csv"
-        write_csv(curve_table, [*other_rows(curve_table, curves, "seed"), *curves])
+        merge_csv(RESULTS / "commanded.csv", rows, "seed")
+        merge_csv(RESULTS / "commanded_curves.csv", curves, "seed")
 
 
 if __name__ == "__main__":

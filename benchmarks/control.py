@@ -27,7 +27,7 @@ from neuroanimator.control.tasks.all_tasks import TASKS
 from neuroanimator.control.tasks.solver import Solver
 from neuroanimator.control.tasks.task import Task
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.evaluation.csv_table import other_rows, quartiles, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv, quartiles
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
@@ -147,8 +147,7 @@ def main() -> None:
         printed = rows
     if not options.quick:
         table = RESULTS / f"control_{options.part}.csv"
-        whole = [*other_rows(table, rows, "task"), *rows]
-        write_csv(table, sorted(whole, key=lambda row: list(TASKS).index(row["task"])))
+        merge_csv(table, rows, "task", order=lambda row: list(TASKS).index(row["task"]))
     if options.json:
         print(json.dumps(rows, indent=2))
         return

@@ -36,7 +36,7 @@ from jaxtyping import Float
 
 import neuroanimator as na
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.bodies import Bodies, episodes_of, motion_of
 from neuroanimator.gym.following import Following
@@ -206,8 +206,8 @@ def main() -> None:
         if arguments.sheet:
             draw_sheet(policy, task, system, arguments.sheet)
         if not arguments.dry:
-            write_csv(table, [*other_rows(table, rows, "clip", "seed"), *rows])
-            write_csv(curve_table, [*other_rows(curve_table, curves, "clip", "seed"), *curves])
+            merge_csv(table, rows, "clip", "seed")
+            merge_csv(curve_table, curves, "clip", "seed")
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ from neuroanimator.control.policies.state_policy import (
 )
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.csv_table import other_rows, read_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv, read_rows
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.bodies import Bodies, returns_of
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy, task_to_learn
@@ -277,7 +277,7 @@ def peer_row(
 
 def keep_rows(table: Path, rows: Rows) -> None:
     """Write rows into a table, in place of those of the same method and seed."""
-    write_csv(table, [*other_rows(table, rows, "method", "seed"), *rows])
+    merge_csv(table, rows, "method", "seed")
 
 
 def core_seconds_of_ours(seed: int) -> float:

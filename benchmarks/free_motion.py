@@ -30,7 +30,7 @@ from neuroanimator import Emulator, TrainingConfig
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved
 from neuroanimator.scaffold.write_toml import write_definition
@@ -241,8 +241,7 @@ def seconds_of(
 
 def keep(rows: list[dict[str, Any]]) -> None:
     """Write `rows` into the table, in place of the same bodies' older lines."""
-    whole = [*other_rows(TABLE, rows, "case"), *rows]
-    write_csv(TABLE, sorted(whole, key=lambda row: ORDER.index(row["case"])))
+    merge_csv(TABLE, rows, "case", order=lambda row: ORDER.index(row["case"]))
 
 
 def main() -> None:

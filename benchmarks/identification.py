@@ -42,7 +42,7 @@ from jaxtyping import Float
 
 import neuroanimator as na
 from neuroanimator import Emulator
-from neuroanimator.evaluation.csv_table import other_rows, read_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv, read_rows, write_csv
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.systems.system import Scheme, System
@@ -317,9 +317,10 @@ def main() -> None:
     if arguments.part == "accuracy":
         rows = table_rows(arguments.emulators, arguments.systems)
         print_table(rows)
-        whole = [*other_rows(ACCURACY, rows, "system"), *rows]
-        whole.sort(key=lambda row: list(SYSTEMS).index(row["system"]))
-        keep(ACCURACY, whole, arguments.dry)
+        if not arguments.dry:
+            merge_csv(
+                ACCURACY, rows, "system", order=lambda row: list(SYSTEMS).index(row["system"])
+            )
     elif arguments.part == "recordings":
         require_toolbox()
         emulator = made(LARGE_FAMILY, arguments.emulators).emulator

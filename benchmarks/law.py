@@ -47,7 +47,7 @@ from scipy.sparse.linalg import splu
 from soft_meshes import grid_faces, obj_text, sheet
 
 import neuroanimator as na
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.files.atomic import write_whole
@@ -295,10 +295,7 @@ def draw(rows: Rows, path: Path) -> None:
 
 def keep(row: dict[str, Any]) -> None:
     """Write a row into the table, in place of an older one of as many nodes, and draw all of it."""
-    whole = [*other_rows(TABLE, [row], "nodes"), row]
-    ordered = sorted(whole, key=lambda one: int(one["nodes"]))
-    write_csv(TABLE, ordered)
-    draw(ordered, PICTURE)
+    draw(merge_csv(TABLE, [row], "nodes", order=lambda one: int(one["nodes"])), PICTURE)
 
 
 def main() -> None:

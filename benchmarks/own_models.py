@@ -34,7 +34,7 @@ from neuroanimator.data.generate import generate
 from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.data.store import read_transitions
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.evaluate import QUICK as QUICK_EVALUATION
 from neuroanimator.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
 from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
@@ -279,9 +279,8 @@ def _self_divergence_at(evaluation: Evaluation, seconds: float) -> float | str:
 
 def keep(rows: list[dict[str, Any]]) -> None:
     """Write `rows` into the table, in place of the same models' older lines."""
-    whole = [*other_rows(TABLE, rows, "model"), *rows]
-    order = [model.name for model in MODELS]
-    write_csv(TABLE, sorted(whole, key=lambda row: order.index(row["model"])))
+    names = [model.name for model in MODELS]
+    merge_csv(TABLE, rows, "model", order=lambda row: names.index(row["model"]))
 
 
 def main() -> None:

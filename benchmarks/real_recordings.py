@@ -40,7 +40,7 @@ from real_recordings_cases.methods import FREE_METHODS, Clocks, Method, start_no
 from real_recordings_cases.runs import write_recording
 from real_recordings_cases.source_files import fetch
 
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
@@ -113,9 +113,13 @@ def rows_of(case: Case, data: Path, rows_told: str) -> list[dict[str, Any]]:
 
 def keep(rows: list[dict[str, Any]]) -> None:
     """Write `rows` into the table, in place of older lines of the same case, method and measure."""
-    whole = [*other_rows(TABLE, rows, "case", "row", "method", "measure"), *rows]
     cases = [case.name for case in CASES]
-    write_csv(TABLE, sorted(whole, key=lambda row: (cases.index(row["case"]), row["row"])))
+    merge_csv(
+        TABLE,
+        rows,
+        *("case", "row", "method", "measure"),
+        order=lambda row: (cases.index(row["case"]), row["row"]),
+    )
 
 
 def write_recordings(folder: Path, data: Path) -> None:

@@ -39,7 +39,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import neuroanimator as na
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym import EmulatorVectorEnv, PhysicsVectorEnv
 from neuroanimator.terminal import print_table, progress_bar
@@ -317,13 +317,6 @@ def speed_rows(task: LearningTask, emulator: na.Emulator) -> list[dict[str, Any]
     return made
 
 
-def exchange(path: Path, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Write `rows` in the place of those of the same tasks; return all that are in the file."""
-    whole = [*other_rows(path, rows, "task"), *rows]
-    write_csv(path, whole)
-    return whole
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("task", nargs="?", choices=list(TASKS), help="one of them; all if left out")
@@ -354,11 +347,11 @@ def main() -> None:
                 curves += curve
                 print_table([{key: row[key] for key in SHOWN}])
         if is_whole:
-            exchange(RESULTS / "reinforcement.csv", rows)
-            exchange(RESULTS / "reinforcement_curves.csv", curves)
-            exchange(RESULTS / "reinforcement_speed.csv", speeds)
+            merge_csv(RESULTS / "reinforcement.csv", rows, "task")
+            merge_csv(RESULTS / "reinforcement_curves.csv", curves, "task")
+            merge_csv(RESULTS / "reinforcement_speed.csv", speeds, "task")
             summaries = summary_of(rows, curves)
-            exchange(RESULTS / "reinforcement_summary.csv", summaries)
+            merge_csv(RESULTS / "reinforcement_summary.csv", summaries, "task")
             print_table(speeds)
             print_table(summaries)
 

@@ -38,7 +38,7 @@ from walking_slopes import (
     slopes_of,
 )
 
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import one_core
 from neuroanimator.terminal import print_table
@@ -186,7 +186,7 @@ def main() -> None:
                     rows = measured(case)
                 print_table(rows)
                 if not arguments.dry:
-                    write_csv(file, [*other_rows(file, rows, "body", "policy", "slope"), *rows])
+                    merge_csv(file, rows, "body", "policy", "slope")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from table1_cases.work_precision import draw_work_precision
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.evaluate import QUICK, THOROUGH, EvaluationBudget
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.files.zoo import SHIPPED, emulator_name
@@ -122,13 +122,15 @@ def main(arguments: list[str] | None = None) -> None:
     rows = measure_rows(chosen, budget, options.seeds)
     figures = [row.figures for row in rows]
     if options.keep or not options.quick:
-        whole = [*other_rows(TABLE, figures, "system", "substeps"), *figures]
-        whole.sort(key=lambda row: (row["system"], int(row["substeps"])))
-        write_csv(TABLE, whole)
+        merge_csv(TABLE, figures, "system", "substeps", order=_place)
     if options.plot:
         evaluations = [evaluation for row in rows for evaluation in row.evaluations]
         draw_work_precision(evaluations, options.plot)
     show(figures, options.json)
+
+
+def _place(row: dict[str, Any]) -> tuple[str, int]:
+    return row["system"], int(row["substeps"])
 
 
 def show(figures: list[dict[str, Any]], is_json: bool) -> None:

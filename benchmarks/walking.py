@@ -24,7 +24,7 @@ from typing import Any
 
 from neuroanimator.cli.policy import first_emulator
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.policy_task import PolicyTask, task_to_learn
 from neuroanimator.systems import load_system
@@ -84,8 +84,7 @@ def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, PolicyTask, 
 
 def keep(file: str, rows: Rows) -> None:
     """Write rows into a table, replacing those of the same environments and seeds."""
-    path = RESULTS / file
-    write_csv(path, [*other_rows(path, rows, "environment", "seed"), *rows])
+    merge_csv(RESULTS / file, rows, "environment", "seed")
 
 
 def run(folder: Path, *arguments: object) -> str:

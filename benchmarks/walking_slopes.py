@@ -42,7 +42,7 @@ from walking import prepared
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.learner import Learner, PolicyLearning
 from neuroanimator.gym.policy_gradient import noisy_controls
@@ -507,7 +507,7 @@ def main() -> None:
                 rows = measured(case, arguments.rollouts)
                 print_table(rows)
                 if not arguments.dry:
-                    write_csv(file, [*other_rows(file, rows, "body", "policy"), *rows])
+                    merge_csv(file, rows, "body", "policy")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from neuroanimator.evaluation.csv_table import other_rows, read_rows, write_csv
+import pytest
+
+from neuroanimator.evaluation import csv_table
+from neuroanimator.evaluation.csv_table import merge_csv, read_rows, write_csv
 
 ROWS = [
     {"body": "a", "seed": 0, "error": 0.123456789},
@@ -27,7 +30,20 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path):
 def test_rows_measured_anew_take_the_place_of_older_ones(tmp_path: Path):
     path = tmp_path / "table.csv"
     write_csv(path, ROWS)
-    assert [row["body"] for row in other_rows(path, ROWS[:1], "body")] == ["b"]
-    left = other_rows(path, ROWS[:1], "body", "seed")
-    assert [(row["body"], row["seed"]) for row in left] == [("a", "1"), ("b", "0")]
-    assert other_rows(path, ROWS, "body", "seed") == []
+    new = {"body": "a", "seed": 1, "error": 0.4}
+    merge_csv(path, [new], "body", "seed")
+    assert [row["error"] for row in read_rows(path)] == ["0.12346", "0.3", "0.4"]
+    whole = merge_csv(path, [new], "body", order=lambda row: row["body"])
+    assert [row["body"] for row in whole] == ["a", "b"]
+
+
+def test_the_first_line_names_every_machine_that_rows_come_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "table.csv"
+    machines = []
+    for name, rows in [("A", ROWS), ("B", ROWS[:1]), ("A", ROWS[:1]), ("C", ROWS)]:
+        monkeypatch.setattr(csv_table, "describe_machine", lambda name=name: name)
+        merge_csv(path, rows, "body", "seed")
+        machines.append(path.read_text().splitlines()[0])
+    assert machines == ["# A", "# A; B", "# A; B", "# C"]
