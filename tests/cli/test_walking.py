@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import Cli
 from soft_bodies import hasty_emulator
 
+from neuroanimator.cli.policy_returns import emulator_rows
 from neuroanimator.systems.loading import trust_files
 
 FILE = "hop.policy.safetensors"
@@ -37,3 +39,12 @@ def test_a_hopper_from_new_to_its_film(cli: Cli, tmp_path: Path):
     refused = cli("animate", FILE, "--start", "rootz=1", "--out", "hop.glb", cwd=tmp_path)
     assert refused.returncode == 2
     assert "start: a policy determines its own start" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("inside", "word"), [(80.0, "too low"), (95.0, ""), (105.0, ""), (120.0, "too high")]
+)
+def test_an_emulator_that_earns_too_much_or_too_little_is_called_useless(inside: float, word: str):
+    rows = emulator_rows(np.array([90.0, 110.0]), np.array([inside, inside]))
+    assert bool(rows) == bool(word)
+    assert all("useless" in str(text) and word in str(text) for _, text in rows)
