@@ -15,7 +15,9 @@ that follows the walk. Without noise, on the physics,
 - drift is the median distance of 100 standing bodies between 2 s and 22 s after the command to stand;
 - slip is the path of a sole's lowest point while within 5 mm of the floor, per step, at the motion's own speed.
 For a policy that also runs, 100 bodies each get commands of all its speeds, of 2 to 3 m/s, and of 3 to 4 m/s; the last two groups
-are pushed in the same way, and slip is measured at 2.4 m/s, the recorded speed of the run. Seconds are of one core's time.
+are pushed in the same way, and slip is measured at 2.4 m/s, the recorded speed of the run. And 100 bodies each, from random
+phases of the motion, are told to walk, to run, or both in turn, with turns, for the 19 s of an episode; those still on the motion
+at its end, within 0.25 m and 0.8 rad of it, are counted. Seconds are of one core's time.
 
 Writes results/commanded.csv and results/commanded_curves.csv.
 """
@@ -25,6 +27,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -44,7 +47,9 @@ from neuroanimator.control.policies.reference_motion import ORIENTATION, Referen
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
-from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
+from neuroanimator.gym.bodies import episodes_of
+from neuroanimator.gym.following import following_rules
+from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_of_policy
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
 from neuroanimator.state.rotation import heading_of
 from neuroanimator.systems import load_system
@@ -349,9 +354,31 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
         for impulse in IMPULSES:
             survived = pushed(Walkers(policy, task, system, BODIES, speeds), impulse)
             row[f"{label} survived {impulse:g} N s"] = survived
+    ranges = {"walk": (own, own), "run": (RUN_SPEED, RUN_SPEED), "both": (own, RUN_SPEED)}
+    for label, speeds in ranges.items():
+        row[f"on the motion, {label}"] = followed(policy, task, system, speeds)
     slips = _slips(policy, task, system, motion, RUN_SPEED)
     row["slip cm, running"], row["slip of the run's clip cm"] = slips
     return row
+
+
+def followed(
+    policy: StatePolicy, task: PolicyTask, system: MujocoSystem, speeds: tuple[float, float]
+) -> int:
+    """Return the number of bodies, of 100 that start at random phases, still on the motion after an episode of commands."""
+    table = follow_table(policy.emulator.definition)
+    motion = task.motion
+    assert table is not None
+    assert motion is not None
+    assert motion.commands is not None
+    commands = motion.commands._replace(
+        least=motion.commands.least._replace(speed=speeds[0]),
+        most=motion.commands.most._replace(speed=speeds[1]),
+    )
+    calm = table.model_copy(update={"pushes": None})
+    rules = following_rules(calm, replace(motion, commands=commands), system)
+    stepper = physics_stepper(system, system.scheme, policy.dt)
+    return int((~episodes_of(policy, stepper, rules, BODIES, 0).is_fallen).sum())
 
 
 def _slips(

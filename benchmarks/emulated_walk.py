@@ -7,7 +7,7 @@ python benchmarks/emulated_walk.py human.policy.safetensors --sheet walk.png --d
 at the step it learnt with, and in the emulator:
 - 100 bodies under random commands of all its speeds for 60 s, as in commanded.py: number that never fall, and errors of speed and
   turning rate;
-- returns of 100 episodes of the task, with pushes (up to 60 N s every 2 s in the mean) and without, of 636 at most, and number
+- returns of 1,000 episodes of the task, with pushes (up to 60 N s every 2 s in the mean) and without, of 636 at most, and number
   still on the motion at their end;
 - errors of the emulator against the physics after 1, 8, 16 and 32 super steps from states of a walk, under the same controls;
 - time of a super step on one core: MuJoCo's four steps by `mujoco.rollout`, from states of a walk; the emulator in C; policy
@@ -53,7 +53,7 @@ from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
 
-EPISODES = 100
+EPISODES = 1000
 
 LOOK_AHEAD = (1, 8, 16, 32)
 """Number of super steps after which errors are measured."""

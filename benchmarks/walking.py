@@ -2,6 +2,7 @@
 
 python benchmarks/walking.py                                 five seeds of each; see MINUTES
 python benchmarks/walking.py Walker2d-v5 --seeds 0 --minutes 2 --dry
+python benchmarks/walking.py --draw                          docs/images/walking.png, from the tables
 
 Each run calls `neuroanimator new`, `policy` and `evaluate` from scratch, which includes training the emulator. Returns are of
 whole episodes of Gymnasium's own environment, without noise: mean, minimum and maximum of 100, and the mean inside the
@@ -22,9 +23,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
 from neuroanimator.cli.policy import first_emulator
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.csv_table import merge_csv
+from neuroanimator.evaluation.csv_table import merge_csv, read_rows
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.policy_task import PolicyTask, task_to_learn
 from neuroanimator.systems import load_system
@@ -45,6 +49,13 @@ EPISODES = 100
 
 FIRST_SEED = {"Walker2d-v5": 100, "Hopper-v5": 100, "Ant-v5": 102}
 """First seed per environment: settings were chosen on lower ones."""
+
+PICTURE = Path(__file__).parent.parent / "docs" / "images" / "walking.png"
+
+OURS = "NeuroAnimator"
+
+PEERS = {"PPO": "#2b5a94", "SAC": "#4fa3a0"}
+"""Colours of the peers' curves."""
 
 SEEDS = 5
 """Number of seeds from the first on."""
@@ -87,6 +98,56 @@ def keep(file: str, rows: Rows) -> None:
     merge_csv(RESULTS / file, rows, "environment", "seed")
 
 
+def draw(path: Path) -> None:
+    """Draw returns during learning over minutes and over steps, ours and those of walking_peers.py.
+
+    Minutes are wall clock of two cores for ours, and a core's time for the others.
+    """
+    figure = Figure(figsize=(10.0, 5.6), layout="constrained")
+    grid = figure.subplots(2, len(MINUTES), sharey="col")
+    ours = read_rows(RESULTS / "walking_curves.csv")
+    theirs = read_rows(RESULTS / "walking_peers_curves.csv")
+    longest = {
+        (row["environment"], row["algorithm"]): row["minutes"]
+        for row in sorted(theirs, key=lambda row: float(row["minutes"]))
+    }
+    for column, env_id in enumerate(MINUTES):
+        curves = [
+            (OURS, "#e8892b", _rows_with(ours, environment=env_id, seed=seed))
+            for seed in sorted({row["seed"] for row in ours if row["environment"] == env_id})
+        ]
+        for algorithm, colour in PEERS.items():
+            minutes = longest.get((env_id, algorithm), "")
+            found = _rows_with(theirs, environment=env_id, algorithm=algorithm, minutes=minutes)
+            curves.append((algorithm, colour, found))
+        for axes, quantity, scale in zip(
+            grid[:, column], ("seconds", "steps"), (60.0, 1e6), strict=True
+        ):
+            for label, colour, rows in curves:
+                if not rows:
+                    continue
+                across = [float(row[quantity]) / scale for row in rows]
+                up = [float(row["mean_return"]) for row in rows]
+                axes.plot(across, up, color=colour, alpha=0.8, linewidth=1.3, label=label)
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            axes.grid(which="major", alpha=0.2)
+        grid[0, column].set_title(env_id)
+        grid[0, column].set_xlabel("minutes")
+        grid[1, column].set_xlabel("million steps of the environment")
+    for row in grid:
+        row[0].set_ylabel("mean return")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    grid[0, 0].legend(named.values(), named.keys(), fontsize="small")
+    figure.savefig(path, dpi=110)
+
+
+def _rows_with(rows: list[dict[str, str]], **cells: str) -> list[dict[str, str]]:
+    return [row for row in rows if all(row[key] == cell for key, cell in cells.items())]
+
+
 def run(folder: Path, *arguments: object) -> str:
     """Return the output of a `neuroanimator` command."""
     command = [str(PROGRAM), *map(str, arguments)]
@@ -102,7 +163,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", help="default: those of the table")
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--dry", action="store_true", help="write no file")
+    parser.add_argument("--draw", action="store_true", help="draw the tables instead")
     arguments = parser.parse_args()
+    if arguments.draw:
+        draw(PICTURE)
+        return
     print(describe_machine())
     rows: Rows = []
     curves: Rows = []

@@ -8,6 +8,9 @@ number of updates of the policy. The emulator that learns along with a policy is
 a million super steps of the policy's own motions. Returns are means of 100 episodes without noise. What the folder already holds
 is not made again.
 
+An emulator's errors are noise to a body on its edge: the returns of 50 episodes in it are also measured with errors added to each
+super step, drawn at random from those of 64 bodies that the policy moves on MuJoCo, half of them and all.
+
 Writes results/walking_inside.csv.
 """
 
@@ -18,17 +21,40 @@ import json
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+import numpy as np
 from following import RESULTS
+from jaxtyping import Array, Bool, Float
 from walking import EPISODES, run
 
+from neuroanimator.cli.policy_returns import loaded_policy
+from neuroanimator.control.policies.state_policy import StatePolicy
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.gym.bodies import Bodies, returns_of
+from neuroanimator.gym.policy_task import PolicyTask
+from neuroanimator.gym.state_rows import Leap, emulator_stepper, physics_stepper
+from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
 UPDATES = {"Hopper-v5": 190, "Walker2d-v5": 300, "Ant-v5": 640}
 """Number of updates of each policy: those of walking.py come as far in its minutes."""
 
 SEED = 100
+
+SHARES = (0.5, 1.0)
+"""Parts of the errors that are added."""
+
+NOISY_EPISODES = 50
+
+BODIES = 64
+"""Number of bodies whose errors are measured."""
+
+SETTLING = 30
+"""Number of super steps before errors are measured."""
+
+SUPER_STEPS = 300
 
 
 def measured(env_id: str, folder: Path) -> dict[str, Any]:
@@ -56,6 +82,7 @@ def measured(env_id: str, folder: Path) -> dict[str, Any]:
         "inside, of its motions": own["mean_return_inside"],
         "off": own["mean_return_inside"] / outside - 1,
         "one-step error": one_step_error(folder / f"{env_id}.inside.policy.run"),
+        **with_errors(folder / inside),
     }
 
 
@@ -68,6 +95,54 @@ def one_step_error(folder: Path) -> float:
     """Return the error of the emulator after a super step, over a usual change, on runs it was not trained on."""
     (metrics,) = folder.glob("*.emulator.run/metrics.jsonl")
     return min(json.loads(line)["error"] for line in metrics.read_text().splitlines())
+
+
+def with_errors(path: Path) -> dict[str, float]:
+    """Return the mean return in the emulator of the policy at `path`, a share of its errors added to each super step."""
+    policy, system, task = loaded_policy(path, None)
+    errors = errors_of(policy, system, task)
+    plain = emulator_stepper(policy.emulator, np.inf, 0.0)
+    rng = np.random.default_rng(SEED)
+    returns = {}
+    for share in SHARES:
+
+        def noisy(
+            states: Float[np.ndarray, "B S"],
+            controls: Float[np.ndarray, "B C"],
+            is_new: Bool[np.ndarray, " B"],
+            share: float = share,
+        ) -> Leap:
+            leap = plain(states, controls, np.ones_like(is_new))
+            drawn = rng.integers(len(errors), size=len(states))
+            return leap._replace(states=leap.states + share * errors[drawn])
+
+        found = returns_of(policy, noisy, task.rules, NOISY_EPISODES, SEED)
+        returns[f"inside, {share:g} of its errors added"] = float(found.mean())
+    return returns
+
+
+def errors_of(policy: StatePolicy, system: System, task: PolicyTask) -> Float[np.ndarray, "E S"]:
+    """Return the errors of the emulator after a super step, of states in which the policy brings bodies on MuJoCo."""
+    rng = np.random.default_rng(SEED)
+    bodies = Bodies(
+        physics_stepper(system, system.scheme, policy.dt), task.rules, policy.emulator, rng, BODIES
+    )
+    inside = emulator_stepper(policy.emulator, np.inf, 0.0)
+    errors = []
+    for step in range(SUPER_STEPS):
+        states = bodies.states.copy()
+        controls = policy.emulator.bounds.clip(np.asarray(_controls(policy, as_jax(states)), float))
+        leap = inside(states, controls, np.ones(BODIES, bool))
+        moved = bodies.step(controls)
+        if step >= SETTLING:
+            errors.append(leap.states - moved.following)
+        bodies.begin(rng, moved.is_last)
+    return np.concatenate(errors)
+
+
+@eqx.filter_jit
+def _controls(policy: StatePolicy, states: Float[Array, "B S"]) -> Float[Array, "B C"]:
+    return policy.control_of(states)
 
 
 def main() -> None:

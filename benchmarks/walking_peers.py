@@ -2,12 +2,13 @@
 
 python benchmarks/walking_peers.py                                  60 minutes each in three environments: six hours
 python benchmarks/walking_peers.py Hopper-v5 --minutes 3 --seeds 0 1 --dry
+python benchmarks/walking_peers.py Ant-v5 --algorithms SAC --keep unfinished
 
 Needs stable-baselines3: pip install stable-baselines3. Settings are those of rl-baselines3-zoo for the version of each
 environment that it has (hyperparams/ppo.yml, v4; hyperparams/sac.yml, v3). PyTorch has one thread,
 with which both learn faster here than with two. Time is a core's, CPU time of learning alone: it stands still while a policy is
 judged, twenty times by sixteen of Gymnasium's episodes without noise. The best of these policies is judged by 100 episodes more,
-as ours is. Several runs may share the cores.
+as ours is. Several runs may share the cores. With `--keep FOLDER`, a run that was cut off goes on from where it was judged last.
 
 Writes results/walking_peers.csv and results/walking_peers_curves.csv.
 """
@@ -16,9 +17,12 @@ from __future__ import annotations
 
 import argparse
 import copy
+import pickle
+import shutil
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -28,7 +32,7 @@ from jaxtyping import Float
 from reinforcement_cases.policies import gymnasium_returns
 from walking import EPISODES, MINUTES
 
-from neuroanimator.evaluation.csv_table import other_rows, write_csv
+from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
@@ -103,6 +107,8 @@ class Judge(BaseCallback):
     env_id: str
     seed: int
     limit: float
+    folder: Path | None
+    """Folder in which the unfinished run is kept."""
 
     def __post_init__(self) -> None:
         super().__init__()
@@ -110,15 +116,18 @@ class Judge(BaseCallback):
         self.best: tuple[float, Any, Any] | None = None
         self.judging = 0.0
         self.began = 0.0
-        self.next = self.limit / JUDGEMENTS
+        self.before = 0.0
+        """Core time of learning before the run was cut off [s]."""
 
     def _on_training_start(self) -> None:
         self.began = time.process_time()
+        self.judging = 0.0
+        self.next = self.before + self.limit / JUDGEMENTS
 
     @property
     def seconds(self) -> float:
         """Core time of learning so far [s]."""
-        return time.process_time() - self.began - self.judging
+        return self.before + time.process_time() - self.began - self.judging
 
     def _on_step(self) -> bool:
         if self.seconds >= self.next:
@@ -144,7 +153,9 @@ class Judge(BaseCallback):
         if self.best is None or mean > self.best[0]:
             weights = copy.deepcopy(self.model.policy.state_dict())
             self.best = (mean, weights, copy.deepcopy(_normaliser(self.model)))
-        self.judging = time.process_time() - self.began - seconds
+        if self.folder is not None:
+            keep_run(self, self.folder, seconds)
+        self.judging = self.before + time.process_time() - self.began - seconds
 
 
 def _normaliser(model: Any) -> Any:
@@ -175,11 +186,45 @@ def fresh(algorithm: str, env_id: str, seed: int) -> Any:
     return ALGORITHMS[algorithm]("MlpPolicy", world, seed=seed, device="cpu", **settings)
 
 
-def learnt(algorithm: str, env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows]:
+def keep_run(judge: Judge, folder: Path, seconds: float) -> None:
+    """Write everything with which a run goes on after `seconds` of learning."""
+    new = folder.with_suffix(".new")
+    shutil.rmtree(new, ignore_errors=True)
+    new.mkdir(parents=True)
+    model: Any = judge.model
+    model.save(new / "model.zip")
+    if model.get_vec_normalize_env() is not None:
+        model.get_vec_normalize_env().save(str(new / "normaliser.pkl"))
+    if isinstance(model, SAC):
+        model.save_replay_buffer(new / "transitions.pkl")
+    (new / "judge.pkl").write_bytes(pickle.dumps((judge.points, judge.best, seconds)))
+    shutil.rmtree(folder, ignore_errors=True)
+    new.rename(folder)
+
+
+def go_on(algorithm: str, judge: Judge, folder: Path) -> Any:
+    """Return the model of a run that was cut off, and give its judge what it knew."""
+    world: Any = DummyVecEnv([lambda: gymnasium.make(judge.env_id)])
+    if (folder / "normaliser.pkl").exists():
+        world = VecNormalize.load(str(folder / "normaliser.pkl"), world)
+    model = ALGORITHMS[algorithm].load(folder / "model.zip", env=world, device="cpu")
+    if algorithm == "SAC":
+        model.load_replay_buffer(folder / "transitions.pkl")
+    judge.points, judge.best, judge.before = pickle.loads((folder / "judge.pkl").read_bytes())
+    return model
+
+
+def learnt(
+    algorithm: str, env_id: str, seed: int, minutes: float, kept: Path | None
+) -> tuple[dict[str, Any], Rows]:
     """Return (a row about the best policy, rows of the curve)."""
-    model = fresh(algorithm, env_id, seed)
-    judge = Judge(env_id, seed, 60 * minutes)
-    model.learn(10**12, callback=judge)
+    folder = None if kept is None else kept / f"{env_id}-{algorithm}-{seed}"
+    judge = Judge(env_id, seed, 60 * minutes, folder)
+    if folder is not None and folder.exists():
+        model = go_on(algorithm, judge, folder)
+    else:
+        model = fresh(algorithm, env_id, seed)
+    model.learn(10**12, callback=judge, reset_num_timesteps=False)
     seconds = judge.seconds
     judge.judge()
     assert judge.best is not None
@@ -205,9 +250,7 @@ def learnt(algorithm: str, env_id: str, seed: int, minutes: float) -> tuple[dict
 
 def keep(file: str, rows: Rows) -> None:
     """Write rows into a table, in place of those of the same run."""
-    path = RESULTS / file
-    same = ("environment", "algorithm", "seed", "minutes")
-    write_csv(path, [*other_rows(path, rows, *same), *rows])
+    merge_csv(RESULTS / file, rows, "environment", "algorithm", "seed", "minutes")
 
 
 def main() -> None:
@@ -218,6 +261,7 @@ def main() -> None:
     parser.add_argument("--algorithms", nargs="*", default=list(ALGORITHMS))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--minutes", type=float, default=HOUR)
+    parser.add_argument("--keep", type=Path, help="folder of unfinished runs, which go on")
     parser.add_argument("--dry", action="store_true", help="write no file")
     arguments = parser.parse_args()
     print(describe_machine())
@@ -225,7 +269,7 @@ def main() -> None:
     for env_id in arguments.environments:
         for algorithm in arguments.algorithms:
             for seed in arguments.seeds:
-                row, curve = learnt(algorithm, env_id, seed, arguments.minutes)
+                row, curve = learnt(algorithm, env_id, seed, arguments.minutes, arguments.keep)
                 print_table([row])
                 if not arguments.dry:
                     keep("walking_peers.csv", [row])
