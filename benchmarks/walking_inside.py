@@ -122,7 +122,7 @@ def with_errors(path: Path) -> dict[str, float]:
 
 
 def errors_of(policy: StatePolicy, system: System, task: PolicyTask) -> Float[np.ndarray, "E S"]:
-    """Return the errors of the emulator after a super step, of states in which the policy brings bodies on MuJoCo."""
+    """Return the errors of the emulator after a super step, in states that the policy visits on MuJoCo."""
     rng = np.random.default_rng(SEED)
     bodies = Bodies(
         physics_stepper(system, system.scheme, policy.dt), task.rules, policy.emulator, rng, BODIES
