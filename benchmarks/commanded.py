@@ -50,6 +50,7 @@ from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.bodies import episodes_of
 from neuroanimator.gym.following import following_rules
 from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_of_policy
+from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
 from neuroanimator.state.rotation import heading_of
 from neuroanimator.systems import load_system
@@ -115,6 +116,14 @@ PUSHED_AT = (2.0, 4.0)
 IMAGES = 12
 
 
+def between(commands: Commands, speeds: tuple[float, float]) -> Commands:
+    """Return commands of the same turning rates, with a minimum and a maximum speed [m/s]."""
+    slowest, fastest = speeds
+    least = Command(slowest, commands.least.turning)
+    most = Command(fastest, commands.most.turning)
+    return commands._replace(least=least, most=most)
+
+
 class Walkers:
     """Bodies that a policy moves on the physics, or by `stepper`, under commands of a range of speeds, or of all its speeds."""
 
@@ -134,10 +143,7 @@ class Walkers:
         self.policy = policy
         self.system = system
         commands = reference.commands
-        slowest, fastest = speeds or (commands.least.speed, commands.most.speed)
-        least = Command(slowest, commands.least.turning)
-        most = Command(fastest, commands.most.turning)
-        self.commands: Commands = commands._replace(least=least, most=most)
+        self.commands = commands if speeds is None else between(commands, speeds)
         self.reference = reference
         self.rng = np.random.default_rng(0)
         self.stepper = stepper or physics_stepper(system, system.scheme, policy.dt)
@@ -362,21 +368,24 @@ def judged(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[
     return row
 
 
+def rules_without_pushes(
+    policy: StatePolicy, motion: ReferenceMotion, system: MujocoSystem
+) -> EpisodeRules:
+    """Return the rules of a policy's task, following `motion`, without its pushes."""
+    table = follow_table(policy.emulator.definition)
+    assert table is not None
+    return following_rules(table.model_copy(update={"pushes": None}), motion, system)
+
+
 def followed(
     policy: StatePolicy, task: PolicyTask, system: MujocoSystem, speeds: tuple[float, float]
 ) -> int:
     """Return the number of bodies, of 100 that start at random phases, still on the motion after an episode of commands."""
-    table = follow_table(policy.emulator.definition)
     motion = task.motion
-    assert table is not None
     assert motion is not None
     assert motion.commands is not None
-    commands = motion.commands._replace(
-        least=motion.commands.least._replace(speed=speeds[0]),
-        most=motion.commands.most._replace(speed=speeds[1]),
-    )
-    calm = table.model_copy(update={"pushes": None})
-    rules = following_rules(calm, replace(motion, commands=commands), system)
+    narrow = replace(motion, commands=between(motion.commands, speeds))
+    rules = rules_without_pushes(policy, narrow, system)
     stepper = physics_stepper(system, system.scheme, policy.dt)
     return int((~episodes_of(policy, stepper, rules, BODIES, 0).is_fallen).sum())
 

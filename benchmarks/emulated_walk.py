@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from commanded import BODIES, Walkers, commanded, draw_sheet, walked
+from commanded import BODIES, Walkers, commanded, draw_sheet, rules_without_pushes, walked
 from following import HUMAN, RESULTS
 from jaxtyping import Array, Float
 
@@ -44,8 +44,7 @@ from neuroanimator.evaluation.speed import (
 )
 from neuroanimator.files.atomic import digest
 from neuroanimator.gym.bodies import episodes_of
-from neuroanimator.gym.following import following_rules
-from neuroanimator.gym.policy_task import PolicyTask, follow_table
+from neuroanimator.gym.policy_task import PolicyTask
 from neuroanimator.gym.state_rows import Stepper, emulator_stepper, physics_stepper
 from neuroanimator.state.rotation import rotation_between
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -70,10 +69,8 @@ COPIES = 25
 
 def compared(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> Rows:
     """Return what the policy does on the physics and in its emulator, a row each."""
-    table = follow_table(policy.emulator.definition)
-    assert table is not None
     assert task.motion is not None
-    calm = following_rules(table.model_copy(update={"pushes": None}), task.motion, system)
+    calm = rules_without_pushes(policy, task.motion, system)
     steppers: dict[str, Stepper] = {
         "MuJoCo": physics_stepper(system, system.scheme, policy.dt),
         "emulator": emulator_stepper(policy.emulator, np.inf, 0.0),

@@ -21,15 +21,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import numpy as np
+from commanded import controls_of
 from following import RESULTS
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from walking import EPISODES, run
 
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.bodies import Bodies, returns_of
@@ -39,7 +38,7 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
 UPDATES = {"Hopper-v5": 190, "Walker2d-v5": 300, "Ant-v5": 640}
-"""Number of updates of each policy: those of walking.py come as far in its minutes."""
+"""Number of updates of each policy: about as many as a run of walking.py makes in its time."""
 
 SEED = 100
 
@@ -69,26 +68,27 @@ def measured(env_id: str, folder: Path) -> dict[str, Any]:
         run(folder, "policy", toml, *learning, "--out", policy)
     if not (folder / inside).exists():
         run(folder, "train", policy, "--out", inside)
-    along = evaluated(folder, policy)
-    own = evaluated(folder, inside)
-    outside = own["mean_return"]
+    told = run(folder, "evaluate", inside, "--episodes", EPISODES, "--json")
+    found = json.loads(told)
     return {
         "environment": env_id,
         "seed": SEED,
         "episodes": EPISODES,
-        "mean_return": outside,
-        "least_return": own["least_return"],
-        "inside, learnt along": along["mean_return_inside"],
-        "inside, of its motions": own["mean_return_inside"],
-        "off": own["mean_return_inside"] / outside - 1,
+        "mean_return": found["mean_return"],
+        "least_return": found["least_return"],
+        "inside, learnt along": return_inside(folder / policy),
+        "inside, of its motions": found["mean_return_inside"],
+        "off": found["mean_return_inside"] / found["mean_return"] - 1,
         "one-step error": one_step_error(folder / f"{env_id}.inside.policy.run"),
         **with_errors(folder / inside),
     }
 
 
-def evaluated(folder: Path, policy: str) -> dict[str, Any]:
-    """Return what `evaluate` says of a policy's file."""
-    return json.loads(run(folder, "evaluate", policy, "--episodes", EPISODES, "--json"))
+def return_inside(path: Path) -> float:
+    """Return the mean return in the emulator of the policy at `path`, as `evaluate` does."""
+    policy, _, task = loaded_policy(path, None)
+    inside = emulator_stepper(policy.emulator, np.inf, 0.0)
+    return float(returns_of(policy, inside, task.rules, EPISODES, 0).mean())
 
 
 def one_step_error(folder: Path) -> float:
@@ -131,18 +131,13 @@ def errors_of(policy: StatePolicy, system: System, task: PolicyTask) -> Float[np
     errors = []
     for step in range(SUPER_STEPS):
         states = bodies.states.copy()
-        controls = policy.emulator.bounds.clip(np.asarray(_controls(policy, as_jax(states)), float))
+        controls = controls_of(policy, states)
         leap = inside(states, controls, np.ones(BODIES, bool))
         moved = bodies.step(controls)
         if step >= SETTLING:
             errors.append(leap.states - moved.following)
         bodies.begin(rng, moved.is_last)
     return np.concatenate(errors)
-
-
-@eqx.filter_jit
-def _controls(policy: StatePolicy, states: Float[Array, "B S"]) -> Float[Array, "B C"]:
-    return policy.control_of(states)
 
 
 def main() -> None:
