@@ -8,6 +8,9 @@ number of updates of the policy. The emulator that learns along with a policy is
 a million super steps of the policy's own motions. Returns are means of 100 episodes without noise. What the folder already holds
 is not made again.
 
+The physics is off, too: returns on MuJoCo are also measured at a tenth of the model's physics step, by the policy's rules, which
+leave out an ant's cost of contact, beside those at its own step.
+
 An emulator's errors are noise to a body on its edge: the returns of 50 episodes in it are also measured with errors added to each
 super step, drawn at random from those of 64 bodies that the policy moves on MuJoCo, half of them and all.
 
@@ -18,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +45,9 @@ UPDATES = {"Hopper-v5": 190, "Walker2d-v5": 300, "Ant-v5": 640}
 """Number of updates of each policy: about as many as a run of walking.py makes in its time."""
 
 SEED = 100
+
+FINE = 10
+"""Number of fine physics steps in one of the model's own."""
 
 SHARES = (0.5, 1.0)
 """Parts of the errors that are added."""
@@ -68,6 +75,7 @@ def measured(env_id: str, folder: Path) -> dict[str, Any]:
         run(folder, "policy", toml, *learning, "--out", policy)
     if not (folder / inside).exists():
         run(folder, "train", policy, "--out", inside)
+    inside_path = folder / inside
     told = run(folder, "evaluate", inside, "--episodes", EPISODES, "--json")
     found = json.loads(told)
     return {
@@ -76,12 +84,22 @@ def measured(env_id: str, folder: Path) -> dict[str, Any]:
         "episodes": EPISODES,
         "mean_return": found["mean_return"],
         "least_return": found["least_return"],
+        "own physics step": return_on_physics(inside_path, 1),
+        "fine physics step": return_on_physics(inside_path, FINE),
         "inside, learnt along": return_inside(folder / policy),
         "inside, of its motions": found["mean_return_inside"],
         "off": found["mean_return_inside"] / found["mean_return"] - 1,
         "one-step error": one_step_error(folder / f"{env_id}.inside.policy.run"),
-        **with_errors(folder / inside),
+        **with_errors(inside_path),
     }
+
+
+def return_on_physics(path: Path, parts: int) -> float:
+    """Return the mean return on MuJoCo of the policy at `path`, by its rules, with `parts` steps in each physics step."""
+    policy, system, task = loaded_policy(path, None)
+    scheme = replace(system.scheme, dt=system.scheme.dt / parts)
+    outside = physics_stepper(system, scheme, policy.dt)
+    return float(returns_of(policy, outside, task.rules, EPISODES, SEED).mean())
 
 
 def return_inside(path: Path) -> float:
