@@ -140,7 +140,7 @@ def draw(path: Path) -> None:
         row[0].set_ylabel("mean return")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
-    grid[0, 0].legend(named.values(), named.keys(), fontsize="small")
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=len(named))
     figure.savefig(path, dpi=110)
 
 
