@@ -75,7 +75,7 @@ def measured(env_id: str, folder: Path) -> dict[str, Any]:
         run(folder, "policy", toml, *learning, "--out", policy)
     if not (folder / inside).exists():
         run(folder, "train", policy, "--out", inside)
-    inside_path = folder / inside
+    loaded = loaded_policy(folder / inside, None)
     told = run(folder, "evaluate", inside, "--episodes", EPISODES, "--json")
     found = json.loads(told)
     return {
@@ -84,19 +84,18 @@ def measured(env_id: str, folder: Path) -> dict[str, Any]:
         "episodes": EPISODES,
         "mean_return": found["mean_return"],
         "least_return": found["least_return"],
-        "own physics step": return_on_physics(inside_path, 1),
-        "fine physics step": return_on_physics(inside_path, FINE),
+        "own physics step": return_on_physics(*loaded, 1),
+        "fine physics step": return_on_physics(*loaded, FINE),
         "inside, learnt along": return_inside(folder / policy),
         "inside, of its motions": found["mean_return_inside"],
         "off": found["mean_return_inside"] / found["mean_return"] - 1,
         "one-step error": one_step_error(folder / f"{env_id}.inside.policy.run"),
-        **with_errors(inside_path),
+        **with_errors(*loaded),
     }
 
 
-def return_on_physics(path: Path, parts: int) -> float:
-    """Return the mean return on MuJoCo of the policy at `path`, by its rules, with `parts` steps in each physics step."""
-    policy, system, task = loaded_policy(path, None)
+def return_on_physics(policy: StatePolicy, system: System, task: PolicyTask, parts: int) -> float:
+    """Return the policy's mean return on MuJoCo, by its rules, with `parts` steps in each of the model's own."""
     scheme = replace(system.scheme, dt=system.scheme.dt / parts)
     outside = physics_stepper(system, scheme, policy.dt)
     return float(returns_of(policy, outside, task.rules, EPISODES, SEED).mean())
@@ -115,9 +114,8 @@ def one_step_error(folder: Path) -> float:
     return min(json.loads(line)["error"] for line in metrics.read_text().splitlines())
 
 
-def with_errors(path: Path) -> dict[str, float]:
-    """Return the mean return in the emulator of the policy at `path`, a share of its errors added to each super step."""
-    policy, system, task = loaded_policy(path, None)
+def with_errors(policy: StatePolicy, system: System, task: PolicyTask) -> dict[str, float]:
+    """Return the mean return in the policy's emulator, a share of its errors added to each super step."""
     errors = errors_of(policy, system, task)
     plain = emulator_stepper(policy.emulator, np.inf, 0.0)
     rng = np.random.default_rng(SEED)
