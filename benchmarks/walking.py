@@ -2,6 +2,7 @@
 
 python benchmarks/walking.py                                 five seeds of each; see MINUTES
 python benchmarks/walking.py Walker2d-v5 --seeds 0 --minutes 2 --dry
+taskset -c 0 python benchmarks/walking.py Walker2d-v5 --seeds 100 --minutes 60      an hour of one core, as for the peers
 python benchmarks/walking.py --draw                          docs/images/walking.png, from the tables
 
 Each run calls `neuroanimator new`, `policy` and `evaluate` from scratch, which includes training the emulator. Returns are of
@@ -76,10 +77,10 @@ def learnt(env_id: str, seed: int, minutes: float) -> tuple[dict[str, Any], Rows
         )
         curve = (folder / "run.policy.run" / "metrics.jsonl").read_text().splitlines()
     found = json.loads(told)
-    row = {"environment": env_id, "seed": seed, "seconds": seconds} | found
+    run_of = {"environment": env_id, "seed": seed, "minutes": minutes}
     points = [json.loads(line) for line in curve]
-    row["steps"] = points[-1]["steps"]
-    return row, [{"environment": env_id, "seed": seed} | point for point in points]
+    row = run_of | {"seconds": seconds} | found | {"steps": points[-1]["steps"]}
+    return row, [run_of | point for point in points]
 
 
 def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, PolicyTask, Emulator]:
@@ -93,9 +94,9 @@ def prepared(env_id: str, folder: Path, seed: int) -> tuple[System, PolicyTask, 
     return system, task, first_emulator(name, definition, task, folder / "run", seed)
 
 
-def keep(file: str, rows: Rows) -> None:
-    """Write rows into a table, replacing those of the same environments and seeds."""
-    merge_csv(RESULTS / file, rows, "environment", "seed")
+def keep(file: str, rows: Rows, *columns: str) -> None:
+    """Write rows into a table, replacing those of the same environments and seeds, and with the same cells in `columns`."""
+    merge_csv(RESULTS / file, rows, "environment", "seed", *columns)
 
 
 def draw(path: Path) -> None:
@@ -112,9 +113,10 @@ def draw(path: Path) -> None:
         for row in sorted(theirs, key=lambda row: float(row["minutes"]))
     }
     for column, env_id in enumerate(MINUTES):
+        runs = {(row["seed"], row["minutes"]) for row in ours if row["environment"] == env_id}
         curves = [
-            (OURS, "#e8892b", _rows_with(ours, environment=env_id, seed=seed))
-            for seed in sorted({row["seed"] for row in ours if row["environment"] == env_id})
+            (OURS, "#e8892b", _rows_with(ours, environment=env_id, seed=seed, minutes=minutes))
+            for seed, minutes in sorted(runs)
         ]
         for algorithm, colour in PEERS.items():
             minutes = longest.get((env_id, algorithm), "")
@@ -180,8 +182,8 @@ def main() -> None:
             curves += curve
             print_table([row])
             if not arguments.dry:
-                keep("walking.csv", rows)
-                keep("walking_curves.csv", curves)
+                keep("walking.csv", rows, "minutes")
+                keep("walking_curves.csv", curves, "minutes")
 
 
 if __name__ == "__main__":
