@@ -102,7 +102,7 @@ def keep(file: str, rows: Rows, *columns: str) -> None:
 def draw(path: Path) -> None:
     """Draw returns during learning over minutes and over steps, ours and those of walking_peers.py.
 
-    Minutes are wall clock of two cores for ours, and a core's time for the others.
+    Minutes are wall clock of two cores for ours, of one core for its run of an hour, and a core's time for the others.
     """
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
     grid = figure.subplots(2, len(MINUTES), sharey="col")
