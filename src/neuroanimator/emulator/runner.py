@@ -145,7 +145,8 @@ def run_rollout_trusted(
     """Return `Emulator.rollout_trusted`."""
     start, held = _checked(emulator, state, controls)
     batch = start.shape[:-1]
-    rows = as_rows(start), held.reshape(-1, *held.shape[-2:])
+    starts = as_rows(start)
+    rows = starts, held.reshape(len(starts), *held.shape[-2:])
     trajectories, scores = _run_rows(emulator, CEmulator.rollouts_trusted, rollout_trusted, rows)
     trajectory = trajectories.reshape(*batch, *trajectories.shape[1:])
     if not may_diverge:

@@ -57,7 +57,7 @@ class Proposal:
     comments: Mapping[str, str]
     """Title of each table of the TOML file, and reason for the value of each key ("table.key")."""
     parts: tuple[str, ...]
-    """Names of the parts of the state."""
+    """Names of the parts of the state that goals may name; none where nothing can be controlled."""
     warnings: tuple[str, ...] = ()
     """Warnings for the user, to read before data are generated."""
     told: tuple[tuple[str, str], ...] = ()

@@ -111,7 +111,9 @@ def propose_recording(path: Path) -> Proposal:
         *warn_of_small(with_units, changes_of(runs, substeps)),
     ]
     definition = check_table(values, path.name, RecordedDefinition)
-    return Proposal(definition, comments, tuple(names), tuple(warnings))
+    # Where nothing drives the motion there are no goals to reach.
+    parts = tuple(names) if recording.control else ()
+    return Proposal(definition, comments, parts, tuple(warnings))
 
 
 def _still_columns(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterator[str]:

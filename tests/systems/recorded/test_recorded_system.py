@@ -506,6 +506,11 @@ def test_what_a_recording_kept_apart_is_trusted_where_it_is_like_the_rest(free_s
     assert np.mean(emulator.trust(states[:, :-1], controls) <= 1) > 0.9
     assert np.mean(emulator.trust(data.states[:, 0], data.controls[:, 0]) <= 1) > 0.95
     assert np.mean(emulator.trust(3 * states[:, :-1], controls) <= 1) < 0.5
+    # Of one motion and of several, though their controls have no entries.
+    for start, held in ((states[:, 0], controls), (states[0, 0], controls[0])):
+        motion, scores = emulator.rollout_trusted(start, held)
+        np.testing.assert_array_equal(motion, emulator.rollout(start, held))
+        assert scores.shape == held.shape[:-1]
 
 
 def test_an_npz_without_a_control_is_the_same_as_a_csv_without(free_swing: Path, tmp_path: Path):
