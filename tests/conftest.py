@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 from shapes import check_shapes
 from tally import Tally, tally_line
+from waiting import PATIENCE
 
 if TYPE_CHECKING:
     from serving import Serving
@@ -246,7 +247,7 @@ def cli_process() -> Cli:
             key: value for key, value in os.environ.items() if key != "NEUROANIMATOR_DEBUG"
         }
         return subprocess.run(
-            command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=300
+            command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=PATIENCE
         )
 
     return run

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE
 
 RUN = "from neuroanimator.cli.main import main; main()"
 
@@ -16,9 +17,6 @@ TOLD = f"import jax; jax.config.update('jax_log_compiles', True); {RUN}"
 
 TRACED = "Finished tracing"
 """Beginning of the line on a function that was traced."""
-
-PATIENCE = 300
-"""[s]"""
 
 
 def written(words: tuple[str, ...], folder: Path, cache: Path) -> tuple[dict[str, bytes], bool]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 
 import pytest
 from executor_tasks import Square, cores, square
 from processes import children
+from waiting import wait_until
 
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.executor.executor import Executor, LostTaskError, Outcome
@@ -96,10 +96,7 @@ def test_workers_end_with_the_process_that_started_them():
     started = subprocess.run([sys.executable, "-c", STARTED], capture_output=True, env=environment)
     processes = [int(word) for word in started.stdout.split()]
     assert len(processes) == 2
-    given_up = time.monotonic() + 10
-    while any(is_running(process) for process in processes):
-        assert time.monotonic() < given_up
-        time.sleep(0.05)
+    wait_until(lambda: not any(is_running(process) for process in processes))
 
 
 def test_a_function_that_cannot_be_imported_is_refused(two: Executor):

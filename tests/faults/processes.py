@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+from waiting import PATIENCE
 
 MAIN = "from neuroanimator.cli.main import main; main()"
 GENERATE = ("generate", "pendulum", "--count", "6000", "--samples-per-run", "12", "--out")
@@ -25,7 +28,10 @@ def command(*arguments: object) -> list[str]:
 
 def run(*arguments: object, **environment: str) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run(
-        command(*arguments), capture_output=True, env={**os.environ, **environment}, timeout=300
+        command(*arguments),
+        capture_output=True,
+        env={**os.environ, **environment},
+        timeout=PATIENCE,
     )
 
 
@@ -56,13 +62,26 @@ def _caught(pid: int) -> int:
 def stopped_after(
     process: subprocess.Popen[str], seconds: float, number: int
 ) -> tuple[int, str, float]:
-    """Return (exit code, stderr, seconds it took) of a process that gets the signal after `seconds`."""
+    """Return (exit code, stderr, CPU time it took [s]) of a process that gets the signal after `seconds`."""
     wait_until_it_listens(process)
     time.sleep(seconds)
-    began = time.monotonic()
+    spent = _cpu_seconds(process.pid)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     process.send_signal(number)
-    _, errors = process.communicate(timeout=60)
-    return process.returncode, errors, time.monotonic() - began
+    _, errors = process.communicate(timeout=PATIENCE)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    whole = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return process.returncode, errors, whole - spent
+
+
+def _cpu_seconds(pid: int) -> float:
+    """Return the CPU time that a running process has taken so far [s]; 0 if it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    user, system = fields[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
 def killed_at_random(rng: random.Random, longest: float, *arguments: object) -> bool:

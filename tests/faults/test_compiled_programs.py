@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from neuroanimator.codegen import build, compiler, kept
 from neuroanimator.codegen.backend import backend_in_words
@@ -195,7 +196,6 @@ def test_a_compiler_that_is_none_costs_one_line(
         path.write_bytes(content)
         path.chmod(0o700)
     monkeypatch.setenv("CC", f"{path} -pipe")
-    began = time.monotonic()
     system = load_system("fish")
     controls = np.zeros((1, 1, system.control.size))
     runs = system.simulate_fastest(
@@ -203,7 +203,6 @@ def test_a_compiler_that_is_none_costs_one_line(
     )
     assert np.isfinite(runs.states).all()
     assert [compiled_library(program()[0]) for _ in range(3)] == [None] * 3
-    assert time.monotonic() - began < 60
     assert len(capfd.readouterr().err.splitlines()) == 1
     assert not list(home.glob("neuroanimator/compiled/*"))
 
@@ -226,7 +225,7 @@ print(compiler.compiled_library("int it(void) { return 9; }").it())
 def test_many_processes_compile_the_same_thing_at_once(home: Path):
     command = [sys.executable, "-c", COMPILE]
     running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(4)]
-    assert [process.communicate(timeout=120)[0].strip() for process in running] == ["9"] * 4
+    assert [process.communicate(timeout=PATIENCE)[0].strip() for process in running] == ["9"] * 4
     assert len(libraries(home)) == 1
     assert len(list(libraries(home)[0].parent.iterdir())) == 1
 

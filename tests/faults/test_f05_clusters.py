@@ -19,6 +19,7 @@ from executor_tasks import Square, square
 from processes import GENERATE, command, start
 from scale_cases.nodes import cluster_of, kill_node, node_killed, node_slowed
 from tally import Tally
+from waiting import PATIENCE, wait_until
 
 from neuroanimator import DatasetConfig, generate
 from neuroanimator.errors import ResourceError
@@ -32,9 +33,6 @@ from neuroanimator.training.checkpoint import NAME
 pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
 
 pytestmark = [pytest.mark.endurance, pytest.mark.filterwarnings("default")]
-
-PATIENCE = 600.0
-"""[s] A driver makes its first shard, or all of them, in half a minute; beside others that compute it takes far longer."""
 
 SIX_THOUSAND = DatasetConfig(system="pendulum", count=6000)
 
@@ -80,9 +78,7 @@ def test_f05_the_driver_is_killed_and_goes_on_where_it_was(tmp_path: Path, tally
     generate(many, tmp_path / "whole")
     folder = tmp_path / "data"
     driver = start(tmp_path, *words, "--out", folder)
-    given_up = time.monotonic() + PATIENCE
-    while not made_shards(folder) and driver.poll() is None and time.monotonic() < given_up:
-        time.sleep(0.02)
+    wait_until(lambda: made_shards(folder) or driver.poll() is not None)
     driver.kill()
     _, said = driver.communicate()
     shards = {path: path.stat().st_mtime_ns for path in made_shards(folder)}
@@ -222,14 +218,14 @@ def started(*words: object, before: Sequence[str] = ()) -> Iterator[None]:
 
 def wait_for_cores(port: int, cores: int) -> None:
     """Return when the cluster has so many cores."""
-    given_up = time.monotonic() + 120
-    while time.monotonic() < given_up:
+
+    def has_them() -> bool:
         # It listens before it lets anybody in.
         with suppress(ResourceError), RayExecutor(f"127.0.0.1:{port}") as executor:
-            if executor.workers == cores:
-                return
-        time.sleep(0.5)
-    raise TimeoutError(f"the cluster never had {cores} cores")
+            return executor.workers == cores
+        return False
+
+    wait_until(has_them, every=0.5)
 
 
 def free_port() -> int:
@@ -240,11 +236,11 @@ def free_port() -> int:
 
 def wait_for(port: int) -> None:
     """Return when somebody answers on the port."""
-    given_up = time.monotonic() + 60
-    while time.monotonic() < given_up:
-        try:
+
+    def is_answered() -> bool:
+        with suppress(OSError):
             socket.create_connection(("127.0.0.1", port), 1).close()
-            return
-        except OSError:
-            time.sleep(0.2)
-    raise TimeoutError(f"nobody answers on port {port}")
+            return True
+        return False
+
+    wait_until(is_answered, every=0.2)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from processes import GENERATE, children, leftovers, start, wait_until_it_listens
 from tally import Tally
+from waiting import PATIENCE, wait_until
 
 from neuroanimator import DatasetConfig, generate
 from neuroanimator.executor.executor import LostTaskError
@@ -58,17 +59,12 @@ def test_f17_workers_end_with_the_command_and_it_goes_on_later(
     words = [*GENERATE, tmp_path / "data", "--workers", "2"]
     process = start(tmp_path, *words)
     wait_until_it_listens(process)
-    given_up = time.monotonic() + 20
-    while len(children(process.pid)) < 2 and time.monotonic() < given_up:
-        time.sleep(0.01)
+    wait_until(lambda: len(children(process.pid)) >= 2)
     workers = children(process.pid)
     process.send_signal(number)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert "Traceback" not in errors
     assert workers
-    given_up = time.monotonic() + 10
-    while any(is_running(worker) for worker in workers):
-        assert time.monotonic() < given_up
-        time.sleep(0.01)
+    wait_until(lambda: not any(is_running(worker) for worker in workers))
     generate(SIX_THOUSAND, tmp_path / "data")
     check_same(dataset, tmp_path / "data", tally)

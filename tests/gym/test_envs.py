@@ -15,6 +15,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from swing_up import stand_upright
+from waiting import PATIENCE
 
 import neuroanimator.gym
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator
@@ -293,7 +294,9 @@ def test_an_action_that_makes_no_sense_is_refused(
 
 def test_without_gymnasium_one_line_says_how_to_install_it():
     code = "import sys; sys.modules['gymnasium'] = None; import neuroanimator.gym"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE
+    )
     last = run.stderr.strip().splitlines()[-1]
     assert last.endswith("Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'")
 

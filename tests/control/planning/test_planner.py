@@ -137,12 +137,6 @@ def test_tighter_bounds_are_kept(short: Planner):
     assert np.isclose(np.abs(found.controls - TIGHT.middle), TIGHT.half, rtol=0.1).any()
 
 
-def test_planning_keeps_pace_with_a_display(planner: Planner, shipped: Emulator):
-    """One of a dozen does: other programs, and the checks of the tests, hold the machine up."""
-    plant = EmulatorPlant(shipped)
-    assert any(control_plant(planner, plant, REST, 60).p99_ms <= 16 for _ in range(12))
-
-
 @pytest.mark.parametrize(
     ("steps", "options", "message"),
     [

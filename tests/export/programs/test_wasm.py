@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import wasmtime
 from conftest import Cli
+from waiting import PATIENCE
 
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator, load_policy, write_wasm
 from neuroanimator.codegen.wasm import wasm_module
@@ -104,7 +105,7 @@ def run_in_node(script: str, folder: Path) -> str:
     (folder / "check.mjs").write_text(script)
     (folder / "package.json").write_text('{"type": "module"}')
     command = ["node", "check.mjs"]
-    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE)
     assert result.returncode == 0, result.stderr
     return result.stdout
 

