@@ -2,6 +2,7 @@
 # make page: the studio's page and bundles, into its package (make test does it, too)
 # make docs: the documentation, readable offline, into site/
 # make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
+# make numerics: the tests whose results are numbers, with INSTRUCTION_SET=avx2 or sse4 as on an older processor
 # make wheel: what is installed elsewhere, in dist/    make wheels: the studio's, too
 # make blender: the extension for Blender, in dist/
 # All set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
@@ -16,7 +17,7 @@ PAGE := studio/neuroanimator_studio/page/index.html
 PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*' -not -path 'studio/neuroanimator_studio/*')
 BUNDLES := $(foreach name,dolphin-50 fish-50 fishes-50 truck-50 lander-50 pendulum-50 pendulum-passive-50 cape-40 flag-40 jelly-40 cube human,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
 
-.PHONY: setup studio demo test page docs wheel wheels blender endurance fuzz lint check bench lock clean
+.PHONY: setup studio demo test numerics page docs wheel wheels blender endurance fuzz lint check bench lock clean
 
 demo: $(CORE_STAMP)
 	$(BIN)/neuroanimator demo --out out
@@ -24,6 +25,10 @@ demo: $(CORE_STAMP)
 test: setup studio
 	$(BIN)/python studio/build.py test
 	$(BIN)/pytest
+
+# No result may hang on the last bits, which other instructions round differently (tests/instruction_sets.py).
+numerics: setup
+	$(BIN)/pytest $(addprefix tests/,codegen control data emulator evaluation gym state systems training)
 
 # A warning is an error, and so is a link that leads nowhere or a page that needs another host (docs/hooks.py).
 docs: $(DOCS_STAMP)

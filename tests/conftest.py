@@ -16,9 +16,20 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from instruction_sets import choose_instruction_set
+
 # One thread of BLAS as well, which reads this when NumPy is imported: those of two processes on two cores wait for each
 # other, which took an eighth of the tests' time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Most of the tests' time went into compiling programs that run once. Unoptimised they compile in a fifth of the time;
+# processes the tests start inherit it. `XLA_FLAGS= make test` compiles as users do.
+# One thread a compilation: there is a process for every core already.
+XLA_FLAGS = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
+if version("jax").startswith("0.10."):
+    XLA_FLAGS += " --xla_cpu_use_fusion_emitters=false"  # later ones end the process over it
+os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
+choose_instruction_set()
 
 import numpy as np
 import pytest
@@ -32,13 +43,6 @@ if TYPE_CHECKING:
     from neuroanimator import Emulator
     from neuroanimator.data.store import Transitions
 
-# Most of the tests' time went into compiling programs that run once. Unoptimised they compile in a fifth of the time;
-# processes the tests start inherit it. `XLA_FLAGS= make test` compiles as users do.
-# One thread a compilation: there is a process for every core already.
-XLA_FLAGS = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
-if version("jax").startswith("0.10."):
-    XLA_FLAGS += " --xla_cpu_use_fusion_emitters=false"  # later ones end the process over it
-os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
 # Cutting JAX' own frames out of tracebacks takes ten times as long as refusing a file does.
 os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
 # Emulators that tests train live for one test: their programs in C would take longer to make than to run.
