@@ -166,7 +166,10 @@ DRIVES = {"GAIT": Gait, "STEERED": Steered, "CONTROLS": Held}
 
 
 def bake(context, root, on_step=lambda share: None):
-    """Give the creature at `root` keyframes of its motion; return how many frames. Raises as `simulate`."""
+    """Give the creature at `root` keyframes of its motion; return how many frames. Raises as `simulate`.
+
+    The scene lasts at least as long.
+    """
     model, states = simulate(context, root, on_step)
     settings = root.neuroanimator
     rate = context.scene.render.fps / context.scene.render.fps_base
@@ -185,6 +188,8 @@ def bake(context, root, on_step=lambda share: None):
             if body["bones"][number]["joints"] or body["bones"][number].get("binding"):
                 turns = poses.continuous(local[number][1])
                 _key(part, local[number][0], turns, settings.first_frame)
+    scene = context.scene
+    scene.frame_end = max(scene.frame_end, settings.first_frame + len(times) - 1)
     return len(times)
 
 

@@ -19,6 +19,9 @@ FOLDER = Path(__file__).parent / "emulators"
 BONE_LENGTH = 0.15
 """Length of a bone of an armature, over the body's longest side."""
 
+MARK = "neuroanimator_material"
+"""Property of a material that says what it was made for."""
+
 
 @lru_cache(maxsize=8)
 def _read(path, changed):
@@ -158,8 +161,16 @@ def _mesh(name, arrays, prefix):
 
 
 def _material(name, light):
-    """Return a material of a colour, as amounts of light and opacity; of the points' own colours if there is none."""
+    """Return a material of a colour, as amounts of light and opacity; of the points' own colours if there is none.
+
+    Creatures of a kind share it. It is found by a mark, as people rename materials and change their colours.
+    """
+    mark = f"{name} {light}"
+    for material in bpy.data.materials:
+        if material.get(MARK) == mark:
+            return material
     material = bpy.data.materials.new(name)
+    material[MARK] = mark
     material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
     surface = nodes["Principled BSDF"]

@@ -113,6 +113,32 @@ def check_a_target_is_reached():
     assert np.linalg.norm(path - np.array(target.location), axis=-1).min() < 0.1
 
 
+def check_a_herd_shares_its_materials():
+    """Also after the colour of one was changed, which all then have."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.neuroanimator.add(name="truck")
+    known = {material.name for material in bpy.data.materials}
+    changed = bpy.data.materials[sorted(known)[0]]
+    changed.diffuse_color = (1.0, 0.0, 0.0, 1.0)
+    for _ in range(9):
+        bpy.ops.neuroanimator.add(name="truck")
+    assert {material.name for material in bpy.data.materials} == known
+    assert tuple(changed.diffuse_color) == (1.0, 0.0, 0.0, 1.0)
+
+
+def check_a_scene_lasts_as_long_as_its_longest_motion():
+    bpy.ops.wm.read_homefile(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.fps = 24
+    scene.frame_end = 250
+    add_and_bake("fish", "GAIT", 2.0)
+    assert scene.frame_end == 250
+    settings().first_frame = 11
+    settings().seconds = 20.0
+    bpy.ops.neuroanimator.bake()
+    assert scene.frame_end == 11 + 20 * 24
+
+
 def check_undo_takes_all_back():
     before = len(bpy.data.objects)
     bpy.ops.ed.undo_push(message="before")
@@ -234,6 +260,9 @@ install()
 check_motion_is_the_emulators()
 check_the_skin_goes_with_its_bones()
 check_a_target_is_reached()
+check_a_herd_shares_its_materials()
+check_a_scene_lasts_as_long_as_its_longest_motion()
+install()
 check_undo_takes_all_back()
 check_mistakes_get_one_line_and_lose_nothing()
 check_glb_and_usd_arrive_as_they_left()
