@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import secrets
+import signal
 import subprocess
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -30,11 +31,14 @@ KINDS = {"mujoco": ".xml", "robot": ".urdf"}
 ROOT_ELEMENT = re.compile(rb"<\s*([A-Za-z]+)[\s>]")
 """The first element of an XML text; comments and declarations begin otherwise."""
 
-COMMAND_LINE = "from neuroanimator.cli.main import main; main()"
-"""A program that is the command line."""
+MAX_LOOKING = 120
+"""Processor time after which looking at a model is given up [s]; of a busy machine's clock no more is known than that it runs."""
 
-MAX_LOOKING = 120.0
-"""Time after which looking at a model is given up [s]."""
+LIMITED = "from neuroanimator.executor.limited import limit_processor_time as limit; limit({})\n"
+"""Beginning of a program that may take so many seconds of processor time."""
+
+COMMAND_LINE = LIMITED.format(MAX_LOOKING) + "from neuroanimator.cli.main import main; main()"
+"""A program that is the command line, within that limit."""
 
 WARNING = "warning: "
 """How a line of `neuroanimator new` begins that is worth telling."""
@@ -95,17 +99,11 @@ def _system_name(stem: str) -> str:
 def _looked_at(file: Path) -> dict[str, Any]:
     """Return what `neuroanimator new` finds in a model, in a process of its own: a stranger's may crash it."""
     command = python_command("-c", COMMAND_LINE, "new", str(file))
-    try:
-        looked = subprocess.run(
-            command,
-            cwd=file.parent,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=MAX_LOOKING,
-        )
-    except subprocess.TimeoutExpired:
-        raise BadFileError("Checking the model took too long. Make it simpler.") from None
+    looked = subprocess.run(
+        command, cwd=file.parent, stdin=subprocess.DEVNULL, capture_output=True, text=True
+    )
+    if looked.returncode == -signal.SIGXCPU:
+        raise BadFileError("Checking the model took too long. Make it simpler.")
     lines = looked.stderr.splitlines()
     if looked.returncode != 0:
         faults = [line.removeprefix(FAULT) for line in lines if line.startswith(FAULT)]

@@ -14,7 +14,9 @@ import pytest
 from serving import Serving, ask_page, serving
 
 from neuroanimator import load_emulator
+from neuroanimator.errors import BadFileError
 from neuroanimator.training.train import run_folder
+from neuroanimator_studio import models
 from neuroanimator_studio.job_plan import checked_plan
 from neuroanimator_studio.job_settings import data_of
 from neuroanimator_studio.job_worker import OUT, RUN
@@ -113,6 +115,15 @@ def test_a_dropped_model_becomes_a_system_to_train(studio: Serving, arm: dict[st
     model.toml.with_name("model.toml").write_bytes(model.toml.read_bytes())
     assert data_of(plan, folder).count == 30_000
     assert "my_arm" in data_of(plan, folder).definition
+
+
+def test_s06_a_model_without_an_end_is_given_up_by_processor_time(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    endless = f"{models.LIMITED.format(1)}while True: pass"
+    monkeypatch.setattr(models, "COMMAND_LINE", endless)
+    with pytest.raises(BadFileError, match="took too long"):
+        models.Models().add(ARM, "arm")
 
 
 def test_s06_what_is_no_model_is_refused_in_one_line(studio: Serving):

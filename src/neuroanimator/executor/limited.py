@@ -16,8 +16,8 @@ from neuroanimator.executor.worker import pack
 
 Result = TypeVar("Result")
 
-WALL_SECONDS = 3
-"""Ratio of a call's limit of wall time to that of processor time: the machine is shared."""
+WALL_SECONDS = 30
+"""Ratio of a call's limit of wall time to that of processor time: the machine may be shared by dozens of programs."""
 
 
 class ProcessLimits(NamedTuple):
@@ -79,13 +79,18 @@ def _call_here(call: _Call) -> Any:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)  # for what a library prints as it ends
     _limit(resource.RLIMIT_CORE, 0)
-    _limit(resource.RLIMIT_CPU, call.limits.seconds)
+    limit_processor_time(call.limits.seconds)
     _limit(resource.RLIMIT_DATA, call.limits.memory)
     _limit(resource.RLIMIT_NOFILE, 0)
     try:
         return call.function(call.argument)
     except MemoryError:
         raise LimitError(_too_much(call.limits)) from None
+
+
+def limit_processor_time(seconds: int) -> None:
+    """End this process by SIGXCPU once it has taken so much processor time [s]."""
+    _limit(resource.RLIMIT_CPU, seconds)
 
 
 def _limit(what: int, most: int) -> None:
