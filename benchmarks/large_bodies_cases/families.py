@@ -20,7 +20,7 @@ from soft_meshes import (
 )
 
 from neuroanimator.definitions.soft import SoftDefinition
-from neuroanimator.systems.soft.mesh_file import Mesh
+from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.systems.soft.scene import Scene
 
 Shape = tuple[int, ...]

@@ -30,7 +30,7 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.loading import resolve
-from neuroanimator.systems.soft.mesh_file import Mesh
+from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.soft_body import GRAVITY
 from neuroanimator.systems.soft.soft_scene import Motion

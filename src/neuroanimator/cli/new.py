@@ -8,6 +8,9 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.data.config import SOFT_COUNT, USUAL_COUNT
+from neuroanimator.definitions.model import Definition
+from neuroanimator.scaffold.teacher import affordable_count
 from neuroanimator.scaffold.write_toml import checked_base, write_definition
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import print_line
@@ -20,7 +23,7 @@ def run(
         str,
         typer.Argument(
             help="MJCF or URDF file, a Gymnasium environment such as Swimmer-v5, a Python file with a function "
-            "step(state, control, dt), recordings in CSV or NPZ, or the mesh of a cloth in OBJ."
+            "step(state, control, dt), recordings in CSV or NPZ, or the mesh of a cloth in OBJ or of a solid in Gmsh's MSH."
         ),
     ],
     out: Annotated[
@@ -51,6 +54,11 @@ def run(
             help="Folder that may hold the model's includes and meshes; the model's own if not given."
         ),
     ] = None,
+    unit: Annotated[str, typer.Option(help="Unit of a mesh: mm, cm, m (default) or in.")] = "",
+    up: Annotated[str, typer.Option(help="Axis of a mesh that points up: y or z (default).")] = "",
+    keep: Annotated[
+        str, typer.Option(help="Pieces of a mesh: all (default), or only the largest.")
+    ] = "",
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write its definition for emulators: a TOML file to read, edit and generate from."""
@@ -64,11 +72,22 @@ def run(
             passive=tuple(passive or ()),
             name=name,
             tree=tree,
+            unit=unit,
+            up=up,
+            keep=keep,
         )
     definition = proposal.definition
     dt = definition.substeps * definition.physics.step
     made = quote(f"{path.stem}.emulator.safetensors")
-    following = f"edit {path}, then: neuroanimator train {quote(str(path))} --out {made}"
+    usual = USUAL_COUNT if isinstance(definition, Definition) else SOFT_COUNT
+    count = affordable_count(usual, proposal.data_seconds)
+    data = quote(str(path))
+    following = f"edit {path}, then: "
+    if count < usual:
+        folder = quote(f"{path.stem}.data")
+        following += f"neuroanimator generate {data} --count {count} --out {folder}, and: "
+        data = folder
+    following += f"neuroanimator train {data} --out {made}"
     for warning in proposal.warnings:
         print_line(f"warning: {warning}", to_stderr=True)
     rows: list[tuple[str, object]] = [

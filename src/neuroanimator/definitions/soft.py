@@ -15,7 +15,7 @@ colliders = [{ radius = 0.15 }]
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -35,6 +35,20 @@ Extent = tuple[NotNegative, NotNegative, NotNegative]
 
 SOLID_ENDING = ".msh"
 """Suffix of the files of tetrahedral meshes."""
+
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+"""Units of length of a mesh [m]."""
+
+
+class MeshReading(Table):
+    """How the mesh in a file is meant."""
+
+    unit: Literal["mm", "cm", "m", "in"] = "m"
+    """Unit of its numbers."""
+    up: Literal["y", "z"] = "z"
+    """Axis that points up."""
+    keep: Literal["all", "largest"] = "all"
+    """Whether all pieces are of the body, or only the largest."""
 
 
 class SoftPhysics(Table):
@@ -129,13 +143,13 @@ class GroundTable(Table):
     friction: NotNegative = 0.4
 
 
-class SoftDefinition(Table):
+class SoftDefinition(MeshReading):
     """A system whose physics is a cloth or a soft solid."""
 
     name: SystemName
     kind: Literal["soft"]
     mesh: FileName
-    """OBJ file of a cloth at rest, or Gmsh file of a solid, beside this file [m]."""
+    """OBJ file of a cloth at rest, or Gmsh file of a solid, beside this file."""
     substeps: int = Field(40, ge=1, le=1000)
     """Default number n of small steps in a super step."""
     shapes: int = Field(96, ge=1, le=MAX_SHAPES)
@@ -157,6 +171,12 @@ class SoftDefinition(Table):
     def is_solid(self) -> bool:
         """Whether the mesh is tetrahedral."""
         return self.mesh.endswith(SOLID_ENDING)
+
+    def travelling(self) -> dict[str, Any]:
+        """Return the definition as JSON values, without later keys that say nothing: as before they existed."""
+        values = self.model_dump(mode="json")
+        later = MeshReading().model_dump() | {"parameters": {}}
+        return {key: value for key, value in values.items() if value != later.get(key, ...)}
 
     @property
     def margin(self) -> float:

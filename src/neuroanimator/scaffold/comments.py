@@ -19,7 +19,7 @@ from neuroanimator.scaffold.root_invariance import (
     has_free_root,
     why_root_is_placed,
 )
-from neuroanimator.scaffold.teacher import Teacher, in_words
+from neuroanimator.scaffold.teacher import Teacher, data_row, in_words
 from neuroanimator.systems.rigid.actuators import actuator_name
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name, sensor_name
 from neuroanimator.systems.rigid.limbs import acts_on
@@ -171,8 +171,7 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
         rows.append(("added", added))
     if values["sampling"]["above_ground"]:
         rows.append(("trial runs", _posture(found.motion)))
-    seconds = in_words(found.teacher.seconds)
-    rows.append(("data", f"{USUAL_COUNT:,} transitions take about {seconds}"))
+    rows.append(data_row(USUAL_COUNT, found.teacher.seconds))
     return tuple(rows)
 
 

@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.config import SAMPLES_PER_RUN, SOFT_COUNT
+from neuroanimator.data.config import SOFT_COUNT
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.executor.cores import core_count
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import FINE_PARTS, rounded, usual_name
 from neuroanimator.scaffold.proposal import Proposal
-from neuroanimator.scaffold.teacher import in_words
+from neuroanimator.scaffold.soft import FREE_ROW, data_steps
+from neuroanimator.scaffold.teacher import affordable_count, data_row, in_words
 from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.systems.soft.flex_model import (
     flex_body,
@@ -29,7 +29,6 @@ from neuroanimator.systems.soft.flex_model import (
 )
 from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.soft_scene import Motion
-from neuroanimator.systems.soft.soft_system import THROW_STEPS, SoftSystem
 from neuroanimator.terminal import phase
 
 SUPER_STEP = 1 / 30
@@ -56,6 +55,12 @@ FAR = 100.0
 PATIENCE = 8.0
 """Processor time after which a trial ends [s]."""
 
+TIMED_RUNS = 4
+"""Number of random paths of movers on which the physics is timed."""
+
+TIMED_STEPS = 30
+"""Number of super steps of each."""
+
 HALVINGS = 2
 """Maximum number of times that steps, or speeds, are halved."""
 
@@ -64,9 +69,6 @@ SAFE_STEPS = 2
 
 DEEP = 0.1
 """Depth of contacts, over the thickness of a geom, above which they should be harder, or movers slower."""
-
-MAX_DATA = 3600.0
-"""Time for data on this machine above which `new` advises cheaper physics [s]."""
 
 MIN_SEEN = 0.5
 """Minimum share of their way that movers must go in a trial for its contact depths to count."""
@@ -82,12 +84,6 @@ COMMENTS = {
     "physics.contact_time": "MuJoCo's solref of contacts with movers, and of ties to them [s]; 0 is the model's own",
 }
 """Comments on the values of the TOML file."""
-
-FREE_ROW = (
-    "held",
-    "by nothing: it lies on the ground, and an emulator follows it until it tumbles",
-)
-"""Row for the screen about a body that nothing holds: its tumbling is chaotic."""
 
 AS_MODELLED = "As hard as the model says."
 
@@ -111,7 +107,7 @@ class Trial(NamedTuple):
     share: float
     """Largest such depth over the geom's thickness."""
     cost: float
-    """Processor time of a super step [s]."""
+    """Processor time of a super step of it [s]."""
     seen_share: float
     """Share of the path covered before `PATIENCE` ended the trial."""
 
@@ -165,8 +161,11 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
             trial = _tried(values, path.name, model)
             halvings += 1
     definition = check_table(values, path.name, FlexDefinition)
-    is_free = FlexScene(definition, path.name, model).anchor == FREE
-    data_seconds = _data_steps(is_free) * trial.cost
+    scene = FlexScene(definition, path.name, model)
+    is_free = scene.anchor == FREE
+    with phase("timing the physics"):
+        cost = _usual_cost(scene, definition)
+    data_seconds = data_steps(is_free) * cost
     hardness = HARDENED if "contact_time" in values["physics"] else AS_MODELLED
     title = MOVERS.format(
         version=mujoco.mj_versionString(),
@@ -184,10 +183,10 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
     told += [
         ("movers", ", ".join(names)),
         ("contacts", f"up to {trial.contacts} with one geom, {1000 * trial.depth:.1f} mm deep"),
-        ("physics", f"{1000 * trial.cost:.1f} ms a super step of the teacher's"),
-        ("data", f"{SOFT_COUNT:,} transitions take about {in_words(data_seconds)}"),
+        ("physics", f"{1000 * cost:.1f} ms a super step of the teacher's"),
+        data_row(SOFT_COUNT, data_seconds),
     ]
-    return Proposal(definition, comments, parts, warnings, tuple(told))
+    return Proposal(definition, comments, parts, warnings, tuple(told), data_seconds)
 
 
 def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
@@ -202,10 +201,11 @@ def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
             f"movers: a super step of the physics takes {1000 * trial.cost:.0f} ms, so the trial ended after "
             f"{trial.seen_share:.0%} of the movers' path. There may be more contacts, and deeper ones."
         )
-    if data_seconds > MAX_DATA * core_count():
+    count = affordable_count(SOFT_COUNT, data_seconds)
+    if count < SOFT_COUNT:
         yield (
             f'physics: data take about {in_words(data_seconds)}. Write solver="CG" into the model, a larger timestep '
-            '(integrator="discrete" allows it) or fewer nodes; or make less: neuroanimator generate --count.'
+            f'(integrator="discrete" allows it) or fewer nodes; or make less: neuroanimator generate --count {count}.'
         )
 
 
@@ -213,12 +213,6 @@ def _kind_and_size(model: mujoco.MjModel, nodes: Float[np.ndarray, "N 3"]) -> st
     """Return the kind of the body, its number of nodes and its size."""
     kind = ("rope", "cloth", "solid")[int(model.flex_dim[0]) - 1]
     return f"{kind} of {len(nodes):,} nodes, {np.ptp(nodes, axis=0).max():g} m"
-
-
-def _data_steps(is_free: bool) -> float:
-    """Return the number of super steps in the usual data."""
-    run_steps = THROW_STEPS if is_free else SoftSystem.run_steps
-    return SOFT_COUNT / SAMPLES_PER_RUN * run_steps
 
 
 def _mover(model: mujoco.MjModel, body: int, nodes: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
@@ -260,6 +254,27 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
     seen_share = (len(seen) - 1) / (len(path) - 1)
     depth = float(depths.max(initial=0.0))
     return Trial(False, contacts, depth, float(shares.max(initial=0.0)), cost, seen_share)
+
+
+def _usual_cost(scene: FlexScene, definition: FlexDefinition) -> float:
+    """Return the processor time of a super step of the usual data [s]: mostly of few contacts, as movers wander."""
+    dt = definition.substeps * definition.physics.step
+    steps = round(dt / definition.physics.truth_step)
+    rng = np.random.default_rng(0)
+    starts = np.repeat(scene.movers.rest[None], TIMED_RUNS, axis=0)
+    rates = scene.random_paths(rng, starts, np.zeros_like(starts), TIMED_STEPS, dt)
+    moved = starts[:, None] + np.cumsum(dt * rates, axis=1)
+    frames = 0
+    begun = time.process_time()
+    for path in np.concatenate([starts[:, None], moved], axis=1):
+        motion = Motion(scene.positions, np.zeros_like(scene.positions))
+        for frame in range(TIMED_STEPS):
+            if time.process_time() - begun > PATIENCE / 2:
+                break
+            positions, velocities = scene.play(motion, path[frame : frame + 2], dt, steps)
+            motion = Motion(positions[0], velocities[0])
+            frames += 1
+    return (time.process_time() - begun) / frames
 
 
 def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F D"]:

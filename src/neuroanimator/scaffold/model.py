@@ -115,6 +115,7 @@ def propose(
         tuple(part.name for part in system.state.slices),
         tuple(warnings_about(system, found)),
         told_of(model, found),
+        teacher.seconds,
     )
 
 

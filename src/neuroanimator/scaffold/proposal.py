@@ -62,6 +62,8 @@ class Proposal:
     """Warnings for the user, to read before data are generated."""
     told: tuple[tuple[str, str], ...] = ()
     """Further rows for the screen: changes to the model, and results of trial runs."""
+    data_seconds: float = 0.0
+    """Approximate time of the usual data on one core [s]; 0 if it is unknown, or short."""
 
 
 def as_toml(proposal: Proposal) -> str:
@@ -73,13 +75,15 @@ def as_toml(proposal: Proposal) -> str:
         values.pop(name, None)
     if not values.get("passive"):
         values.pop("passive", None)
-    source = values[SOURCES[type(definition)]].split("/")[-1]
+    source_key = SOURCES[type(definition)]
+    source = values[source_key].split("/")[-1]
+    first = {key: values[key] for key in ("name", "kind", source_key) if key in values}
     document = tomlkit.document()
     _add_comment(
         document,
         f"How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used.",
     )
-    _fill(document, values, proposal.comments)
+    _fill(document, first | values, proposal.comments)
     hints = [GROUP_HINT, FAMILY_HINT] if is_model else []
     if proposal.parts:
         hints.append(GOAL_HINT + ", ".join(proposal.parts))

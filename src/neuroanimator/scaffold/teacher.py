@@ -34,6 +34,12 @@ MINUTES_FROM = 90.0
 HOURS_FROM = 7200.0
 """Time above which times are given in hours [s]."""
 
+MAX_HERE = 3600.0
+"""Time of data on this machine above which `new` proposes fewer [s]."""
+
+FEWEST = 1 / 16
+"""Minimum share of the usual data that is proposed."""
+
 PARTS = (2, 5)
 """Numbers of parts into which the model's step is divided for schemes that may teach."""
 
@@ -140,6 +146,26 @@ def _schemes_to_try(system: ModelSystem) -> list[Scheme]:
         step = rounded(system.physics_dt / parts, 12)
         schemes += [Scheme("rk4", step), Scheme(own, step)]
     return list(dict.fromkeys(schemes))
+
+
+def affordable_count(usual: int, seconds: float) -> int:
+    """Return the number of transitions that take this machine an hour, if all `usual` ones take a core `seconds`.
+
+    At most all of them, and at least `FEWEST`, in two digits.
+    """
+    share = MAX_HERE * core_count() / max(seconds, MAX_HERE)
+    if share >= 1:
+        return usual
+    return int(rounded(usual * max(share, FEWEST), 2))
+
+
+def data_row(usual: int, seconds: float) -> tuple[str, str]:
+    """Return the row for the screen about the time of all `usual` transitions, and of those that are proposed."""
+    count = affordable_count(usual, seconds)
+    told = f"{usual:,} transitions take about {in_words(seconds)}"
+    if count < usual:
+        told += f", {count:,} about {in_words(seconds * count / usual)}"
+    return "data", told
 
 
 def in_words(seconds: float) -> str:

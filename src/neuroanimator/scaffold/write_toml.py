@@ -7,29 +7,31 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from neuroanimator.definitions.soft import SOLID_ENDING, MeshReading
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.names import SYSTEM_PATTERN
-from neuroanimator.scaffold.cloth import propose_cloth
+from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.function import propose_function
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.proposal import Proposal, as_toml
 from neuroanimator.scaffold.recording import propose_recording
-from neuroanimator.scaffold.solid import propose_solid
+from neuroanimator.scaffold.soft import propose_soft
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.trusted_files import trust_file
-from neuroanimator.text import quoted
+from neuroanimator.text import listed, quoted
 
 PROPOSERS = {
     ".py": propose_function,
     ".csv": propose_recording,
     ".npz": propose_recording,
-    ".obj": propose_cloth,
-    ".msh": propose_solid,
 }
-"""Functions that propose a definition for files other than models, by suffix."""
+"""Functions that propose a definition for step functions and recordings, by suffix."""
+
+MESHES = (".obj", SOLID_ENDING)
+"""Suffixes of meshes."""
 
 
 def write_definition(
@@ -42,13 +44,16 @@ def write_definition(
     passive: tuple[str, ...] = (),
     name: str = "",
     tree: Path | None = None,
+    unit: str = "",
+    up: str = "",
+    keep: str = "",
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    called in trial runs. `keyframe`, `base`, `passive` and `tree` are as in `propose`; the system is called `name`, or
-    after the file or the id. Beside the model or above it, `out` names it by its relative path, elsewhere by its absolute
-    path.
+    called in trial runs. `keyframe`, `base`, `passive` and `tree` are as in `propose`, `unit`, `up` and `keep` as in a
+    mesh's `MeshReading`; the system is called `name`, or after the file or the id. Beside the model or above it, `out`
+    names it by its relative path, elsewhere by its absolute path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
     recordings, or if `name` is invalid or taken; BadFileError for what cannot be emulated.
@@ -69,9 +74,15 @@ def write_definition(
     changes: dict[str, Any] = {"name": name} if name else {}
     if task is not None:
         changes["task"] = task
-    if source.suffix in PROPOSERS:
+    reading = {"unit": unit, "up": up, "keep": keep}
+    given = {key: value for key, value in reading.items() if value}
+    if given and source.suffix not in MESHES:
+        raise ArgumentError(
+            f"{source.name} is no mesh of a cloth (.obj) or a solid (.msh). Leave {listed(f'--{key}' for key in given)} out."
+        )
+    if source.suffix in (*PROPOSERS, *MESHES):
         has_model_options = keyframe or base != "fixed" or passive or tree is not None
-        proposal = _propose_without_model(source, path, bool(has_model_options))
+        proposal = _propose_without_model(source, path, bool(has_model_options), given)
     else:
         proposal = propose(
             source,
@@ -115,8 +126,10 @@ def _seen_from(toml: Path, path: Path) -> str:
     return place.as_posix()
 
 
-def _propose_without_model(source: Path, path: Path, has_model_options: bool) -> Proposal:
-    """Return the proposal for a step function or recordings, by the suffix of the file."""
+def _propose_without_model(
+    source: Path, path: Path, has_model_options: bool, given: dict[str, str]
+) -> Proposal:
+    """Return the proposal for a step function, recordings or a mesh, by the suffix of the file."""
     if path.parent.resolve() != source.parent.resolve():
         raise ArgumentError(
             f"{path}: the TOML file must be beside {source.name}, in {source.parent or '.'}."
@@ -126,6 +139,8 @@ def _propose_without_model(source: Path, path: Path, has_model_options: bool) ->
             f"{source.name} is no MuJoCo model, so it has neither keyframes, base, joints nor meshes. Leave --keyframe, "
             "--base, --passive and --tree out."
         )
+    if source.suffix in MESHES:
+        return propose_soft(source, check_table(given, source.name, MeshReading))
     # Proposing a step function's definition runs the file: the user asks for both.
     trust_file(source)
     return PROPOSERS[source.suffix](source)

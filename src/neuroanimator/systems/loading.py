@@ -104,7 +104,7 @@ def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
     """Return the soft body whose mesh lies in `folder`; its shapes and its state of rest are those of its emulator."""
     from neuroanimator.emulator.emulator import load_emulator
 
-    mesh = read_mesh(definition.mesh, (folder / definition.mesh).read_bytes())
+    mesh = read_mesh(definition.mesh, (folder / definition.mesh).read_bytes(), definition)
     emulator = load_emulator(shipped_path(definition.name, definition.substeps))
     shapes = emulator.skeleton.shapes
     assert shapes is not None
@@ -356,6 +356,8 @@ def resolve(reference: str) -> tuple[str, str, int]:
 
 def _travelling(definition: Any) -> dict[str, Any]:
     """Return the definition as JSON values, without the folders it was read from, which only this machine has."""
+    if isinstance(definition, SoftDefinition):
+        return definition.travelling()
     values = definition.model_dump(mode="json")
     if isinstance(definition, Definition | FlexDefinition):
         values["model"] = Path(definition.model).name

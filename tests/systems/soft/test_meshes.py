@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from jelly_mesh import cube
 
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body
 from neuroanimator.systems.soft.program import SoftProgram
 from neuroanimator.systems.soft.soft_body import Air, SoftBody
@@ -46,7 +47,7 @@ def test_a_hanging_cloth_stretches_by_its_weight_whatever_its_mesh():
     stretches = []
     for columns, rows in ((4, 10), (6, 16), (8, 22)):
         positions, faces = strip(columns, rows)
-        body = cloth_body(positions, faces, material, np.arange(columns), air=Air(drag=4.0))
+        body = cloth_body(Mesh(positions, faces), material, np.arange(columns), air=Air(drag=4.0))
         assert body.masses.sum() == pytest.approx(0.5 * 0.2 * 0.6)
         stretches.append(-0.6 - at_rest(body)[-columns:, 2].mean())
     expected = 0.5 * 9.81 * 0.6**2 / (2 * 50.0)
@@ -55,7 +56,7 @@ def test_a_hanging_cloth_stretches_by_its_weight_whatever_its_mesh():
 
 def test_a_solid_weighs_what_it_holds_and_its_surface_is_closed():
     positions, tetrahedra = box()
-    body = solid_body(positions, tetrahedra, Solid(), NO_PINS)
+    body = solid_body(Mesh(positions, tetrahedra), Solid(), NO_PINS)
     assert body.masses.sum() == pytest.approx(1.0)
     corners = positions[body.faces]
     enclosed = np.linalg.det(corners).sum() / 6
@@ -70,29 +71,32 @@ def spoilt(change):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda p, f: (np.vstack([p, [9, 9, 9]]), f, NO_PINS), "no face has the nodes 9"),
+        (lambda p, f: (np.vstack([p, [9, 9, 9]]), f, NO_PINS), "no corners of anything: nodes 9"),
         (
             lambda p, f: (np.vstack([p, p[:1]]), np.vstack([f, [9, 1, 4]]), NO_PINS),
-            "coincide with others",
+            "at the place of others: nodes 9",
         ),
-        (lambda p, f: (p, np.vstack([f, [0, 1, 2]]), NO_PINS), "face 8 has no area"),
-        (lambda p, f: (p, np.vstack([f, f[:1]]), NO_PINS), "face opposite ways"),
-        (lambda p, f: (p, np.vstack([f, [4, 0, 8]]), NO_PINS), "faces share the edge"),
-        (lambda p, f: (p, f + 1, NO_PINS), "wanted faces of its 9 nodes"),
+        (lambda p, f: (p, np.vstack([f, [0, 1, 2]]), NO_PINS), "without area: triangles 8"),
+        (
+            lambda p, f: (p, np.vstack([f, f[:1]]), NO_PINS),
+            "triangles .* share",
+        ),
+        (lambda p, f: (p, np.vstack([f, [4, 0, 8]]), NO_PINS), "triangles .* share the edge"),
+        (lambda p, f: (p, f + 1, NO_PINS), "wanted corners among its 9 nodes"),
         (lambda p, f: (p * np.nan, f, NO_PINS), "is not finite"),
         (lambda p, f: (p, f, np.array([9])), "pins: 9 are not nodes"),
     ],
 )
 def test_a_mesh_that_is_no_surface_is_refused_by_name(change, message):
     positions, faces, pins = spoilt(change)
-    if message == "faces share the edge":
+    if message == "triangles .* share the edge":
         positions = positions + np.array([0, 1.0, 0]) * np.arange(9)[:, None] ** 2 * 0.01
-    with pytest.raises(ArgumentError, match=message):
-        cloth_body(positions, faces, Cloth(), pins)
+    with pytest.raises(NeuroAnimatorError, match=message):
+        cloth_body(Mesh(positions, faces), Cloth(), pins)
 
 
 def test_a_tetrahedron_that_is_inside_out_is_refused():
     positions, tetrahedra = box(1)
     tetrahedra[2] = tetrahedra[2][[1, 0, 2, 3]]
-    with pytest.raises(ArgumentError, match="tetrahedra 2 are inside out"):
-        solid_body(positions, tetrahedra, Solid(), NO_PINS)
+    with pytest.raises(NeuroAnimatorError, match="inside out, unlike others: tetrahedra 2"):
+        solid_body(Mesh(positions, tetrahedra), Solid(), NO_PINS)

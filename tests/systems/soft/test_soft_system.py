@@ -18,7 +18,7 @@ from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.soft.find_shapes import Sketch
-from neuroanimator.systems.soft.obj_file import read_obj
+from neuroanimator.systems.soft.mesh_file import read_mesh
 from neuroanimator.training.validation import window_errors
 
 TUTORIAL = Path(__file__).parents[3] / "docs" / "tutorials" / "my-cloth.md"
@@ -332,10 +332,10 @@ def test_a_mesh_that_is_none_is_refused_by_line(tmp_path: Path, text: str, messa
 
 
 def test_an_obj_counts_from_one_and_backwards_and_splits_polygons():
-    _, faces = read_obj(
+    mesh = read_mesh(
         "a.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1/1 2/2 3/3 4/4\nf -4 -3 -2\n"
     )
-    assert faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
+    assert mesh.elements.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
 
 
 def test_a_cost_of_a_node_is_of_where_the_node_is(cloth):

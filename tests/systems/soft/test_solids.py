@@ -348,7 +348,7 @@ def spoilt(change: str) -> str:
     """Return a file of version 2.2 with something wrong."""
     positions, tetrahedra = cube(1)
     if change == "inside out":
-        tetrahedra = tetrahedra[:, [1, 0, 2, 3]]
+        tetrahedra[:3] = tetrahedra[:3, [1, 0, 2, 3]]
     if change == "doubled":
         positions[1] = positions[0]
     if change == "flat":
@@ -361,9 +361,9 @@ def spoilt(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("inside out", "tetrahedra 0, 1, 2, … are inside out. Swap two corners"),
-        ("doubled", "coincide with others. Merge"),
-        ("flat", "has no volume"),
+        ("inside out", "inside out, unlike others: tetrahedra of lines 18, 19, 20. Swap"),
+        ("doubled", "at the place of others: nodes 2 of the file. Merge"),
+        ("flat", "without volume: tetrahedra of line"),
         ("not finite", "wanted three coordinates"),
         ("no tetrahedra", "no tetrahedra. Mesh the inside"),
         ("second order", "second order"),

@@ -1,17 +1,16 @@
-"""Meshes of soft bodies in files: a cloth's triangles, or a solid's tetrahedra."""
+"""Meshes of soft bodies in files: a cloth's triangles, or a solid's tetrahedra, in metres and Z up."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float, Int
 
-from neuroanimator.definitions.soft import SOLID_ENDING
+from neuroanimator.appearance.shapes import MAX_NODES
+from neuroanimator.definitions.soft import SOLID_ENDING, UNITS, MeshReading
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.soft.meshes import refuse_size
+from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.systems.soft.msh_file import nodes_of_msh, read_msh
 from neuroanimator.systems.soft.obj_file import read_obj
+from neuroanimator.systems.soft.polygons import triangulated
 
 MAX_FILE = 256 * 2**20
 """Maximum size of a file [bytes]."""
@@ -19,24 +18,38 @@ MAX_FILE = 256 * 2**20
 MAX_LINES = 4_000_000
 """Maximum number of lines of a file."""
 
+BYTES_A_NODE = 60_000
+"""Memory for finding the shapes of a body [bytes per node]: snapshots of sixteen bodies."""
 
-class Mesh(NamedTuple):
-    """A mesh at rest."""
-
-    positions: Float[np.ndarray, "N 3"]
-    """Positions of the nodes [m]."""
-    elements: Int[np.ndarray, "E K"]
-    """Corners of triangles (K = 3) or tetrahedra (K = 4)."""
+AS_IT_IS = MeshReading()
 
 
-def read_mesh(name: str, content: bytes) -> Mesh:
-    """Return the mesh in a file called `name`; BadFileError names the fault."""
+def read_mesh(name: str, content: bytes, reading: MeshReading = AS_IT_IS) -> Mesh:
+    """Return the mesh in a file called `name`, in metres, Z up; BadFileError names the fault."""
     is_solid = name.endswith(SOLID_ENDING)
     told = nodes_of_msh(content) if is_solid else content.count(b"\nv ")
-    refuse_size(name, told)
+    _refuse_size(name, told)
     if content.count(b"\n") > MAX_LINES:
         raise BadFileError(f"{name}: more than {MAX_LINES:,} lines. Make the mesh coarser.")
-    read = read_msh if is_solid else read_obj
-    positions, elements = read(name, content)
-    refuse_size(name, len(positions))
-    return Mesh(positions, elements)
+    mesh = read_msh(name, content) if is_solid else triangulated(name, *read_obj(name, content))
+    _refuse_size(name, len(mesh.positions))
+    positions = mesh.positions
+    if reading.up == "y":
+        x, y, z = positions.T
+        positions = np.stack([x, -z, y], axis=1)
+    mesh = mesh._replace(positions=UNITS[reading.unit] * positions)
+    if reading.keep == "all":
+        return mesh
+    pieces = mesh.pieces()[mesh.elements[:, 0]]
+    largest = np.bincount(pieces, np.abs(mesh.sizes())).argmax()
+    return mesh.only(np.flatnonzero(pieces == largest))
+
+
+def _refuse_size(name: str, count: int) -> None:
+    """Raise BadFileError for a mesh of more than `MAX_NODES` nodes."""
+    if count > MAX_NODES:
+        gigabytes = count * BYTES_A_NODE / 1e9
+        raise BadFileError(
+            f"{name}: {count:,} nodes, for which {gigabytes:,.0f} GB would be needed; wanted at most {MAX_NODES:,}. "
+            "Make the mesh coarser."
+        )

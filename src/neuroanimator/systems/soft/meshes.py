@@ -13,21 +13,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.soft.soft_body import SoftBody, tetrahedron_volumes
+from neuroanimator.systems.soft.mesh import Mesh, some
+from neuroanimator.systems.soft.polygons import LEAST_SIZE
+from neuroanimator.systems.soft.soft_body import SoftBody
 
 MAX_FACES_OF_AN_EDGE = 2
 """Maximum number of triangles at an edge of a surface."""
-
-LEAST_SIZE = 1e-9
-"""Minimum area or volume of an element, over the square or cube of the mesh's size."""
-
-BYTES_A_NODE = 60_000
-"""Memory for finding the shapes of a body [bytes per node]: snapshots of sixteen bodies."""
-
-SHOWN = 3
-"""Maximum number of nodes or elements a message names."""
 
 
 @dataclass(frozen=True)
@@ -58,42 +50,32 @@ class Solid:
     """Time constant of internal friction [s]: damping of a spring over its stiffness."""
 
 
-def refuse_size(name: str, count: int) -> None:
-    """Raise BadFileError for a mesh of more than `MAX_NODES` nodes."""
-    if count > MAX_NODES:
-        gigabytes = count * BYTES_A_NODE / 1e9
-        raise BadFileError(
-            f"{name}: {count:,} nodes, for which {gigabytes:,.0f} GB would be needed; wanted at most {MAX_NODES:,}. "
-            "Make the mesh coarser."
-        )
-
-
 def cloth_body(
-    positions: Float[np.ndarray, "N 3"],
-    faces: Int[np.ndarray, "F 3"],
-    material: Cloth,
-    pins: Int[np.ndarray, " K"],
-    **surroundings: Any,
+    mesh: Mesh, material: Cloth, pins: Int[np.ndarray, " K"], **surroundings: Any
 ) -> SoftBody:
-    """Return the cloth of these `faces`; `surroundings` are `SoftBody`'s air, capsules, planes and margin.
+    """Return the cloth of a mesh of triangles; `surroundings` are `SoftBody`'s air, capsules, planes and margin.
 
-    Raises ArgumentError, which names the fault: a node without a face, or at the place of another, a face without area,
-    an edge of three faces, neighbours of opposite orientation, a pin that is not a node.
+    Raises BadFileError, which names the fault: a node without a face, or at the place of another, a face without area,
+    an edge of three faces, neighbours of opposite orientation; ArgumentError for a pin that is not a node.
     """
-    _check_nodes(positions, faces, "face")
-    areas = _areas(positions, faces)
-    _check_sizes(areas, positions, 2, "face", "area")
-    sides = _sides(faces)
-    _check_pins(pins, len(positions))
-    edges = np.array(list(sides))
-    around = np.array([areas[[face for face, _ in beside]].sum() for beside in sides.values()])
-    stiffness = material.stretch * around / _squared_lengths(positions, edges)
-    across = [[beside[0][1], beside[1][1]] for beside in sides.values() if len(beside) > 1]
-    folds = np.array(across, int).reshape(-1, 2)
+    _check_nodes(mesh)
+    areas = mesh.sizes()
+    _check_sizes(mesh, areas, 2, "area")
+    _check_pins(pins, len(mesh.positions))
+    faces = mesh.elements
+    sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    edges, places = _distinct(sides)
+    _check_sides(mesh, sides, places)
+    around = np.bincount(places, np.repeat(areas, 3))
+    stiffness = material.stretch * around / _squared_lengths(mesh.positions, edges)
+    opposite = np.roll(faces, -2, axis=1).ravel()
+    order = np.argsort(places, kind="stable")
+    is_shared = places[order[1:]] == places[order[:-1]]
+    folds = opposite[np.stack([order[:-1], order[1:]], axis=1)[is_shared]]
     all_stiffness = np.concatenate([stiffness, np.full(len(folds), material.bend)])
     return SoftBody(
-        positions,
-        _masses(len(positions), faces, material.density * areas),
+        mesh.positions,
+        _masses(mesh, material.density * areas),
         faces,
         np.concatenate([edges, folds]),
         all_stiffness,
@@ -106,33 +88,31 @@ def cloth_body(
 
 
 def solid_body(
-    positions: Float[np.ndarray, "N 3"],
-    tetrahedra: Int[np.ndarray, "T 4"],
-    material: Solid,
-    pins: Int[np.ndarray, " K"],
-    **surroundings: Any,
+    mesh: Mesh, material: Solid, pins: Int[np.ndarray, " K"], **surroundings: Any
 ) -> SoftBody:
-    """Return the solid of these `tetrahedra`; see `cloth_body`. Inverted tetrahedra are refused, too."""
-    _check_nodes(positions, tetrahedra, "tetrahedron")
-    volumes = tetrahedron_volumes(positions, tetrahedra)
+    """Return the solid of a mesh of tetrahedra; see `cloth_body`. Corners may be in either order, the same in all."""
+    _check_nodes(mesh)
+    volumes = mesh.sizes()
+    if (volumes < 0).all():
+        mesh = mesh._replace(elements=mesh.elements[:, [1, 0, 2, 3]])
+        volumes = -volumes
     inverted = np.flatnonzero(volumes < 0)
     if len(inverted):
-        raise ArgumentError(
-            f"mesh: tetrahedra {some(inverted)} are inside out. Swap two corners of each."
+        raise BadFileError(
+            f"{mesh.name}: inside out, unlike others: {mesh.named_elements(inverted)}. Swap two corners of each, or mesh it "
+            "again."
         )
-    _check_sizes(volumes, positions, 3, "tetrahedron", "volume")
-    _check_pins(pins, len(positions))
-    around: dict[tuple[int, int], float] = {}
-    for corners, volume in zip(np.sort(tetrahedra, axis=1).tolist(), volumes, strict=True):
-        for edge in combinations(corners, 2):
-            around[edge] = around.get(edge, 0.0) + volume
-    edges = np.array(list(around))
-    stiffness = (
-        material.stretch * np.array(list(around.values())) / _squared_lengths(positions, edges)
-    )
+    _check_sizes(mesh, volumes, 3, "volume")
+    _check_pins(pins, len(mesh.positions))
+    tetrahedra = mesh.elements
+    corners = np.sort(tetrahedra, axis=1)
+    sides = corners[:, list(combinations(range(4), 2))].reshape(-1, 2)
+    edges, places = _distinct(sides)
+    around = np.bincount(places, np.repeat(volumes, 6))
+    stiffness = material.stretch * around / _squared_lengths(mesh.positions, edges)
     return SoftBody(
-        positions,
-        _masses(len(positions), tetrahedra, material.density * volumes),
+        mesh.positions,
+        _masses(mesh, material.density * volumes),
         _surface(tetrahedra),
         edges,
         stiffness,
@@ -144,32 +124,37 @@ def solid_body(
     )
 
 
-def _areas(
-    positions: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "F 3"]
-) -> Float[np.ndarray, " F"]:
-    corners = positions[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.linalg.norm(normals, axis=1) / 2
+def _distinct(
+    sides: Int[np.ndarray, "M 2"],
+) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, " M"]]:
+    """Return (the edges in the order of their first sides, the edge of each side)."""
+    edges, first, places = np.unique(
+        np.sort(sides, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    order = np.argsort(first)
+    ranks = np.empty(len(order), int)
+    ranks[order] = np.arange(len(order))
+    return edges[order], ranks[places.reshape(-1)]
 
 
-def _sides(faces: Int[np.ndarray, "F 3"]) -> dict[tuple[int, int], list[tuple[int, int]]]:
-    """Return the faces at each edge, each with its corner that is not on the edge."""
-    sides: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    directed: set[tuple[int, int]] = set()
-    for face, (a, b, c) in enumerate(faces.tolist()):
-        for first, second, opposite in ((a, b, c), (b, c, a), (c, a, b)):
-            beside = sides.setdefault((min(first, second), max(first, second)), [])
-            beside.append((face, opposite))
-            if len(beside) > MAX_FACES_OF_AN_EDGE:
-                raise ArgumentError(
-                    f"mesh: {len(beside)} faces share the edge of nodes {first} and {second}; wanted one or two. Remove some."
-                )
-            if (first, second) in directed:
-                raise ArgumentError(
-                    f"mesh: faces {beside[0][0]} and {face} face opposite ways. Turn one of them round."
-                )
-            directed.add((first, second))
-    return sides
+def _check_sides(mesh: Mesh, sides: Int[np.ndarray, "M 2"], places: Int[np.ndarray, " M"]) -> None:
+    """Raise BadFileError for an edge of more than two faces, or of two that face opposite ways."""
+    counts = np.bincount(places)
+    of_many = np.flatnonzero(counts[places] > MAX_FACES_OF_AN_EDGE)
+    if len(of_many):
+        of_edge = np.flatnonzero(places == places[of_many[0]])
+        raise BadFileError(
+            f"{mesh.name}: {len(of_edge)} {mesh.named_elements(of_edge // 3)} share the edge of "
+            f"{mesh.named_nodes(sides[of_edge[0]])}; wanted one or two. Remove some."
+        )
+    is_forward = sides[:, 0] < sides[:, 1]
+    alike = np.flatnonzero((counts == 2) & (np.bincount(places, is_forward) != 1))
+    if len(alike):
+        pair = np.flatnonzero(places == alike[0]) // 3
+        raise BadFileError(
+            f"{mesh.name}: facing opposite ways: neighbouring {mesh.named_elements(pair)}. Turn one round (Blender: Mesh, "
+            "Normals, Recalculate Outside)."
+        )
 
 
 def _surface(tetrahedra: Int[np.ndarray, "T 4"]) -> Int[np.ndarray, "F 3"]:
@@ -184,12 +169,11 @@ def _surface(tetrahedra: Int[np.ndarray, "T 4"]) -> Int[np.ndarray, "F 3"]:
     return sides[np.sort(places[counts == 1])]
 
 
-def _masses(
-    count: int, elements: Int[np.ndarray, "E K"], masses: Float[np.ndarray, " E"]
-) -> Float[np.ndarray, " N"]:
+def _masses(mesh: Mesh, masses: Float[np.ndarray, " E"]) -> Float[np.ndarray, " N"]:
     """Return the mass of each node [kg]: an equal share of each element at it."""
-    corners = elements.shape[1]
-    return np.bincount(elements.ravel(), np.repeat(masses / corners, corners), count)
+    corners = mesh.elements.shape[1]
+    shares = np.repeat(masses / corners, corners)
+    return np.bincount(mesh.elements.ravel(), shares, len(mesh.positions))
 
 
 def _squared_lengths(
@@ -199,45 +183,36 @@ def _squared_lengths(
     return (extent**2).sum(axis=1)
 
 
-def _check_nodes(
-    positions: Float[np.ndarray, "N 3"], elements: Int[np.ndarray, "E K"], name: str
-) -> None:
-    count = len(positions)
-    if not np.isfinite(positions).all():
-        raise ArgumentError("mesh: a node's position is not finite.")
+def _check_nodes(mesh: Mesh) -> None:
+    count = len(mesh.positions)
+    if not np.isfinite(mesh.positions).all():
+        raise BadFileError(f"{mesh.name}: a node's position is not finite.")
+    elements = mesh.elements
     if len(elements) == 0 or elements.min() < 0 or elements.max() >= count:
-        raise ArgumentError(f"mesh: wanted {name}s of its {count} nodes.")
+        raise BadFileError(f"{mesh.name}: wanted corners among its {count} nodes.")
     unused = np.setdiff1d(np.arange(count), elements)
     if len(unused):
-        raise ArgumentError(f"mesh: no {name} has the nodes {some(unused)}. Remove them.")
-    _, first = np.unique(positions, axis=0, return_index=True)
+        raise BadFileError(
+            f"{mesh.name}: no corners of anything: {mesh.named_nodes(unused)}. Remove them."
+        )
+    _, first = np.unique(mesh.positions, axis=0, return_index=True)
     doubled = np.setdiff1d(np.arange(count), first)
     if len(doubled):
-        raise ArgumentError(
-            f"mesh: the nodes {some(doubled)} coincide with others. Merge vertices by distance."
+        raise BadFileError(
+            f"{mesh.name}: at the place of others: {mesh.named_nodes(doubled)}. Merge them by distance."
         )
 
 
-def _check_sizes(
-    sizes: Float[np.ndarray, " E"],
-    positions: Float[np.ndarray, "N 3"],
-    power: int,
-    name: str,
-    size: str,
-) -> None:
-    extent = float(np.ptp(positions, axis=0).max())
+def _check_sizes(mesh: Mesh, sizes: Float[np.ndarray, " E"], power: int, size: str) -> None:
+    extent = float(np.ptp(mesh.positions, axis=0).max())
     flat = np.flatnonzero(sizes < LEAST_SIZE * extent**power)
     if len(flat):
-        raise ArgumentError(f"mesh: {name} {some(flat)} has no {size}. Remove it.")
+        raise BadFileError(
+            f"{mesh.name}: without {size}: {mesh.named_elements(flat)}. Remove them."
+        )
 
 
 def _check_pins(pins: Int[np.ndarray, " K"], count: int) -> None:
     wrong = pins[(pins < 0) | (pins >= count)]
     if len(wrong):
         raise ArgumentError(f"pins: {some(wrong)} are not nodes; the mesh has 0 to {count - 1}.")
-
-
-def some(numbers: np.ndarray) -> str:
-    """Return the first few of `numbers` as text, and whether there are more."""
-    shown = ", ".join(map(str, numbers[:SHOWN].tolist()))
-    return shown if len(numbers) <= SHOWN else f"{shown}, …"

@@ -12,9 +12,9 @@ import re
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.text import quoted
 
 TETRAHEDRON = 4
@@ -37,6 +37,11 @@ class _Lines:
         self.name = name
         self._lines = content.decode("utf-8", errors="replace").split("\n")
         self._next = 0
+
+    @property
+    def number(self) -> int:
+        """Number of the line that was read last, from 1."""
+        return self._next
 
     def section(self, title: str) -> None:
         """Go to the line after `$title`."""
@@ -90,8 +95,8 @@ def nodes_of_msh(content: bytes) -> int:
     return int(of_nodes or of_blocks)
 
 
-def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "T 4"]]:
-    """Return (positions of the nodes [m], corners of the tetrahedra), without unused nodes.
+def read_msh(name: str, content: bytes) -> Mesh:
+    """Return the nodes and tetrahedra in the file's unit and axes, without unused nodes.
 
     Raises BadFileError, naming the file and the line, for any other content.
     """
@@ -108,6 +113,7 @@ def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
     places, positions = _nodes(lines, is_old)
     lines.section("Elements")
     tetrahedra: list[list[int]] = []
+    numbers: list[int] = []
     for element, corners in _old_elements(lines) if is_old else _elements(lines):
         if element in CURVED_TETRAHEDRA:
             raise BadFileError(
@@ -117,12 +123,15 @@ def read_msh(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
             if len(corners) != 4 or not places.keys() >= set(corners):
                 raise lines.fault("four nodes of the file")
             tetrahedra.append([places[tag] for tag in corners])
+            numbers.append(lines.number)
     if not tetrahedra:
         raise BadFileError(
             f"{name}: no tetrahedra. Mesh the inside of the body, not its surface alone: gmsh -3"
         )
-    used, elements = np.unique(np.array(tetrahedra), return_inverse=True)
-    return np.array(positions)[used], elements.reshape(-1, 4)
+    mesh = Mesh(
+        np.array(positions), np.array(tetrahedra), name, np.array(list(places)), np.array(numbers)
+    )
+    return mesh.only(np.arange(len(tetrahedra)))
 
 
 def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float]]]:

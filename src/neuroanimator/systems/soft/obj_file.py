@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
 
-MAX_CORNERS = 16
+MAX_CORNERS = 256
 """Maximum number of corners of a face."""
 
 
-def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[np.ndarray, "F 3"]]:
-    """Return (positions of the vertices [m], corners of the triangles) in the file's order and axes.
+def read_obj(
+    name: str, content: bytes
+) -> tuple[Float[np.ndarray, "N 3"], list[list[int]], list[int]]:
+    """Return (positions of the vertices, corners of the faces, lines of the faces) in the file's order, unit and axes.
 
-    A face of more corners becomes a fan of triangles. Raises BadFileError naming the file and the line.
+    Raises BadFileError naming the file and the line.
     """
     positions: list[list[float]] = []
-    faces: list[tuple[int, int, int]] = []
+    faces: list[list[int]] = []
+    lines: list[int] = []
     for number, line in enumerate(content.decode("utf-8", errors="replace").split("\n"), start=1):
         kind, *values = line.split() or [""]
         try:
@@ -32,7 +33,8 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
                 corners = [_corner(value, len(positions)) for value in values[: MAX_CORNERS + 1]]
                 if not 3 <= len(corners) <= MAX_CORNERS:
                     raise ValueError
-                faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+                faces.append(corners)
+                lines.append(number)
         except ValueError as error:
             wanted = "three numbers" if kind == "v" else f"3 to {MAX_CORNERS} vertices of the file"
             raise BadFileError(
@@ -40,7 +42,7 @@ def read_obj(name: str, content: bytes) -> tuple[Float[np.ndarray, "N 3"], Int[n
             ) from error
     if not faces:
         raise BadFileError(f"{name}: no faces. Export a surface as OBJ.")
-    return np.array(positions), np.array(faces)
+    return np.array(positions), faces, lines
 
 
 def _corner(text: str, count: int) -> int:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from neuroanimator.definitions.soft import SoftDefinition
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
 from neuroanimator.systems.parameter_tables import parameter_from_table
-from neuroanimator.systems.soft.mesh_file import Mesh
-from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body, some
+from neuroanimator.systems.soft.mesh import Mesh
+from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body
 from neuroanimator.systems.soft.movers import Movers
 from neuroanimator.systems.soft.program import LANES, SoftProgram
 from neuroanimator.systems.soft.soft_body import Air, Box, Capsule, Plane, SoftBody
@@ -49,6 +49,7 @@ class Scene(SoftScene):
             )
         self.mesh = mesh
         self.body = self._body(mesh)
+        _refuse_loose_pieces(mesh, self.body.pins)
         self.finding_step = definition.physics.truth_step
         self.positions = self.body.positions
         self.faces = self.body.faces
@@ -97,10 +98,10 @@ class Scene(SoftScene):
         if definition.is_solid:
             solid = definition.solid
             material = Solid(solid.density, solid.stretch, solid.bulk, solid.damping)
-            return solid_body(mesh.positions, mesh.elements, material, pins, **surroundings)
+            return solid_body(mesh, material, pins, **surroundings)
         cloth = definition.cloth
         material = Cloth(cloth.density, cloth.stretch, cloth.bend, cloth.damping)
-        return cloth_body(mesh.positions, mesh.elements, material, pins, **surroundings)
+        return cloth_body(mesh, material, pins, **surroundings)
 
     def _capsules(self) -> list[Capsule]:
         capsules = []
@@ -159,11 +160,13 @@ class Scene(SoftScene):
             inside = free[distance < -body.margin - WITHIN * self.size]
             if len(inside) and number < len(owners):
                 raise ArgumentError(
-                    f"movers: nodes {some(inside)} begin inside a collider of '{owners[number]}'. "
+                    f"movers: {self.mesh.named_nodes(inside)} begin inside a collider of '{owners[number]}'. "
                     "Move it away, or make it smaller."
                 )
             if len(inside):
-                raise ArgumentError(f"ground: nodes {some(inside)} begin under it. Lower it.")
+                raise ArgumentError(
+                    f"ground: {self.mesh.named_nodes(inside)} begin under it. Lower it."
+                )
 
     def play(
         self,
@@ -187,4 +190,18 @@ class Scene(SoftScene):
             duration,
             steps,
             wind,
+        )
+
+
+def _refuse_loose_pieces(mesh: Mesh, pins: Int[np.ndarray, " K"]) -> None:
+    """Raise BadFileError for pieces of a mesh that are not pinned beside another, and would fall away from it."""
+    pieces = mesh.pieces()
+    count = int(pieces.max()) + 1
+    loose = np.setdiff1d(np.arange(count), pieces[pins])
+    if count > 1 and len(loose):
+        _, first = np.unique(pieces[mesh.elements[:, 0]], return_index=True)
+        raise BadFileError(
+            f"{mesh.name}: {len(loose)} of {count} pieces are held by nothing, those of the "
+            f"{mesh.named_elements(first[loose])}. Join them to the rest, delete them, give a mover their nodes as pins, or "
+            'leave all but the largest out: new --keep largest, which is keep = "largest" in the TOML file.'
         )

@@ -27,7 +27,8 @@ from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.soft.find_shapes import find_shapes
 from neuroanimator.systems.soft.flex_scene import FlexScene
-from neuroanimator.systems.soft.mesh_file import MAX_FILE, Mesh, read_mesh
+from neuroanimator.systems.soft.mesh import Mesh
+from neuroanimator.systems.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.systems.soft.scene import Scene
 
 ENDING = ".shapes.safetensors"
@@ -54,12 +55,17 @@ def made_for(toml: Path, definition: SoftDefinition) -> Path:
     """Return the path of the shapes of a TOML file; missing ones are computed first, in under a minute."""
     mesh = toml.parent / definition.mesh
     content = read_bounded(mesh, MAX_FILE)
-    values = definition.model_dump(mode="json", exclude={"name", "goals", "mesh"})
-    if not definition.parameters:
-        del values["parameters"]  # shapes from before there were parameters stay valid
+    values = definition.travelling()
+    for name in ("name", "goals", "mesh"):
+        del values[name]
     text = canonical_json({"method": METHOD, "definition": values})
     origin = hashlib.sha256(text.encode() + content).hexdigest()
-    return _made(toml, definition, origin, lambda: Scene(definition, read_mesh(mesh.name, content)))
+    return _made(
+        toml,
+        definition,
+        origin,
+        lambda: Scene(definition, read_mesh(mesh.name, content, definition)),
+    )
 
 
 def made_for_model(toml: Path, definition: FlexDefinition, files: ModelFiles) -> Path:

@@ -1,0 +1,264 @@
+"""Proposal for a mesh: a cloth held by its upper edge, and a ball that strikes it; or a solid, and a paddle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.data.config import SAMPLES_PER_RUN, SOFT_COUNT
+from neuroanimator.definitions.soft import SOLID_ENDING, MeshReading, SoftDefinition
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.atomic import read_bounded
+from neuroanimator.files.tables import check_table
+from neuroanimator.scaffold.defaults import usual_name
+from neuroanimator.scaffold.proposal import Proposal
+from neuroanimator.scaffold.teacher import data_row
+from neuroanimator.state.shape_contacts import FREE
+from neuroanimator.systems.soft.mesh_file import MAX_FILE, read_mesh
+from neuroanimator.systems.soft.scene import Scene
+from neuroanimator.systems.soft.soft_body import GRAVITY
+from neuroanimator.systems.soft.soft_system import THROW_STEPS, SoftSystem
+
+STEP = 1 / 1200
+"""Small physics step [s]."""
+
+TRUTH_PARTS = 2
+"""Number of the teacher's small steps in one of those."""
+
+FINE_PARTS = 10
+"""Number of the reference's small steps in one of those."""
+
+CONSTRAINT_SECONDS = 3e-9
+"""Time of a core for a spring or tetrahedron in a small step [s], as measured for 600 to 85,000 of them."""
+
+USUAL_SIZES = (0.01, 20.0)
+"""Smallest and largest size that is taken for one in metres [m]: from a button to a tent."""
+
+TALL_IN_MM = 300.0
+"""Size from which a mesh that is too large is rather in millimetres than in centimetres."""
+
+LOW = 0.7
+"""Height over depth below which a body may have been saved with Y up."""
+
+EDGES = (0.01, 0.03, 0.1)
+"""Widths of the upper edge, over the size of the mesh: the first with enough nodes, so that a ball does not hang by one."""
+
+ENOUGH = 3
+"""That number of nodes."""
+
+BALL = 0.15
+"""Radius of the ball, over the size of the mesh."""
+
+AWAY = 0.6
+"""Least distance of the ball at rest from the middle, over the size of the mesh."""
+
+DENSITY = 1000.0
+"""Density [kg/m³]."""
+
+SAG = 0.05
+"""Strain at the bottom of a body as high as its size, under its own weight."""
+
+HARDER = 10.0
+"""Bulk modulus over Young's modulus."""
+
+PADDLE = (0.1, 0.4, 0.4)
+"""Half the size of the paddle, over the size of the body."""
+
+GAP = 0.2
+"""Least distance of the ball or the paddle at rest from the body, over the size of the body."""
+
+FREE_ROW = (
+    "held",
+    "by nothing: it lies on the ground, and an emulator follows it until it tumbles",
+)
+"""Row for the screen about a body that nothing holds: its tumbling is chaotic."""
+
+COMMENTS = {
+    "unit": "of the mesh's numbers",
+    "up": "the mesh's axis that points up",
+    "keep": "which pieces of the mesh",
+    "substeps": "small steps in a super step",
+    "shapes": "amplitudes that describe the body; more are more accurate and slower. Computed when first needed",
+    "physics": "Small steps [s]: a user's, the teacher's, and the reference's.",
+    "cloth": "Material: density [kg/m²], stretch [N/m], bend [N/m], damping [s], thickness [m].",
+    "solid": "Material: density [kg/m³], stretch (Young's modulus) and bulk modulus [Pa], damping [s].",
+    "ground": "A level plane: height [m].",
+    "air": "Air: drag [1/s], density [kg/m³], wind [m/s].",
+    "movers": "What moves: a control is its velocity, at most `speed` [m/s], and its turning rate. Its colliders strike; "
+    "nodes that are its `pins` go with it.",
+}
+"""Comments on the values of the TOML file."""
+
+
+def propose_soft(path: Path, given: MeshReading) -> Proposal:
+    """Return a definition of the body whose mesh is in the file at `path`: a cloth (OBJ) or a solid (Gmsh).
+
+    `given` is how the mesh is meant; what it leaves open is asked about if the size is unlikely. Raises BadFileError or
+    ArgumentError for a file that is not such a mesh.
+    """
+    mesh = read_mesh(path.name, read_bounded(path, MAX_FILE), given)
+    size = float(np.ptp(mesh.positions, axis=0).max())
+    if "unit" not in given.model_fields_set:
+        _ask_for_unit(path.name, mesh.positions)
+    is_solid = path.suffix == SOLID_ENDING
+    own = _solid_values(mesh.positions) if is_solid else _cloth_values(mesh.positions)
+    values = {
+        "name": usual_name(path),
+        "kind": "soft",
+        "mesh": path.name,
+        **given.model_dump(),
+        "substeps": 40,
+        "shapes": 96,
+        "physics": {
+            "step": STEP,
+            "truth_step": STEP / TRUTH_PARTS,
+            "fine_step": STEP / FINE_PARTS,
+        },
+        **own,
+    }
+    definition = check_table(values, path.name, SoftDefinition)
+    scene = Scene(definition, mesh)  # refuses invalid values
+    kind = "tetrahedra" if is_solid else "triangles"
+    count = f"{len(mesh.positions):,} nodes, {len(mesh.elements):,} {kind}, {size:g} m"
+    told = [("mesh", count)]
+    if mesh.mended:
+        told.append(("mended", "; ".join(mesh.mended)))
+    held_row = FREE_ROW
+    if not is_solid:
+        pins, edge = _held_edge(mesh.positions, size)
+        held_row = ("held", f"{len(pins)} nodes: {edge}")
+    told.append(held_row)
+    constraints = len(scene.body.pairs) + len(scene.body.tetrahedra)
+    steps = definition.substeps * TRUTH_PARTS * data_steps(scene.anchor == FREE)
+    seconds = steps * constraints * CONSTRAINT_SECONDS
+    told.append(data_row(SOFT_COUNT, seconds))
+    parts = ("holder", "ball", "holder_velocity", "ball_velocity")
+    if is_solid:
+        parts = ("paddle", "paddle_heading", "position", "velocity")
+    warnings = tuple(_warnings(mesh.positions, given, is_solid))
+    return Proposal(definition, COMMENTS, parts, warnings, tuple(told), seconds)
+
+
+def data_steps(is_free: bool) -> float:
+    """Return the number of super steps in the usual data."""
+    run_steps = THROW_STEPS if is_free else SoftSystem.run_steps
+    return SOFT_COUNT / SAMPLES_PER_RUN * run_steps
+
+
+def _ask_for_unit(name: str, positions: Float[np.ndarray, "N 3"]) -> None:
+    """Raise ArgumentError for a mesh that is unlikely to be in metres."""
+    extents = np.ptp(positions, axis=0)
+    size = float(extents.max())
+    told = f"{name}: {size:.4g} m {'tall' if extents[2] > 0.99 * size else 'long'}"
+    smallest, largest = USUAL_SIZES
+    if size > largest:
+        words = "in millimetres? --unit mm (or cm, in)"
+        if size < TALL_IN_MM:
+            words = "in centimetres? --unit cm (or in, mm)"
+        raise ArgumentError(f"{told}: {words}. If it is that large: --unit m.")
+    if size < smallest:
+        raise ArgumentError(f"{told}: scale it where you made it. If it is that small: --unit m.")
+
+
+def _warnings(
+    positions: Float[np.ndarray, "N 3"], given: MeshReading, is_solid: bool
+) -> Iterator[str]:
+    """Yield warnings for the user, one line each: about an unlikely size, and a body that lies though it may stand."""
+    width, depth, height = np.ptp(positions, axis=0).tolist()
+    size = max(width, depth, height)
+    if not USUAL_SIZES[0] <= size <= USUAL_SIZES[1]:
+        yield f"mesh: with --unit {given.unit} the body is {size:.4g} m large."
+    lies = height < LOW * min(depth, width) or (height < LOW * depth and width < LOW * depth)
+    if is_solid:
+        lies = max(width, height) < LOW * depth
+    if lies and "up" not in given.model_fields_set:
+        yield (
+            f"mesh: it lies, {depth:.3g} m from front to back and {height:.3g} m high. If it should hang or stand, it was "
+            "saved with Y up (as Blender and Maya do by default): --up y. As it is: --up z."
+        )
+
+
+def _cloth_values(positions: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
+    """Return the material and the movers of a cloth."""
+    low = positions.min(axis=0)
+    high = positions.max(axis=0)
+    size = float((high - low).max())
+    pins, _ = _held_edge(positions, size)
+    middle = (low + high) / 2
+    across = _thinnest_axis(positions)
+    extent = float(((positions - middle) @ across).max())
+    away = max(AWAY * size, extent + (BALL + GAP) * size)
+    return {
+        "cloth": {"density": 0.2, "stretch": 20.0, "bend": 0.5, "thickness": _rounded(0.01 * size)},
+        "air": {"drag": 0.5, "density": 1.2, "wind": [0.0, 0.0, 0.0]},
+        "movers": {
+            "holder": {
+                "position": _rounded(positions[pins].mean(axis=0)),
+                "speed": [_rounded(0.5 * size)] * 3,
+                "reach": [_rounded(0.15 * size)] * 3,
+                "pins": pins.tolist(),
+            },
+            "ball": {
+                "position": _rounded(middle + away * across),
+                "speed": [_rounded(size)] * 3,
+                "reach": _rounded(size * (0.25 + 0.75 * np.abs(across))),
+                "colliders": [{"radius": _rounded(BALL * size)}],
+            },
+        },
+    }
+
+
+def _solid_values(positions: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
+    """Return the material of a solid, the ground under it, and the movers."""
+    low = positions.min(axis=0)
+    high = positions.max(axis=0)
+    size = float((high - low).max())
+    half = size * np.array(PADDLE)
+    paddle = (low + high) / 2
+    paddle[0] = low[0] - GAP * size - half[0]
+    paddle[2] = low[2] + half[2]
+    stretch = float(f"{-DENSITY * GRAVITY[2] * size / SAG:.2g}")
+    return {
+        "solid": {"density": DENSITY, "stretch": stretch, "bulk": HARDER * stretch},
+        "ground": {"height": _rounded(low[2]), "friction": 0.5},
+        "movers": {
+            "paddle": {
+                "position": _rounded(paddle),
+                "speed": [_rounded(5 * size)] * 3,
+                "reach": _rounded(size * np.array([0.6, 0.4, 0.3])),
+                "turns": True,
+                "turn_speed": 3.0,
+                "turn_reach": 0.5,
+                "colliders": [{"box": _rounded(half)}],
+            },
+        },
+    }
+
+
+def _held_edge(positions: Float[np.ndarray, "N 3"], size: float) -> tuple[np.ndarray, str]:
+    """Return the nodes of the upper edge, or of one side of a level mesh; and a name for them."""
+    along = positions[:, 2]
+    name = "the upper edge"
+    if np.ptp(along) <= EDGES[0] * size:
+        along = -positions[:, 0]
+        name = "the side of smallest x"
+    widths = list(EDGES)
+    pins = np.zeros(0, int)
+    while len(pins) < ENOUGH and widths:
+        pins = np.flatnonzero(along > along.max() - widths.pop(0) * size)
+    return pins, name
+
+
+def _thinnest_axis(positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3"]:
+    """Return the unit vector along which the mesh extends least."""
+    _, _, axes = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)
+    return axes[-1]
+
+
+def _rounded(values: Any) -> Any:
+    """Return numbers rounded for a TOML file, to whole micrometres."""
+    return np.round(values, 6).tolist()
