@@ -67,9 +67,9 @@ def triangulated(
     name: str, positions: Float[np.ndarray, "N 3"], polygons: list[list[int]], lines: list[int]
 ) -> Mesh:
     """Return the mesh of the polygons on these `lines` of a file, in their order; BadFileError names what is no polygon."""
-    count = np.array([len(polygon) for polygon in polygons])
+    sizes = np.array([len(polygon) for polygon in polygons])
     of_lines = np.array(lines)
-    faces = Faces(np.concatenate(polygons).astype(int), np.repeat(np.arange(len(polygons)), count))
+    faces = Faces(np.concatenate(polygons).astype(int), np.repeat(np.arange(len(polygons)), sizes))
     low = positions.min(axis=0)
     extent = float((positions.max(axis=0) - low).max())
     # vertices at one place are one
@@ -149,13 +149,20 @@ def _normals(
     return np.add.reduceat(np.cross(away, away[following]), first)
 
 
-def _corner_to_corner(positions: Float[np.ndarray, "N 3"], faces: Faces, tolerance: float) -> Faces:
+def _corner_to_corner(
+    name: str,
+    positions: Float[np.ndarray, "N 3"],
+    faces: Faces,
+    lines: Int[np.ndarray, " F"],
+    tolerance: float,
+) -> Faces:
     """Return the faces with the vertices that lie on an edge of only one face as corners of that face.
 
     Such an edge of a coarse face begins where the finer ones beside it do: at its end, one of them goes the same way.
     BadFileError names a face with too many.
     """
-    for _ in range(MAX_IN_EDGE):
+    passes = 0
+    while True:
         following = faces.following
         ends = np.stack([faces.corners, faces.corners[following]], axis=1)
         edges = ends.min(axis=1) * len(positions) + ends.max(axis=1)
@@ -186,16 +193,18 @@ def _corner_to_corner(positions: Float[np.ndarray, "N 3"], faces: Faces, toleran
         is_new = ~np.isin(faces.owners[slot] * len(positions) + vertex, taken)
         if not is_new.any():
             return faces
+        if passes == MAX_IN_EDGE:
+            raise BadFileError(
+                f"{name}: {named_lines(lines[faces.owners[slot]])}: over {MAX_IN_EDGE} vertices lie on an edge of a face. "
+                "Triangulate it where you made it."
+            )
+        passes += 1
         slot = slot[is_new]
         vertex = vertex[is_new]
         faces = Faces(
             np.insert(faces.corners, slot + 1, vertex),
             np.insert(faces.owners, slot + 1, faces.owners[slot]),
         )
-    raise BadFileError(
-        f"{name}: {named_lines(lines[faces.owners[slot]])}: over {MAX_IN_EDGE} vertices lie on an edge of a face. Triangulate "
-        "it where you made it."
-    )
 
 
 def _triangles(
@@ -248,12 +257,12 @@ def _triangles_of(
     places: Float[np.ndarray, "P C 2"],
 ) -> tuple[Int[np.ndarray, "P T 3"], Bool[np.ndarray, " P"]]:
     """Return (triangles of each polygon, whether they all have an area): a fan if it is convex, else its ears."""
-    count, size, _ = places.shape
+    rows, size, _ = places.shape
     steps = np.arange(1, size - 1)
     fan = np.stack([0 * steps, steps, steps + 1], axis=1)
-    triangles = np.repeat(fan[None], count, axis=0)
+    triangles = np.repeat(fan[None], rows, axis=0)
     of_corners = _shapes(places)
-    of_fan = _shapes(places[:, fan].reshape(-1, 3, 2))[:, 0].reshape(count, -1)
+    of_fan = _shapes(places[:, fan].reshape(-1, 3, 2))[:, 0].reshape(rows, -1)
     is_sound = np.minimum(of_corners.min(axis=1), of_fan.min(axis=1)) > LEAST_SHAPE
     hard = np.flatnonzero(~is_sound)
     if len(hard):
@@ -265,10 +274,11 @@ def _clipped(
     places: Float[np.ndarray, "P C 2"],
 ) -> tuple[Int[np.ndarray, "P T 3"], Bool[np.ndarray, " P"]]:
     """Return (the ears of each polygon, whether they all have an area)."""
-    count, size, _ = places.shape
-    triangles = np.zeros((count, size - 2, 3), int)
-    left = np.tile(np.arange(size), (count, 1))
+    rows, size, _ = places.shape
+    triangles = np.zeros((rows, size - 2, 3), int)
+    left = np.tile(np.arange(size), (rows, 1))
     shapes = _ears(places, left)
+    is_sound = np.ones(rows, bool)
     for step in range(size - 2):
         best = shapes.argmax(axis=1)[:, None]
         for corner, turn in enumerate((-1, 0, 1)):
@@ -279,8 +289,8 @@ def _clipped(
             break
         # without the ear: only its neighbours change, or all if none seems to be one any more
         is_left = np.arange(size - step) != best
-        left = left[is_left].reshape(count, -1)
-        shapes = shapes[is_left].reshape(count, -1)
+        left = left[is_left].reshape(rows, -1)
+        shapes = shapes[is_left].reshape(rows, -1)
         here = np.take_along_axis(places, left[:, :, None], axis=1)
         beside = np.concatenate([best - 1, best], axis=1) % left.shape[1]
         np.put_along_axis(shapes, beside, _ears(here, beside), axis=1)
