@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from jelly_mesh import cube, msh_2, msh_4
 
+from neuroanimator.cli import new
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.scaffold import soft
 from neuroanimator.scaffold.teacher import affordable_count
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.soft.mesh_file import read_mesh
@@ -386,3 +389,18 @@ def test_the_proposed_number_of_transitions_takes_this_machine_an_hour(monkeypat
     assert affordable_count(12_288, 0) == 12_288
     assert affordable_count(12_288, 2 * 7200) == 6100
     assert affordable_count(12_288, 1000 * 7200) == 770
+
+
+def test_next_names_the_command_that_takes_an_hour(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.setenv("NEUROANIMATOR_CORES", "1")
+    monkeypatch.chdir(tmp_path)
+    Path("my.obj").write_text(obj(*sheet()))
+    new.run("my.obj")
+    assert "neuroanimator train my.toml --out my.emulator" in capsys.readouterr().out
+    monkeypatch.setattr(soft, "CONSTRAINT_SECONDS", 1e-5)
+    new.run("my.obj", force=True)
+    told = " ".join(capsys.readouterr().out.split())
+    count = re.search(r"neuroanimator generate my.toml --count (\d+) --out my.data", told)
+    assert count is not None
+    assert f"{int(count[1]):,} about 60 min" in told
+    assert "and: neuroanimator train my.data --out my.emulator.safetensors" in told

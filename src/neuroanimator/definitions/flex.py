@@ -18,9 +18,9 @@ from pydantic import Field, field_validator
 
 from neuroanimator.appearance.shapes import MAX_SHAPES
 from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.definitions.soft import Extent, NotNegative, SoftPhysics
+from neuroanimator.definitions.soft import MotionTable, NotNegative, SoftPhysics
 from neuroanimator.files.names import ModelPath, PartName, SystemName
-from neuroanimator.files.tables import Positive, Table
+from neuroanimator.files.tables import Table
 
 
 class FlexPhysics(SoftPhysics):
@@ -32,21 +32,6 @@ class FlexPhysics(SoftPhysics):
     What a mover pushes trails it by about twice this, times its speed; what a tie pulls trails it too, by an amount that
     depends on the masses.
     """
-
-
-class FlexMoverTable(Table):
-    """A mocap body, whose velocity and turning rate are controls."""
-
-    speed: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
-    """Largest velocity along each axis [m/s]."""
-    reach: Extent = (0.2, 0.2, 0.2)
-    """Distance from rest along each axis to which it is moved in the search for the body's shapes [m]."""
-    turns: bool = False
-    """Whether it turns about the vertical, too."""
-    turn_speed: Positive = 1.0
-    """Largest turning rate [rad/s]."""
-    turn_reach: NotNegative = 0.5
-    """Angle from rest to which it is turned in the search for shapes [rad]."""
 
 
 class FlexDefinition(Table):
@@ -65,11 +50,11 @@ class FlexDefinition(Table):
     contact_nodes: int = Field(96, ge=1, le=256)
     """Number of nodes whose contacts are features of an emulator."""
     physics: FlexPhysics
-    movers: dict[PartName, FlexMoverTable] = Field(min_length=1, max_length=8)
+    movers: dict[PartName, MotionTable] = Field(min_length=1, max_length=8)
     """Movers by the names of their mocap bodies; in a state they are sorted by name."""
     goals: dict[SystemName, GoalTable] = Field(default={})
 
     @field_validator("movers")
     @classmethod
-    def _in_order(cls, movers: dict[str, FlexMoverTable]) -> dict[str, FlexMoverTable]:
+    def _in_order(cls, movers: dict[str, MotionTable]) -> dict[str, MotionTable]:
         return dict(sorted(movers.items()))

@@ -115,11 +115,9 @@ class ColliderTable(Table):
         return self
 
 
-class MoverTable(Table):
-    """A thing moved from outside that holds nodes or strikes them; its velocity and turning rate are controls."""
+class MotionTable(Table):
+    """How far and how fast a mover moves; its velocity and turning rate are controls."""
 
-    position: Vector
-    """Position at rest [m]."""
     speed: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
     """Largest velocity along each axis [m/s]."""
     reach: Extent = (0.2, 0.2, 0.2)
@@ -130,6 +128,13 @@ class MoverTable(Table):
     """Largest turning rate [rad/s]."""
     turn_reach: NotNegative = 0.5
     """Angle from rest to which it is turned in the search for shapes [rad]."""
+
+
+class MoverTable(MotionTable):
+    """A thing moved from outside that holds nodes or strikes them."""
+
+    position: Vector
+    """Position at rest [m]."""
     pins: Annotated[tuple[int, ...], Field(max_length=MAX_NODES)] = ()
     """Nodes that move with it, numbered from 0 in the mesh's order."""
     colliders: Annotated[tuple[ColliderTable, ...], Field(max_length=16)] = ()

@@ -232,21 +232,14 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
     """Return the observations while every mover goes there and back, at its speed: through the body, or over its reach."""
     definition = check_table(values, name, FlexDefinition)
     scene = FlexScene(definition, name, model)
-    dt = definition.substeps * definition.physics.step
-    steps = round(dt / definition.physics.truth_step)
-    path = _there_and_back(scene, dt)
-    motion = Motion(scene.positions, np.zeros_like(scene.positions))
-    at_rest = scene.touching(motion.positions, path[0])
+    path = _there_and_back(scene, definition.substeps * definition.physics.step)
+    at_rest = scene.touching(scene.positions, path[0])
     seen = [at_rest]
     begun = time.process_time()
-    for frame in range(len(path) - 1):
-        positions, velocities = scene.play(motion, path[frame : frame + 2], dt, steps)
-        motion = Motion(positions[0], velocities[0])
-        if not (np.abs(motion.positions - scene.positions) < FAR * scene.size).all():
+    for positions in _simulated(scene, definition, path, PATIENCE):
+        if not (np.abs(positions - scene.positions) < FAR * scene.size).all():
             return Trial(True, 0, 0.0, 0.0, 0.0, 0.0)
-        seen.append(scene.touching(motion.positions, path[frame + 1]))
-        if time.process_time() - begun > PATIENCE:
-            break
+        seen.append(scene.touching(positions, path[len(seen)]))
     cost = (time.process_time() - begun) / (len(seen) - 1)
     contacts = max(int(one.contacts.max(initial=0)) for one in seen)
     depths = np.max([one.depths for one in seen], axis=0) - at_rest.depths
@@ -259,22 +252,31 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
 def _usual_cost(scene: FlexScene, definition: FlexDefinition) -> float:
     """Return the processor time of a super step of the usual data [s]: mostly of few contacts, as movers wander."""
     dt = definition.substeps * definition.physics.step
-    steps = round(dt / definition.physics.truth_step)
     rng = np.random.default_rng(0)
     starts = np.repeat(scene.movers.rest[None], TIMED_RUNS, axis=0)
     rates = scene.random_paths(rng, starts, np.zeros_like(starts), TIMED_STEPS, dt)
-    moved = starts[:, None] + np.cumsum(dt * rates, axis=1)
     frames = 0
     begun = time.process_time()
-    for path in np.concatenate([starts[:, None], moved], axis=1):
-        motion = Motion(scene.positions, np.zeros_like(scene.positions))
-        for frame in range(TIMED_STEPS):
-            if time.process_time() - begun > PATIENCE / 2:
-                break
-            positions, velocities = scene.play(motion, path[frame : frame + 2], dt, steps)
-            motion = Motion(positions[0], velocities[0])
+    for path in starts[:, None] + np.cumsum(dt * rates, axis=1):
+        for _ in _simulated(scene, definition, path, PATIENCE / (2 * TIMED_RUNS)):
             frames += 1
     return (time.process_time() - begun) / frames
+
+
+def _simulated(
+    scene: FlexScene, definition: FlexDefinition, path: Float[np.ndarray, "F D"], patience: float
+) -> Iterator[Float[np.ndarray, "N 3"]]:
+    """Yield the positions of the nodes after each super step of the teacher's, until `patience` is spent [s]."""
+    dt = definition.substeps * definition.physics.step
+    steps = round(dt / definition.physics.truth_step)
+    motion = Motion(scene.positions, np.zeros_like(scene.positions))
+    begun = time.process_time()
+    for frame in range(len(path) - 1):
+        positions, velocities = scene.play(motion, path[frame : frame + 2], dt, steps)
+        motion = Motion(positions[0], velocities[0])
+        yield motion.positions
+        if time.process_time() - begun > patience:
+            return
 
 
 def _there_and_back(scene: FlexScene, dt: float) -> Float[np.ndarray, "F D"]:

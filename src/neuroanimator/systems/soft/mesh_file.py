@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.definitions.soft import SOLID_ENDING, UNITS, MeshReading
@@ -18,6 +19,9 @@ MAX_FILE = 256 * 2**20
 MAX_LINES = 4_000_000
 """Maximum number of lines of a file."""
 
+MAX_COORDINATE = 1e6
+"""Largest coordinate in a file."""
+
 BYTES_A_NODE = 60_000
 """Memory for finding the shapes of a body [bytes per node]: snapshots of sixteen bodies."""
 
@@ -31,7 +35,13 @@ def read_mesh(name: str, content: bytes, reading: MeshReading = AS_IT_IS) -> Mes
     _refuse_size(name, told)
     if content.count(b"\n") > MAX_LINES:
         raise BadFileError(f"{name}: more than {MAX_LINES:,} lines. Make the mesh coarser.")
-    mesh = read_msh(name, content) if is_solid else triangulated(name, *read_obj(name, content))
+    if is_solid:
+        mesh = read_msh(name, content)
+        _refuse_far(name, mesh.positions)
+    else:
+        vertices, faces, lines = read_obj(name, content)
+        _refuse_far(name, vertices)
+        mesh = triangulated(name, vertices, faces, lines)
     _refuse_size(name, len(mesh.positions))
     positions = mesh.positions
     if reading.up == "y":
@@ -43,6 +53,15 @@ def read_mesh(name: str, content: bytes, reading: MeshReading = AS_IT_IS) -> Mes
     pieces = mesh.pieces()[mesh.elements[:, 0]]
     largest = np.bincount(pieces, np.abs(mesh.sizes())).argmax()
     return mesh.only(np.flatnonzero(pieces == largest))
+
+
+def _refuse_far(name: str, positions: Float[np.ndarray, "N 3"]) -> None:
+    """Raise BadFileError for a coordinate that is too large."""
+    largest = np.abs(positions).max()
+    if largest > MAX_COORDINATE:
+        raise BadFileError(
+            f"{name}: a coordinate of {largest:.3g}; wanted at most {MAX_COORDINATE:,.0f}. Move the mesh to the origin."
+        )
 
 
 def _refuse_size(name: str, count: int) -> None:

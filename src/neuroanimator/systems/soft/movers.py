@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.flex import FlexMoverTable
-from neuroanimator.definitions.soft import MoverTable
+from neuroanimator.definitions.soft import MotionTable, MoverTable
 from neuroanimator.state.layout import Slice
 from neuroanimator.state.shape_contacts import FREE, place_movers
 
@@ -182,7 +181,7 @@ class Movers:
         return np.concatenate([np.zeros(shape), np.cumsum(dt * going[:, 1:], axis=1)], axis=1)
 
 
-def mocap_movers(tables: dict[str, FlexMoverTable], positions: Float[np.ndarray, "M 3"]) -> Movers:
+def mocap_movers(tables: dict[str, MotionTable], positions: Float[np.ndarray, "M 3"]) -> Movers:
     """Return the movers of a MuJoCo model, which rest at `positions` [m]."""
     placed = {}
     for (name, table), position in zip(tables.items(), positions, strict=True):

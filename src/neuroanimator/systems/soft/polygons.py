@@ -91,19 +91,13 @@ def triangulated(
     faces = _corner_to_corner(name, positions, faces, of_lines, WELD * extent)
     triangles, owners = _triangles(name, positions, faces, of_lines)
     nodes, elements = np.unique(triangles, return_inverse=True)
-    told = {
-        f"{len(used) - len(np.unique(welded[used]))} vertices at the place of others welded": (
-            welded[used] != used
-        ).any(),
-        f"{len(positions) - len(used)} vertices without a face left out": len(used)
-        < len(positions),
-        f"faces without area left out ({named_lines(of_lines[flat])})": len(flat) > 0,
-        f"{len(faces.corners) - before} corners put into edges on which they lie": len(
-            faces.corners
-        )
-        > before,
-    }
-    mended = tuple(text for text, is_so in told.items() if is_so)
+    told = (
+        (len(used) - len(np.unique(welded[used])), "vertices at the place of others welded"),
+        (len(positions) - len(used), "vertices without a face left out"),
+        (len(flat), f"faces without area left out ({named_lines(of_lines[flat])})"),
+        (len(faces.corners) - before, "corners put into edges on which they lie"),
+    )
+    mended = tuple(f"{count} {what}" for count, what in told if count)
     return Mesh(
         positions[nodes], elements.reshape(-1, 3), name, nodes + 1, of_lines[owners], mended
     )

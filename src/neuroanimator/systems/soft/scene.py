@@ -86,10 +86,11 @@ class Scene(SoftScene):
             ground = definition.ground
             point = (0.0, 0.0, ground.height)
             planes = (Plane(friction=ground.friction, mover=len(movers.tables), point=point),)
+        capsules, boxes = self._colliders()
         surroundings = {
             "air": Air(**definition.air.model_dump()),
-            "capsules": tuple(self._capsules()),
-            "boxes": tuple(self._boxes()),
+            "capsules": tuple(capsules),
+            "boxes": tuple(boxes),
             "planes": planes,
             "margin": definition.margin,
             "holders": holders,
@@ -103,25 +104,17 @@ class Scene(SoftScene):
         material = Cloth(cloth.density, cloth.stretch, cloth.bend, cloth.damping)
         return cloth_body(mesh, material, pins, **surroundings)
 
-    def _capsules(self) -> list[Capsule]:
+    def _colliders(self) -> tuple[list[Capsule], list[Box]]:
         capsules = []
-        for number, mover in enumerate(self.movers.tables):
-            for collider in mover.colliders:
-                if collider.radius is not None:
-                    x, y, z = np.subtract(collider.end or collider.start, collider.start).tolist()
-                    along = (x, y, z)
-                    capsules.append(
-                        Capsule(collider.radius, collider.friction, number, collider.start, along)
-                    )
-        return capsules
-
-    def _boxes(self) -> list[Box]:
         boxes = []
         for number, mover in enumerate(self.movers.tables):
-            for collider in mover.colliders:
-                if collider.box is not None:
-                    boxes.append(Box(collider.box, collider.friction, number, collider.start))
-        return boxes
+            for one in mover.colliders:
+                if one.box is not None:
+                    boxes.append(Box(one.box, one.friction, number, one.start))
+                elif one.radius is not None:
+                    x, y, z = np.subtract(one.end or one.start, one.start).tolist()
+                    capsules.append(Capsule(one.radius, one.friction, number, one.start, (x, y, z)))
+        return capsules, boxes
 
     def _parameters(self) -> list[Parameter]:
         parameters = []
