@@ -264,7 +264,7 @@ def _usual_cost(scene: FlexScene, definition: FlexDefinition) -> float:
 
 
 def _simulated(
-    scene: FlexScene, definition: FlexDefinition, path: Float[np.ndarray, "F D"], patience: float
+    scene: FlexScene, definition: FlexDefinition, path: Float[np.ndarray, "_ D"], patience: float
 ) -> Iterator[Float[np.ndarray, "N 3"]]:
     """Yield the positions of the nodes after each super step of the teacher's, until `patience` is spent [s]."""
     dt = definition.substeps * definition.physics.step
