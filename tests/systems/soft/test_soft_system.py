@@ -318,8 +318,8 @@ def test_a_forged_emulator_of_a_cloth_is_refused(trained, tmp_path: Path, name: 
     ("text", "message"),
     [
         ("v 0 0\nf 1 2 3\n", "line 1: wanted three numbers"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4: wanted 3 to 16 vertices"),
-        ("v 0 0 0\nv 1 0 0\nf 1 2\n", "line 3: wanted 3 to 16 vertices"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4: wanted 3 to 256 vertices"),
+        ("v 0 0 0\nv 1 0 0\nf 1 2\n", "line 3: wanted 3 to 256 vertices"),
         ("v 0 0 0\n", "no faces"),
         ("#\n" + "v 0 0 0\n" * 100_001, "100,001 nodes, for which 6 GB would be needed"),
         ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "line 1: wanted three numbers"),
