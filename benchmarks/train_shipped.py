@@ -4,7 +4,7 @@ python benchmarks/train_shipped.py                    every one, about two hours
 python benchmarks/train_shipped.py pendulum 50        one of them
 python benchmarks/train_shipped.py pendulum 50 large  the same in its large size
 python benchmarks/train_shipped.py cape               a soft body, about an hour
-python benchmarks/train_shipped.py trust              trust of those that ship, measured again on unseen runs
+python benchmarks/train_shipped.py trust [NAME...]    trust of those that ship, measured again on unseen runs
 python benchmarks/train_shipped.py bounds [NAME...]   their error bounds, in the same way; after `trust`, half an hour
 """
 
@@ -97,14 +97,13 @@ if __name__ == "__main__":
     usual = [(system, substeps, "") for system, substeps in SHIPPED]
     large = [(system, substeps, "large") for system, substeps in LARGE]
     chosen = usual + large
+    verbs = {"trust": fit_shipped, "bounds": bound_shipped}
+    verb = sys.argv[1] if sys.argv[1:] else ""
     names = sys.argv[2:]
-    if names and sys.argv[1] != "bounds":
-        chosen = [(sys.argv[1], int(sys.argv[2]), "".join(sys.argv[3:]))]
-    do = make_shipped
-    if sys.argv[1:] == ["trust"]:
-        do = fit_shipped
-    if sys.argv[1:2] == ["bounds"]:
-        do = bound_shipped
-        chosen = [one for one in usual + large if not names or emulator_name(*one) in names]
+    if names and verb in verbs:
+        chosen = [one for one in chosen if emulator_name(*one) in names]
+    elif names:
+        chosen = [(verb, int(names[0]), "".join(names[1:]))]
+    do = verbs.get(verb, make_shipped)
     for one in chosen:
         do(*one)

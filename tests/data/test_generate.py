@@ -17,7 +17,7 @@ from neuroanimator import (
     read_transitions,
 )
 from neuroanimator.data.config import MAX_GAP, MAX_UNROLL, RUN_STEPS
-from neuroanimator.data.sampling import sample_control_runs, sample_controls
+from neuroanimator.data.sampling import sample_control_runs, sample_controls, with_held_runs
 from neuroanimator.data.shard import make_shard, sample_steps
 from neuroanimator.state.layout import Bounds
 
@@ -114,3 +114,21 @@ def test_bad_settings_are_refused_by_field(field: str, value: float):
 def test_a_super_step_that_physics_cannot_divide_is_refused():
     with pytest.raises(NeuroAnimatorError, match="not a whole number"):
         DatasetConfig(system="pendulum", substeps=7)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_a_share_of_runs_holds_controls_at_their_bounds(share: float):
+    system = load_system("truck")
+    rng = np.random.default_rng(0)
+    starts = np.repeat(system.rest[None], 40, axis=0)
+    controls = sample_control_runs(rng, len(starts), 40, 0.1, system)
+    begin, held = with_held_runs(system, rng, starts, controls, share)
+    bounds = system.bounds
+    at_ends = np.isin(held, [*bounds.low, *bounds.high, *bounds.idle]).all(axis=2)
+    is_held = at_ends[:, :20].all(axis=1) & (held[:, :20] == held[:, :1]).all(axis=(1, 2))
+    assert is_held.mean() == pytest.approx(share, abs=0.15)
+    np.testing.assert_array_equal(held[~is_held], controls[~is_held])
+    np.testing.assert_array_equal(begin[~is_held], starts[~is_held])
+    if share == 1:
+        speeds = np.linalg.norm(system.state.part(begin, "root.velocity"), axis=1)
+        assert speeds.max() > 5  # m/s: nearly the highest, before the run begins

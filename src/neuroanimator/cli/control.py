@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -166,7 +167,8 @@ def run(
             minutes=minutes,
             on_refine=partial(_say_gap, minutes),
         )
-    for warning in warnings_of(synthesis):
+    improve = _improve_command(emulator, out, start or [], system)
+    for warning in warnings_of(synthesis, improve):
         print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(synthesis, out, glb)
     if report:
@@ -177,6 +179,16 @@ def run(
     files = [("file", path) for path in (out, glb, log, report) if path]
     rows = [("start", search.start), *outcome_rows(synthesis), *time_rows(), *files]
     return print_rows(rows)
+
+
+def _improve_command(emulator: str, out: Path, start: list[str], system: Path | None) -> str:
+    """Return the command by which the emulator learns the physics around the controls in the file `out`."""
+    words = ["neuroanimator", "improve", emulator, "--controls", str(out)]
+    for part in start:
+        words += ["--start", part]
+    if system is not None:
+        words += ["--system", str(system)]
+    return shlex.join([*words, "--out", "better.emulator.safetensors"])
 
 
 def _say_gap(minutes: float, gap: float) -> None:

@@ -14,6 +14,7 @@ from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 from neuroanimator.data.store import Dataset
 from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
+from neuroanimator.emulator.departures import departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE
@@ -222,12 +223,15 @@ def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str,
         rows.append(("updates", last.update))
     errors = emulator.validation
     assert errors is not None
+    with phase("holding the controls"):
+        departures = find_departures(emulator)
     return [
         *rows,
         ("one-step error (validation)", f"{float(errors.emulator):.4f}"),
         (IN_WORDS[NO_CHANGE], f"{float(errors.no_change):.4f}"),
         (IN_WORDS[CONSTANT_VELOCITY], f"{float(errors.constant_velocity):.4f}"),
         ("verdict", emulator.verdict),
+        ("controls that are held", departures_in_words(departures)),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Starts and controls worth learning from: random, bounded, never idle."""
+"""Starts and controls worth learning from: random and bounded; some runs are idle, some hold their bounds for long."""
 
 from __future__ import annotations
 
@@ -39,6 +39,12 @@ MIN_SCALE = 0.2
 
 MAX_HOLD = 0.6
 """Maximum time for which a control is held [s]."""
+
+HELD_WARM_UPS = 4.0
+"""Maximum time for which controls are held before a run that holds them, in warm-ups: a truck is at its highest speed then."""
+
+IDLE_AMONG_HELD = 0.2
+"""Share of the controls of such runs that are idle instead of at a bound: one key is pressed, and not the other."""
 
 GAIT_SHARE = 0.4
 """Share of runs that move by the system's gait, if it has one: faster, slower, weaker, steered."""
@@ -124,6 +130,46 @@ def with_idle_runs(
     ends = np.where(rng.random(count) < share, rng.integers(0, steps, count), steps)
     is_idle = np.arange(steps) >= ends[:, None]
     return np.where(is_idle[..., None], bounds.idle, controls)
+
+
+def with_held_runs(
+    system: System,
+    rng: np.random.Generator,
+    starts: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B T C"],
+    share: float,
+    threads: int = 1,
+) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "B T C"]]:
+    """Return (starts, controls), a `share` of the runs holding every control at a bound, or idle, for most of the run.
+
+    They hold them before the run already, for up to `HELD_WARM_UPS` times the warm-up, so that data show where a body ends up
+    under controls that stay: random ones seldom drive it there.
+    """
+    count, steps, size = controls.shape
+    rows = np.flatnonzero(rng.random(count) < share)
+    if not len(rows):
+        return starts, controls
+    bounds = system.bounds
+    signs = np.where(rng.random((len(rows), size)) < 0.5, -1, 1)
+    is_idle = rng.random((len(rows), size)) < IDLE_AMONG_HELD
+    held = np.where(is_idle, bounds.idle, bounds.middle + signs * bounds.half)[:, None]
+    # before the run: from its start under the held controls
+    dt = WARM_UP_SUBSTEPS * system.physics_dt
+    longest = round(HELD_WARM_UPS * system.warm_up / dt)
+    begin = starts[rows]
+    if longest:
+        held_long = np.repeat(held, longest, axis=1)
+        runs = system.simulate(begin, held_long, dt, scheme=system.scheme, threads=threads)
+        chosen = runs.states[np.arange(len(rows)), rng.integers(0, longest + 1, len(rows))]
+        begin = np.where(runs.has_diverged[:, None], begin, chosen)
+    # in the run: until a time in its second half
+    until = rng.integers(steps // 2, steps + 1, len(rows))
+    is_held = np.arange(steps) < until[:, None]
+    starts = starts.copy()
+    starts[rows] = begin
+    controls = controls.copy()
+    controls[rows] = np.where(is_held[..., None], held, controls[rows])
+    return starts, controls
 
 
 def sample_controls(

@@ -16,7 +16,12 @@ from neuroanimator.data.config import (
     DatasetConfig,
 )
 from neuroanimator.data.recorded_windows import cut_shard
-from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
+from neuroanimator.data.sampling import (
+    sample_control_runs,
+    sample_starts,
+    with_held_runs,
+    with_idle_runs,
+)
 from neuroanimator.systems.system import System
 
 
@@ -50,6 +55,8 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     samples = [
         sample_steps(rng, examples, system.run_steps, system.window_steps) for _ in range(count)
     ]
+    if system.structure.shape_contacts is None:
+        starts, controls = with_held_runs(system, rng, starts, controls, config.held_share, threads)
     controls = with_idle_runs(rng, controls, system.bounds, config.idle_share)
     runs = system.simulate(starts, controls, dt, threads=threads)
     is_whole = ~runs.has_diverged

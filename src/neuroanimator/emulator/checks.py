@@ -38,22 +38,24 @@ def check_numbers(
 
 
 def check_motion(trajectory: Float[np.ndarray, "*B F S"], layout: Layout) -> None:
-    """Refuse a trajectory (..., T+1, S) with numbers that are not finite; the error names the first one.
+    """Refuse a trajectory (..., T+1, S) with states that no call accepts; the error names the first such number.
 
     Raises ArgumentError if it is in the first super step, and DivergedError if it is later.
     """
-    broken = np.argwhere(~np.isfinite(trajectory))
+    broken = np.argwhere(~(np.abs(trajectory) <= MAX_MAGNITUDE))
     if not len(broken):
         return
     first = broken[np.argmin(broken[:, -2])]
     step = first[-2]
     name = layout.names[first[-1]]
+    is_finite = np.isfinite(trajectory[tuple(first)])
+    found = f"beyond {MAX_MAGNITUDE:g}" if is_finite else "not finite"
     if step <= 1:
         raise ArgumentError(
-            f"state: after one super step from it {name} is not finite. Give a state that the "
+            f"state: after one super step from it {name} is {found}. Give a state that the "
             "system can be in, such as its rest; `covers` says which the emulator knows."
         )
     raise DivergedError(
-        f"The motion diverged: {name} is not finite from super step {step} on. Start nearer to what the emulator "
+        f"The motion diverged: {name} is {found} from super step {step} on. Start nearer to what the emulator "
         "was trained on (`covers` says what that is), or train it longer."
     )

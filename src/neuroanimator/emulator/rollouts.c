@@ -51,7 +51,7 @@ static void rows_of_lanes(float *lanes, long stride, long present, long count, f
 }
 
 /* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C).
-   Returns whether all starts are small enough and all else is finite. */
+   Returns whether all states are small enough and all else is finite. */
 int rollouts(const float *k, const float *starts, const float *controls, long count, long steps, float *states) {
     NA_ALIGNED float latent[LATENT * LANES], state[PADDED(STATE) * LANES];
     NA_ALIGNED float control[PADDED(CONTROL > 0 ? CONTROL : 1) * LANES] = {0};
@@ -67,7 +67,7 @@ int rollouts(const float *k, const float *starts, const float *controls, long co
             lanes_of_rows(controls + (first * steps + t) * CONTROL, steps * CONTROL, present, CONTROL, control);
             super_step_lanes(k, latent, control, latent, state);
             /* Here, while they are in the cache. */
-            are_sound &= all_finite(control, CONTROL * LANES) & all_finite(state, STATE * LANES);
+            are_sound &= all_finite(control, CONTROL * LANES) & all_below(state, STATE * LANES, MAX_MAGNITUDE);
             rows_of_lanes(state, (steps + 1) * STATE, present, STATE, rows + (t + 1) * STATE);
         }
     }

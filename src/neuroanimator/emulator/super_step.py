@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.domain import Domain
-from neuroanimator.emulator.encoding import Encoding
+from neuroanimator.emulator.encoding import KEPT_MARGIN, Encoding
 from neuroanimator.emulator.error_bounds import ErrorBounds
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks.network import Network, Units
@@ -150,11 +150,11 @@ class SuperStep(eqx.Module):
     ) -> Float[Array, " I"]:
         """Return `step` of a latent state under a latent control, as from `encode` and `encode_control`.
 
-        A deformable body's shape and speed, and the features of any other state, are kept within the range of
-        training; a free body sinks no deeper into the ground than in training.
+        A deformable body's shape and speed, and the features and the root's speed of any other state, are kept within
+        the range of training; a free body sinks no deeper into the ground than in training.
         """
         following = self.step_latent_unbounded(latent, control)
-        return self._bounded(following)
+        return self._bounded(latent, following)
 
     def step_latent_unbounded(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
@@ -195,13 +195,30 @@ class SuperStep(eqx.Module):
         for _ in range(self.strides - 1):
             following, units, beyond = self.stride_and_units(following, control)
             score = jnp.maximum(score, self._score(units, beyond))
-        return self._bounded(following), score
+        return self._bounded(latent, following), score
 
-    def _bounded(self, following: Float[Array, " I"]) -> Float[Array, " I"]:
+    def max_speed(self) -> Float[AnyArray, ""] | None:
+        """Return the maximum speed of a freely moving body in training [m/s]; None if nothing moves freely."""
+        if not self.encoding.is_identity:
+            return self.encoding.max_speed  # that its encoding keeps to
+        local = self._local_features
+        return self.frame.max_speed(self.domain.low[local], self.domain.high[local])
+
+    @property
+    def _local_features(self) -> slice:
+        """Slice of the frame's numbers among the features."""
+        first = len(self.features.plain)
+        return slice(first, first + self.frame.local_size)
+
+    def _bounded(
+        self, before: Float[Array, " I"], following: Float[Array, " I"]
+    ) -> Float[Array, " I"]:
         """Return a latent state within bounds, except its parameters: a body outside of the family stays so, and scores so."""
         bounded = self.encoding.bounded(following, self.features, self.domain)
-        first = len(self.features.plain)
-        local = slice(first, first + self.frame.local_size)
+        local = self._local_features
+        if self.encoding.is_identity:
+            low, high = self.domain.widened(KEPT_MARGIN, local)
+            bounded = self.frame.kept_in_range(bounded, before, low, high)
         bounded = self.frame.kept_above_ground(bounded, self.domain.low[local])
         if not self.parameter_entries:
             return bounded

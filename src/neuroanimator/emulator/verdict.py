@@ -183,6 +183,12 @@ class Verdict:
         """Whether a guess without an emulator is as good."""
         return self.word == USELESS
 
+    def with_flaw(self, flaw: str) -> Verdict:
+        """Return the verdict with another `flaw`, with which no emulator is good."""
+        if self.word == GOOD:
+            return Verdict(USABLE, (flaw,))
+        return Verdict(self.word, (*self.reasons, flaw))
+
     def __str__(self) -> str:
         """Return the word and its reasons."""
         return f"{self.word}: {'; '.join(self.reasons)}"

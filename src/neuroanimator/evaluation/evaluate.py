@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.data.store import Dataset
+from neuroanimator.emulator.departures import Departure, departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.verdict import NOISE_TOLD, Verdict, WindowErrors, beyond_noise, judge
 from neuroanimator.errors import ArgumentError
@@ -137,6 +138,8 @@ class Evaluation:
     """Whether bounds of errors hold; None where there are none."""
     window: WindowErrors | None = None
     """Errors of a soft body in the windows of training's validation; None for other systems."""
+    departures: tuple[Departure, ...] = ()
+    """What leaves training while controls are held at their bounds, or at rest, worst first."""
     hybrid: Mapping[float, HybridGain] = field(default_factory=dict)
     """Gain of turns with the physics, by the score from which it takes over; empty if not measured."""
 
@@ -156,9 +159,11 @@ class Evaluation:
             error_after_second=self.rollout_error_at(1.0),
             noise=self.noise_error or 0.0,
         )
-        if self.window is None:
-            return verdict
-        return self.window.judged(verdict)
+        if self.window is not None:
+            verdict = self.window.judged(verdict)
+        if self.departures:
+            return verdict.with_flaw(str(self.departures[0]))
+        return verdict
 
     @property
     def is_unmatched(self) -> bool:
@@ -199,6 +204,8 @@ class Evaluation:
     def note(self) -> str:
         """Sentences on speed, divergence, noise and what is left out: the same on the terminal, in reports and in cards."""
         sentences = [*self._on_speed(), *self._on_noise()]
+        if self.departures:
+            sentences.append(f"{departures_in_words(self.departures).capitalize()}.")
         if self.still:
             shown = ", ".join(self.still[:MAX_NAMED])
             left_out = len(self.still) - MAX_NAMED
@@ -337,6 +344,8 @@ def evaluate(
         if budget.starts:
             among = test.transitions.states if is_recorded else None
             diverged = count_diverged(emulator, budget.starts, budget.steps, among=among)
+    with phase("holding the controls"):
+        departures = tuple(find_departures(emulator, budget.steps))
     hybrid: dict[float, HybridGain] = {}
     if budget.hybrid_runs and not is_recorded:
         with phase("taking turns with the physics"):
@@ -363,5 +372,6 @@ def evaluate(
         inspection=inspect(emulator, data=data, runs=budget.inspected, seed=seed),
         bounded=bounded_errors(emulator, test, emulated),
         window=None if emulator.validation is None else emulator.validation.window,
+        departures=departures,
         hybrid=hybrid,
     )

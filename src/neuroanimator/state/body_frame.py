@@ -22,8 +22,9 @@ from neuroanimator.state.contacts import (
     height_below_ceiling,
 )
 from neuroanimator.state.reference_shape import Cloud
-from neuroanimator.state.rotation import cross, rotate_back, upward
+from neuroanimator.state.rotation import cross, rotate_back, rotated_by, upward
 from neuroanimator.state.segments import (
+    PlanarVelocity,
     Position,
     Quaternion,
     Segment,
@@ -41,6 +42,13 @@ GRAVITY_FEATURES = 3
 
 PROBE_FEATURES = 4
 """Number of features of a probe: its height and its depth, each now and after coasting."""
+
+REMAINING = 0.9
+"""Share that remains after a super step of how far a root lies beyond the range of training: it comes back in a second or
+two. Above 1 - 1e-3 rounding and the turn's second order would add up to a slow drift away."""
+
+TINY = 1e-12
+"""Square of a speed [m²/s²] added under a square root, whose slope at zero is infinite."""
 
 
 class Frame(eqx.Module):
@@ -97,17 +105,28 @@ class Frame(eqx.Module):
         return sum(sizes)
 
     @property
-    def velocity_entries(self) -> tuple[int, ...]:
-        """Entries of `local`'s result that are the root's velocity along its own axes; empty without a free root."""
-        if not self._has_root:
-            return ()
+    def local_names(self) -> list[str]:
+        """Names of the numbers of `local`'s result, in words."""
+        names: list[str] = []
+        for segment in self.segments:
+            is_root = segment is self._root_orientation
+            names += ["tilt" if is_root else segment.kind] * self._shown_size(segment)
+        return names + ["distance to the ground"] * (self.local_size - len(names))
+
+    def max_speed(
+        self, local_low: Float[AnyArray, " L"], local_high: Float[AnyArray, " L"]
+    ) -> Float[AnyArray, ""] | None:
+        """Return the root's maximum speed [m/s] where `local` (L,) is within these ends; None without a moving root."""
         start = 0
         for segment in self.segments:
             size = self._shown_size(segment)
-            if isinstance(segment, Velocity):
-                return tuple(range(start, start + size))
+            if isinstance(segment, (Velocity, PlanarVelocity)):
+                xp = local_low.__array_namespace__()
+                entries = slice(start, start + size)
+                largest = xp.maximum(-local_low[entries], local_high[entries])
+                return xp.sqrt((largest**2).sum())
             start += size
-        return ()
+        return None
 
     @property
     def orientations(self) -> tuple[tuple[int, int], ...]:
@@ -232,6 +251,49 @@ class Frame(eqx.Module):
         ]
         return xp.concat(kept)
 
+    def kept_in_range(
+        self,
+        state: Float[AnyArray, " S"],
+        before: Float[AnyArray, " S"],
+        local_low: Float[AnyArray, " L"],
+        local_high: Float[AnyArray, " L"],
+    ) -> Float[AnyArray, " S"]:
+        """Return `state` (S,), its root no faster and no more tilted than where `local` (L,) is within these ends.
+
+        Velocities along single axes may leave them by once their range: a fall is no error, but a truck does not rise. A
+        root that was beyond in the state `before` comes back gradually instead of with a jump.
+        """
+        if not self.segments:
+            return state
+        xp = state.__array_namespace__()
+        root = self._root(state)
+        root_before = self._root(before)
+        max_speed = self.max_speed(local_low, local_high)
+        kept = []
+        start = 0
+        for placed in place_segments(self.segments):
+            segment = placed.segment
+            entries = state[placed.entries]
+            entries_before = before[placed.entries]
+            size = self._shown_size(segment)
+            low = local_low[start : start + size]
+            high = local_high[start : start + size]
+            if isinstance(segment, (Velocity, PlanarVelocity)):
+                room = high - low
+                velocity = segment.to_body(root, entries)
+                velocity_before = segment.to_body(root_before, entries_before)
+                back = _way_back(velocity, velocity_before, low - room, high + room)
+                entries = _slowed(entries + segment.to_world(root, back), entries_before, max_speed)
+            elif size and segment is self._root_orientation:
+                up = upward(entries)
+                back = _way_back(up, upward(entries_before), low, high)
+                # A small turn moves the direction up by as much as it turns; only one about a level axis moves it.
+                righted = rotated_by(entries, cross(back, up))
+                root = entries = xp.where(xp.abs(back).sum() > 0, righted, entries)
+            kept.append(entries)
+            start += size
+        return xp.concat(kept)
+
     def control_size(self, controls: int) -> int:
         """Return the length of `felt_control`'s result for a given number of `controls`."""
         if self.shape_contacts is not None:
@@ -313,6 +375,31 @@ class Frame(eqx.Module):
             last = after[..., placed.entries]
             differences.append(segment.difference(first, last, coasting, root))
         return before.__array_namespace__().concat(differences, axis=-1)
+
+
+def _way_back(
+    values: Float[AnyArray, " D"],
+    before: Float[AnyArray, " D"],
+    low: Float[AnyArray, " D"],
+    high: Float[AnyArray, " D"],
+) -> Float[AnyArray, " D"]:
+    """Return what brings `values` (D,) into the range, or nearer to it than `before` was; exactly zero inside."""
+    xp = values.__array_namespace__()
+    left = REMAINING * (before - xp.clip(before, low, high))
+    return xp.clip(values, low + xp.minimum(left, 0), high + xp.maximum(left, 0)) - values
+
+
+def _slowed(
+    velocity: Float[AnyArray, " D"],
+    before: Float[AnyArray, " D"],
+    max_speed: Float[AnyArray, ""],
+) -> Float[AnyArray, " D"]:
+    """Return `velocity` (D,) scaled down to `max_speed`, or to little below the speed of `before` if that was higher."""
+    xp = velocity.__array_namespace__()
+    speed = xp.sqrt((velocity**2).sum() + TINY)
+    speed_before = xp.sqrt((before**2).sum() + TINY)
+    allowed = max_speed + REMAINING * xp.maximum(speed_before - max_speed, 0)
+    return velocity * xp.minimum(1.0, allowed / speed)
 
 
 def _near_surface(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:

@@ -37,6 +37,10 @@ class Recipe:
     """Share of transitions and updates for super steps of other than 50 physics steps."""
     idle_share: float = 0.0
     """Share of runs whose controls end; not needed if the mirror symmetry keeps rest at rest."""
+    held_share: float = 0.0
+    """Share of runs whose controls stay at their bounds: see `DatasetConfig`."""
+    calm: float = 0.0
+    """See `TrainingConfig`."""
     modes: tuple[int, int] = (1, 1)
     """Numbers of shape modes of deformable bodies for positions and for velocities."""
     longest_stride: int = 1000
@@ -59,6 +63,7 @@ class Recipe:
             count=count,
             samples_per_run=self.samples_per_run,
             idle_share=self.idle_share,
+            held_share=self.held_share,
         )
 
     def _share(self, substeps: int) -> float:
@@ -70,6 +75,7 @@ class Recipe:
             widths=self.widths,
             updates=round(self.updates * self._share(substeps)),
             rare_share=self.rare_share,
+            calm=self.calm,
             position_modes=self.modes[0],
             velocity_modes=self.modes[1],
             seed=seed,

@@ -290,6 +290,23 @@ def test_a_damaged_file_is_refused_in_one_line(position: int, tmp_path: Path):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("fault", ["weights", "scale"])
+def test_a_policy_whose_controls_are_not_finite_is_refused(
+    fault: str, policy: Policy, tmp_path: Path
+):
+    path = tmp_path / "wild.policy.safetensors"
+    wild = policy
+    if fault == "weights":
+        huge = jax.tree.map(lambda leaf: np.full(np.shape(leaf), 3e37, np.float32), policy.network)
+        wild = eqx.tree_at(lambda one: one.network, policy, huge)
+    else:
+        scale = np.zeros_like(np.asarray(policy.emulator.normaliser.plain_scale))
+        wild = eqx.tree_at(lambda one: one.emulator.normaliser.plain_scale, policy, scale)
+    wild.save(path)
+    with pytest.raises(BadFileError, match="is not a usable policy"):
+        Policy.load(path)
+
+
 def test_an_emulator_is_no_policy():
     with pytest.raises(BadFileError, match="it says it is a 'emulator'"):
         Policy.load(find_emulator("fish"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -37,6 +39,7 @@ from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS, Search, make_attempt
 from neuroanimator.control.synthesis.finetune import transitions_near
+from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
 from neuroanimator.control.synthesis.synthesise import restart, synthesise_goal
 from neuroanimator.data.store import Transitions
 from neuroanimator.state.layout import Bounds
@@ -211,10 +214,8 @@ def test_velocities_are_found_in_what_the_network_sees(name: str):
     first = sum(segment.size for segment in emulator.frame.segments[: kinds.index("velocity")])
     before, after = emulator.rest, emulator.rest
     after[first : first + 3] += [1.0, 2.0, 3.0]
-    seen = [
-        np.asarray(emulator.frame.local(state))[list(emulator.frame.velocity_entries)]
-        for state in (before, after)
-    ]
+    is_velocity = [name == "velocity" for name in emulator.frame.local_names]
+    seen = [np.asarray(emulator.frame.local(state))[is_velocity] for state in (before, after)]
     np.testing.assert_allclose(seen[1] - seen[0], [1, 2, 3], atol=1e-5)
 
 
@@ -339,3 +340,23 @@ def test_as_many_equal_guesses_come_to_the_same(shipped: Emulator):
         options=DescentOptions(iterations=2, first=controls, starts=2),
     )
     np.testing.assert_array_equal(*found.candidates)
+
+
+@pytest.mark.parametrize("minutes_wanted", [0.0, 1.2])
+def test_an_emulator_that_is_wrong_about_the_motion_is_said_to_be_so(
+    minutes_wanted: float, shipped: Emulator
+):
+    system = load_system("pendulum")
+    options = DescentOptions(iterations=1)
+    found = synthesise(
+        shipped, system, stand_upright(), REST, steps=5, options=options, refinements=0
+    )
+    right = replace(found, outcome=replace(found.outcome, cost_emulator=357, cost_physics=380))
+    assert warnings_of(right, "learn it") == []
+    spent = replace(found.spent, minutes_wanted=minutes_wanted)
+    outcome = replace(found.outcome, cost_emulator=357, cost_physics=1143)
+    wrong = replace(found, outcome=outcome, spent=spent)
+    (warning,) = warnings_of(wrong, "learn it")
+    assert "J is 1.14e+03 on the physics and 357 on the emulator" in warning
+    assert ("--minutes 3" if minutes_wanted else "learn it") in warning
+    assert "wrong about this motion" in dict(outcome_rows(wrong))["trust in the emulator's motion"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from neuroanimator.control.objective.costs import NearPose, NearSpeed
@@ -24,27 +22,12 @@ def check_reachable(
     objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
 ) -> None:
     """Raise ArgumentError if a term wants a position too far away, or a speed far beyond training."""
-    fastest = fastest_speed(emulator)
+    max_speed = emulator.max_speed()
     for term in objective.terms:
         if isinstance(term, ReachState):
             _check_state(term, emulator)
-        if fastest is not None:
-            _check_speed(term, fastest, start, steps * emulator.dt)
-
-
-def fastest_speed(emulator: Emulator) -> float | None:
-    """Return the maximum speed in training [m/s]; None if nothing moves freely."""
-    max_speed = emulator.encoding.max_speed
-    if math.isfinite(max_speed):
-        return max_speed
-    entries = emulator.frame.velocity_entries
-    if not entries:
-        return None
-    first = len(emulator.features.plain)
-    features = [first + entry for entry in entries]
-    low = np.asarray(emulator.domain.low)[features]
-    high = np.asarray(emulator.domain.high)[features]
-    return float(np.linalg.norm(np.maximum(-low, high)))
+        if max_speed is not None:
+            _check_speed(term, float(max_speed), start, steps * emulator.dt)
 
 
 def _check_state(term: ReachState, emulator: Emulator) -> None:

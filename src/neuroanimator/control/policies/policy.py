@@ -7,6 +7,7 @@ of swimming; the system's gait is its initial guess. Mirrored inputs give mirror
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,8 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.emulator.artifact import (
     FAULTS,
+    check_arrays,
     check_format,
     first_line,
 )
@@ -46,6 +49,12 @@ FORMAT = 2
 """Version of the file format, raised whenever an older reader would misunderstand a file."""
 
 KIND = "policy"
+
+PROBED_STATES = 8
+"""Number of states in which a policy's controls are looked at when it is loaded: rest, and others near it."""
+
+PROBED_SPREAD = 0.1
+"""Standard deviation of these states around rest [their units]."""
 
 MAKER = "train_policy"
 """Function that retrains policies that are too old to be read."""
@@ -320,11 +329,38 @@ def policy_from(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, 
         policy = with_tensors(blank_policy(metadata), policy_leaves, tensors)
         if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
             raise ValueError("its emulator is not the one it was trained through")
+        check_arrays(policy.emulator)
+        check_controls(policy, _controls_near)
         return policy
     except FAULTS as error:
         raise BadFileError(
             f"{path} is not a usable policy: {first_line(error)}. Make it again."
         ) from error
+
+
+def check_controls(
+    policy: Any, controls_near: Callable[[Any, Float[Array, "N S"]], Float[Array, "N C"]]
+) -> None:
+    """Refuse a policy whose controls are not finite in states near rest; raises ValueError.
+
+    `controls_near` gives its controls in some states (N, S).
+    """
+    rest = np.asarray(policy.emulator.rest, np.float32)
+    rng = np.random.default_rng(0)
+    offsets = rng.normal(size=(PROBED_STATES, len(rest))) * PROBED_SPREAD
+    offsets[0] = 0
+    states = jnp.asarray(rest + offsets, jnp.float32)
+    controls = np.asarray(compiled_quickly(controls_near)(policy, states))
+    if not np.isfinite(controls).all():
+        raise ValueError("its controls are not finite numbers")
+
+
+def _controls_near(policy: Policy, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
+    """Return the controls in `states` (N, S), at all phases of the clock and with commands at both ends."""
+    phases = jnp.linspace(0, 2 * math.pi, PROBED_STATES)
+    ends = jnp.asarray([policy.ranges.low, policy.ranges.high], jnp.float32)
+    commands = jnp.tile(ends, (PROBED_STATES // 2, 1))
+    return jax.vmap(policy.control)(policy.emulator.encode(states), phases, commands)
 
 
 def check_policy_formats(path: Path, metadata: dict[str, Any], wanted: int, maker: str) -> None:

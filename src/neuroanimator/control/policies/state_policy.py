@@ -14,7 +14,12 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.control.policies.policy import KIND as POLICY_KIND
-from neuroanimator.control.policies.policy import Policy, check_policy_formats, policy_from
+from neuroanimator.control.policies.policy import (
+    Policy,
+    check_controls,
+    check_policy_formats,
+    policy_from,
+)
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.emulator.artifact import FAULTS, check_arrays, first_line
 from neuroanimator.emulator.description import blank, describe
@@ -187,6 +192,9 @@ def _policy_from(
     try:
         policy = with_tensors(_blank(metadata), policy_leaves, tensors)
         check_arrays(policy.emulator)
+        if (np.asarray(policy.view.deviation) < 0).any():
+            raise ValueError("view: wanted deviations of at least 0")
+        check_controls(policy, StatePolicy.control_of)
     except FAULTS as error:
         raise BadFileError(
             f"{path} is not a usable policy: {first_line(error)}. Make it again."

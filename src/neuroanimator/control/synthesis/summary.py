@@ -14,6 +14,9 @@ MINUTES_SPARE = 2.0
 SMALL_GAP = 0.05
 """Relative difference up to which two values of J are called equal."""
 
+WRONG_FACTOR = 2.0
+"""Ratio of J on the physics to J on the emulator from which on the emulator is called wrong about the motion."""
+
 UNPROVED = "not verified: this controller was tried on the emulator alone. Use it with care"
 """Text for a controller that was tried on the emulator alone."""
 
@@ -42,8 +45,11 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         ("J on physics", f"{outcome.cost_physics:.3f}"),
         ("gap", f"{outcome.gap:+.3f}"),
         ("in words", words),
-        ("trust in the emulator's motion", trust_along(synthesis)),
     ]
+    trust = str(trust_along(synthesis))
+    if is_wrong(synthesis):
+        trust += "; yet the replay shows that it is wrong about this motion"
+    rows.append(("trust in the emulator's motion", trust))
     if synthesis.is_reached is not None:
         answer = "yes" if synthesis.is_reached else "no"
         rows.append(("goal reached on the true physics", answer))
@@ -54,10 +60,12 @@ def _refinements_in_words(spent: SearchCost) -> str:
     """Return how many times the emulator learnt the physics around a motion, and how to allow a training given up."""
     if not spent.minutes_wanted:
         return str(spent.refinements)
-    enough = math.ceil(MINUTES_SPARE * spent.minutes_wanted)
-    return (
-        f"{spent.refinements}; another one would have taken too long: --minutes {enough} allows it"
-    )
+    return f"{spent.refinements}; another one would have taken too long: --minutes {_enough_minutes(spent)} allows it"
+
+
+def _enough_minutes(spent: SearchCost) -> int:
+    """Return the whole minutes that the refinement that was given up needs."""
+    return math.ceil(MINUTES_SPARE * spent.minutes_wanted)
 
 
 def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
@@ -102,13 +110,39 @@ def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | N
     return meaning + "the physics does a little worse than the emulator predicted"
 
 
-def warnings_of(synthesis: Synthesis) -> list[str]:
-    """Return warnings for a user who relies on the controller, a line each."""
+def is_wrong(synthesis: Synthesis) -> bool:
+    """Return whether the emulator is wrong about the motion found: the physics' J is a multiple of the emulator's."""
+    outcome = synthesis.outcome
+    if not outcome.is_on_physics or not is_gap_large(outcome.cost_emulator, outcome.cost_physics):
+        return False
+    return outcome.cost_physics >= WRONG_FACTOR * outcome.cost_emulator
+
+
+def _on_wrong_emulator(synthesis: Synthesis, improve: str) -> str:
+    """Return that the emulator is wrong about the motion found, and what to do; `improve` is the command for it."""
+    outcome = synthesis.outcome
+    if synthesis.spent.minutes_wanted:
+        remedy = f"Let it learn the physics around the motion: --minutes {_enough_minutes(synthesis.spent)}."
+    else:
+        remedy = f"Let it learn the physics around these controls, then search again: {improve}"
+    return (
+        f"The emulator is wrong about the motion found, whatever its trust: J is {outcome.cost_physics:.3g} on the physics "
+        f"and {outcome.cost_emulator:.3g} on the emulator. {remedy}"
+    )
+
+
+def warnings_of(synthesis: Synthesis, improve: str) -> list[str]:
+    """Return warnings for a user who relies on the controller, a line each.
+
+    `improve` is the command that makes the emulator learn around the controls found.
+    """
     lines = []
     if synthesis.descent.is_diverged:
         lines.append(
             "The descent diverged: J stopped being finite. The best controls before that are kept."
         )
+    if is_wrong(synthesis):
+        lines.append(_on_wrong_emulator(synthesis, improve))
     if synthesis.trust is not None and synthesis.trust.warning():
         lines.append(synthesis.trust.warning())
     return lines
