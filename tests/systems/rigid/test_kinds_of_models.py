@@ -149,6 +149,8 @@ def test_each_kind_is_simulated_as_mujoco_does_and_makes_data(kind: str, tmp_pat
     moved = np.abs(np.diff(states, axis=1)).max(axis=(0, 1))
     assert moved.max() > 1e-3
     own = mujoco.MjModel.from_xml_string(KINDS[kind])
+    for count in ("nbody", "njnt", "neq", "ntendon", "nu", "nsensor"):
+        assert getattr(system.model, count) == getattr(own, count)
     own.opt.timestep = system.truth.dt
     own.opt.integrator = system.model_with(system.truth).opt.integrator
     data = mujoco.MjData(own)

@@ -35,8 +35,8 @@ def add_what_moves(
     """Add to the `spec` of the URDF `robot` in `file` the parts that MuJoCo does not read.
 
     Each joint with `<limit effort>` above 0 that is not among the `passive` ones gets a motor of its name, from minus to
-    plus that effort. `<limit velocity>` is not physics and is ignored. `<mimic>` becomes an equality. A free base gets a
-    floor, which it just touches. Raises BadFileError for an invalid number, ArgumentError for a missing passive joint.
+    plus that effort. `<limit velocity>` is not physics and is ignored. A free base gets a floor, which it just touches.
+    Raises BadFileError for an invalid effort and for a `<mimic>` that MuJoCo ignores, ArgumentError for a missing passive joint.
     """
     joints = {joint.name: joint for joint in spec.joints}
     for name in passive:
@@ -50,14 +50,14 @@ def add_what_moves(
             continue
         if joint.name not in passive:
             _add_motor(spec, file, joint, element)
-        _add_mimic(spec, file, joint, element, joints)
+        _check_mimic(spec, file, joint, element)
     if base == "free":
         _free_base(spec, file)
 
 
 def _add_motor(spec: mujoco.MjSpec, file: str, joint: mujoco.MjsJoint, element: ET.Element) -> None:
     """Add the motor of a joint that has an effort and mimics no other."""
-    effort = _number(file, element, "limit", "effort")
+    effort = _effort(file, element)
     is_single = joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     if effort <= 0 or not is_single or element.find("mimic") is not None:
         return
@@ -67,44 +67,31 @@ def _add_motor(spec: mujoco.MjSpec, file: str, joint: mujoco.MjsJoint, element: 
     motor.ctrlrange = [-effort, effort]
 
 
-def _add_mimic(
-    spec: mujoco.MjSpec,
-    file: str,
-    joint: mujoco.MjsJoint,
-    element: ET.Element,
-    joints: dict[str, mujoco.MjsJoint],
+def _check_mimic(
+    spec: mujoco.MjSpec, file: str, joint: mujoco.MjsJoint, element: ET.Element
 ) -> None:
-    """Let a joint follow the one named in its `<mimic>`: offset + multiplier times that joint's position."""
+    """Refuse a `<mimic>` of which MuJoCo has made no equality: it only warns."""
     mimic = element.find("mimic")
-    if mimic is None:
+    followers = [equality.name1 for equality in spec.equalities]
+    if mimic is None or joint.name in followers:
         return
-    leader = mimic.get("joint", "")
-    if leader not in joints:
-        fault = f"mimics the joint {quoted(leader[:MAX_SHOWN])}, which does not exist. Correct it"
-        refuse(file, f"joint {quoted(joint.name)}", fault)
-    equality = spec.add_equality(name1=joint.name, name2=leader)
-    equality.type = mujoco.mjtEq.mjEQ_JOINT
-    equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
-    data = np.zeros_like(equality.data)
-    data[0] = _number(file, element, "mimic", "offset")
-    data[1] = _number(file, element, "mimic", "multiplier", 1.0)
-    equality.data = data
+    leader = quoted(mimic.get("joint", "")[:MAX_SHOWN])
+    fault = f"mimics the joint {leader}, which does not exist, or one of them neither turns nor slides. Correct it"
+    refuse(file, f"joint {quoted(joint.name)}", fault)
 
 
-def _number(
-    file: str, element: ET.Element, tag: str, attribute: str, otherwise: float = 0.0
-) -> float:
-    """Return the number in an element of a joint; `otherwise` if it is missing."""
-    inside = element.find(tag)
-    if inside is None or attribute not in inside.attrib:
-        return otherwise
+def _effort(file: str, element: ET.Element) -> float:
+    """Return the effort of a joint; 0 if it has none."""
+    limit = element.find("limit")
+    if limit is None or "effort" not in limit.attrib:
+        return 0.0
     try:
-        value = float(inside.attrib[attribute])
+        value = float(limit.attrib["effort"])
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
         name = quoted(element.get("name", "")[:MAX_SHOWN])
-        refuse(file, f"joint {name}", f"<{tag} {attribute}>: wanted a finite number")
+        refuse(file, f"joint {name}", "<limit effort>: wanted a finite number")
     return value
 
 
