@@ -179,7 +179,7 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
 
 def _resets_that_diverge(system: ModelSystem, dt: float) -> list[str]:
     """Return the names of rest and keyframes from which runs diverge: such runs are left out of the data."""
-    starts = system.with_sensors(system.resets)
+    starts, _ = system.closed(system.resets)
     controls = np.broadcast_to(system.bounds.idle, (len(starts), RUN_STEPS, system.control.size))
     runs = system.simulate_fastest(starts, controls, dt)
     keyframes = range(system.model.nkey)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
@@ -79,6 +79,8 @@ class System(abc.ABC):
     name: str
     definition_text: str = ""
     """JSON text from which the system can be made again; empty for a shipped one."""
+    is_tied: bool = False
+    """Whether some of its parts are tied together, so that not every state is possible: see `closed`."""
     is_self_contained: bool = True
     """Whether its definition holds all of its physics.
 
@@ -279,6 +281,12 @@ class System(abc.ABC):
     def sample_resets(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return states (count, S) at which motions are started on purpose: rest, and others if there are any."""
         return np.repeat(self.rest[None], count, axis=0)
+
+    def closed(
+        self, states: Float[np.ndarray, "N S"]
+    ) -> tuple[Float[np.ndarray, "N S"], Bool[np.ndarray, " N"]]:
+        """Return (the states near `states` in which parts that are tied together meet, whether each was found)."""
+        return states, np.full(len(states), not self.is_tied)
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray | None:
         """Return the kinetic energy [J] of each of `states` (N, S): (N,); None if masses are unknown."""

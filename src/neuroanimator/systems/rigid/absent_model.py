@@ -26,6 +26,7 @@ class AbsentModel(SystemWithoutPhysics):
         self.name = spec.system
         self.definition_text = spec.definition
         self.missing = missing
+        self.is_tied = spec.is_tied
         self.state = spec.state
         self.control = spec.control
         self.bounds = spec.bounds

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.model import Definition
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.names import model_name
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.parameters import draw_parameters, nominal_values
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
-from neuroanimator.state.start import Start
+from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.goal import Goal, goal_at
 from neuroanimator.systems.rigid.actuators import bounds_of_actuators, layout_of_actuators
 from neuroanimator.systems.rigid.bones import skeleton_of
 from neuroanimator.systems.rigid.contacts import contacts_of
+from neuroanimator.systems.rigid.equalities import (
+    close_states,
+    open_equality,
+    ways_between,
+)
 from neuroanimator.systems.rigid.ground import height_entry, lift_out
 from neuroanimator.systems.rigid.joints import (
     JointView,
@@ -36,6 +41,7 @@ from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.schemes import schemes_of
+from neuroanimator.systems.system import System
 from neuroanimator.text import listed, quoted
 
 HOME = "home"
@@ -43,6 +49,18 @@ HOME = "home"
 
 RATE_SIZES = {"free": 6, "ball": 3}
 """Number of velocities of each kind of joint; one for any other kind."""
+
+MAX_REDRAWS = 20
+"""Maximum number of times that states are drawn again which no step brings to the model's equalities."""
+
+REST_SEED = 0
+"""Seed of poses tried when the equalities cannot be satisfied from the pose of rest."""
+
+TYPED = 0.01
+"""Largest change of a start's numbers that is rounding: people type three digits [rad, m, rad/s or m/s]."""
+
+Draw = Callable[[np.random.Generator, int], np.ndarray]
+"""Function that returns a number of random states (count, S)."""
 
 
 class ModelSystem(MujocoSystem):
@@ -82,9 +100,10 @@ class ModelSystem(MujocoSystem):
         groups = groups_of(model, self.views, definition.groups)
         self.structure = replace(structure, groups=groups, contacts=contacts)
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
-        self.rest = self.with_sensors(_rest(model, definition.keyframe)[None])[0]
-        keyframes = [_rest(model, keyframe_name(model, number)) for number in range(model.nkey)]
-        self.resets = np.array([self.rest[: self.physical_size], *keyframes])
+        self.is_tied = bool(model.eq_active0.any())
+        self.rest = self._closed_rest(self._state_of(definition.keyframe))
+        keyframes = [self._state_of(keyframe_name(model, number)) for number in range(model.nkey)]
+        self.resets = np.array([self.rest, *keyframes])
         self.reset_share = definition.sampling.reset_share
         self.has_symmetries = definition.frame.symmetries
         self.sampling = definition.sampling
@@ -100,20 +119,60 @@ class ModelSystem(MujocoSystem):
             return ()
         return tuple(symmetries_of(self, states, controls))
 
+    def closed(
+        self, states: Float[np.ndarray, "N S"]
+    ) -> tuple[Float[np.ndarray, "N S"], Bool[np.ndarray, " N"]]:
+        """Return (the states near `states` that satisfy the model's equalities, whether each was found)."""
+        if not self.is_tied:
+            return super().closed(states)
+        closing = close_states(self.model_of, states)
+        return self.with_sensors(closing.states), closing.is_closed
+
+    def at(self, /, **values: float) -> System:
+        """Return the body of this family with the given parameters; see `System.at`. At rest it satisfies its equalities."""
+        fixed = super().at(**values)
+        rest, is_closed = fixed.closed(fixed.rest[None])
+        if not is_closed[0]:
+            raise self._open_error(rest[0])
+        fixed.rest = rest[0]
+        return fixed
+
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         """Return random starts: some near rest, the others spread by the sampling table."""
+        return self._draw_closed(self._draw_spread, rng, count)
+
+    def sample_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        """Return the state of rest and those of keyframes in random order, with `reset_noise`, as in Gymnasium's resets."""
+        return self._draw_closed(self._draw_resets, rng, count)
+
+    def _draw_closed(
+        self, draw: Draw, rng: np.random.Generator, count: int
+    ) -> Float[np.ndarray, "B S"]:
+        """Return `count` states of `draw` that satisfy the model's equalities: those that cannot are drawn again."""
+        states, is_closed = self.closed(draw(rng, count))
+        for _ in range(MAX_REDRAWS):
+            if is_closed.all():
+                return states
+            is_open = ~is_closed
+            states[is_open], is_closed[is_open] = self.closed(draw(rng, int(is_open.sum())))
+        raise self._open_error(states[~is_closed][0])
+
+    def _draw_spread(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        """Return states around rest, assembled as it is."""
         is_near_rest = rng.random(count) < self.sampling.rest_share
         spread = np.where(is_near_rest, self.sampling.rest_spread, 1.0)[:, None]
         starts = np.repeat(self.rest[None], count, axis=0)
         for view in self.views:
             self._scatter(view, starts, spread, rng)
+        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        if self.is_tied:
+            starts = close_states(self.model_of, starts, self.rest).states
         if self.sampling.above_ground:
             lift_out(self.model, self._height_entry(), starts)
-        parameters = draw_parameters(self.parameters, rng, count)
-        return self.with_sensors(starts[:, : self.physical_size], parameters)
+        return self.with_sensors(starts)
 
-    def sample_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
-        """Return the state of rest and those of keyframes in random order, with `reset_noise`, as in Gymnasium's resets."""
+    def _draw_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        """Return rest or keyframes, with noise."""
         starts = self.resets[rng.integers(0, len(self.resets), count)]
         noise = self.sampling.reset_noise
         positions = starts[:, : self.model.nq]
@@ -122,7 +181,36 @@ class ModelSystem(MujocoSystem):
             mujoco.mj_normalizeQuat(self.model, position)
         velocities = starts[:, self.model.nq : self.model.nq + self.model.nv]
         velocities += noise * rng.normal(size=velocities.shape)
-        return self.with_sensors(starts, draw_parameters(self.parameters, rng, count))
+        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        return self.with_sensors(starts)
+
+    def _state_of(self, keyframe: str) -> Float[np.ndarray, " S"]:
+        """Return the nominal body's state at `keyframe`, or at rest if it is empty; see `_rest`."""
+        unread = np.zeros(len(self.sensors))
+        parts = [_rest(self.model, keyframe), unread, nominal_values(self.parameters)]
+        return self.with_sensors(np.concatenate(parts)[None])[0]
+
+    def _closed_rest(self, rest: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
+        """Return the state of rest near `rest` that satisfies the model's equalities; BadFileError if there is none."""
+        states, is_closed = self.closed(rest[None])
+        if is_closed[0]:
+            return states[0]
+        tries = np.repeat(states, MAX_REDRAWS, axis=0)
+        rng = np.random.default_rng(REST_SEED)
+        for state in tries:  # from elsewhere: near a singular pose no step leads to the constraints
+            noise = rng.normal(size=self.model.nv)
+            mujoco.mj_integratePos(self.model, state[: self.model.nq], noise, 1.0)
+        tries, is_closed = self.closed(tries)
+        if not is_closed.any():
+            raise self._open_error(states[0])
+        return tries[is_closed][0]
+
+    def _open_error(self, state: Float[np.ndarray, " S"]) -> BadFileError:
+        """Return the error that names the equality which `state` violates most."""
+        return BadFileError(
+            f"{self.name}: {open_equality(self.model_of(state), state)}, whatever the joints do. Correct its "
+            'anchor or its numbers, the joints\' ranges or the keyframe, or switch it off by active="false".'
+        )
 
     def _height_entry(self) -> int:
         """Return the state entry of the root's height, of a free joint or of a vertical slide."""
@@ -134,27 +222,48 @@ class ModelSystem(MujocoSystem):
         return entry
 
     def start_at(self, parts: Start) -> Float[np.ndarray, " S"]:
-        """Return the start that `parts` describe, with its sensor readings."""
-        start = super().start_at(parts)
-        parameters = start[self.parameter_entries]
-        return self.with_sensors(start[None, : self.physical_size], parameters[None])[0]
+        """Return the start that `parts` describe, with its sensor readings.
 
-    def with_sensors(
-        self,
-        physics_states: Float[np.ndarray, "B P"],
-        parameters: Float[np.ndarray, "B Q"] | None = None,
-    ) -> Float[np.ndarray, "B S"]:
-        """Return the states whose physical part is `physics_states`, with their sensor readings.
-
-        Bodies have these `parameters`, by default the nominal ones.
+        Where joints depend on each other, those that are not among the parts follow. Raises ArgumentError for parts that
+        violate an equality of the model.
         """
-        if parameters is None:
-            nominal = nominal_values(self.parameters)
-            parameters = np.broadcast_to(nominal, (len(physics_states), len(nominal)))
-        readings = np.zeros((len(physics_states), len(self.sensors)))
-        states = np.concatenate([physics_states, readings, parameters], axis=1)
+        start = super().start_at(parts)[None]
+        if self.is_tied:
+            start = self._closed_start(start, parts)
+        return self.with_sensors(start)[0]
+
+    def _closed_start(
+        self, start: Float[np.ndarray, "1 S"], parts: Start
+    ) -> Float[np.ndarray, "1 S"]:
+        """Return the `start` whose joints that are not among `parts` satisfy the model's equalities."""
+        given = start_state(self.state, np.full(self.state.size, np.nan), parts)
+        is_given = np.isfinite(given)
+        positions, velocities = given[: self.model.nq], given[self.model.nq :][: self.model.nv]
+        ways = ways_between([self.model], self.rest[None, : self.model.nq], positions[None])
+        held = np.isfinite([ways[0], velocities])
+        closing = close_states(self.model_of, start, self.rest, held)
+        if closing.is_closed[0]:
+            return closing.states
+        # all parts given, in a few digits
+        nearest = close_states(self.model_of, start)
+        is_other = is_given & (np.abs(nearest.states - start)[0] > TYPED)
+        if nearest.is_closed[0] and not is_other.any():
+            return nearest.states
+        possible = close_states(self.model_of, start, self.rest).states[0]
+        numbers = []
+        for entry in np.flatnonzero(is_given):
+            name, _, unit = self.state.names[entry].partition(" ")
+            numbers.append(f"{name} = {possible[entry]:.4g} {unit}")
+        raise ArgumentError(
+            f"start: {open_equality(self.model_of(start[0]), closing.states[0])}. Leave out parts that depend on others; "
+            f"possible is {', '.join(numbers)}."
+        )
+
+    def with_sensors(self, states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, "B S"]:
+        """Return `states` with their sensor readings."""
         if not self.sensors:
             return states
+        states = states.copy()
         data = mujoco.MjData(self.model)
         sensed = slice(self.physical_size, self.physical_size + len(self.sensors))
         with warnings_counted:
