@@ -22,6 +22,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files.zoo import SHIPPED, SOFT, default_motion_path
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import Start, start_state
+from neuroanimator.systems.closed_starts import closed_starts, tied_system
 
 MAX_SECONDS = 3600.0
 """Maximum duration of a random motion [s]: an hour; longer for a slow system."""
@@ -189,10 +190,11 @@ def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndar
     start = emulator.rest
     if not emulator.control.size:
         unit = np.asarray(emulator.normaliser.unit, float)
-        return emulator.frame.apply(start, unit * rng.normal(size=len(unit)))
+        off_rest = emulator.frame.apply(start, unit * rng.normal(size=len(unit)))
+        return closed_starts(emulator.spec, off_rest[None])[0]
     hinges = _free_hinges(emulator)
     start[hinges] = rng.uniform(-np.pi / 2, np.pi / 2, len(hinges))
-    return start
+    return closed_starts(emulator.spec, start[None])[0]
 
 
 def _free_hinges(emulator: Emulator) -> Int[np.ndarray, " H"]:
@@ -207,7 +209,10 @@ def _free_hinges(emulator: Emulator) -> Int[np.ndarray, " H"]:
 
 
 def named_start(emulator: Emulator, parts: Start) -> Float[np.ndarray, " S"]:
-    """Return the state of rest with `parts` set to the given numbers; see `start_state`."""
+    """Return the state of rest with `parts` set to the given numbers; see `System.start_at`."""
+    system = tied_system(emulator.spec)
+    if system is not None:
+        return system.start_at(parts)
     structure = emulator.state_structure
     orientations = [entry for entry, _ in structure.orientations]
     return start_state(

@@ -230,9 +230,14 @@ def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> Float[n
 
 
 def scattered(
-    frame: Frame, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator
+    system: System, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return states (N, S) around those of a motion (T+1, S) at `steps` (N,), spread in proportion to the motion."""
+    """Return states (N, S) around those of a motion (T+1, S) at `steps` (N,), spread in proportion to the motion.
+
+    Those near which parts that are tied together do not meet stay on the motion.
+    """
+    frame = Frame.of(system.structure, 0.0)
     spread = frame.difference(states[:1], states).std(axis=0)
     noise = rng.normal(size=(len(steps), len(spread)))
-    return frame.apply(states[steps], noise * STATE_SPREAD * spread)
+    near, is_closed = system.closed(frame.apply(states[steps], noise * STATE_SPREAD * spread))
+    return np.where(is_closed[:, None], near, states[steps])

@@ -96,6 +96,8 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
         described["shapes"] = {"first": shapes.first} | _describe_placement(shapes.placement)
     if emulator.frame.shape_contacts is not None:
         described["shape_contacts"] = emulator.frame.shape_contacts.to_json()
+    if emulator.spec.is_tied:
+        described["tied"] = True
     if emulator.strides > 1:
         described["strides"] = emulator.strides
     meter = emulator.meter
@@ -325,6 +327,7 @@ def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
         bounds=Bounds.from_json(metadata["bounds"], control.size, "bounds"),
         rest=_rest(metadata["rest"], state),
         definition=definition,
+        is_tied=flag(metadata.get("tied", False), "tied"),
         gait=gait,
         substeps=substeps,
         dt=dt,

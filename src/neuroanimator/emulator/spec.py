@@ -35,6 +35,8 @@ class EmulatorSpec(eqx.Module):
     """State of rest, the default start of motions."""
     definition: str = eqx.field(static=True, default="")
     """JSON text from which the system can be rebuilt; empty for a system that ships."""
+    is_tied: bool = eqx.field(static=True, default=False)
+    """Whether parts of the system are tied together, so that not every state is possible: see `System.closed`."""
     gait: Gait | None = eqx.field(static=True, default=None)
     """Default gait of the system."""
     strides: int = eqx.field(static=True, default=1)

@@ -38,7 +38,7 @@ from neuroanimator.gym.policy_gradient import (
     policy_loss,
     weight_of_slopes,
 )
-from neuroanimator.gym.rules import EpisodeRules, unpaid
+from neuroanimator.gym.rules import EpisodeRules, drawn_starts, unpaid
 from neuroanimator.gym.started_policy import check_start, started
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.state.segments import Position
@@ -248,11 +248,7 @@ class Learner:
 
     def _starts(self) -> Float[Array, "B S"]:
         """Return states in which episodes begin."""
-        draw_start = self.rules.draw_start
-        if draw_start is None:
-            raise ArgumentError("rules: wanted rules with draw_start, which draws starts.")
-        rng = self._rng(-1)
-        return as_jax(np.stack([draw_start(rng) for _ in range(STARTS)]))
+        return as_jax(drawn_starts(self.rules, self.emulator, [self._rng(-1)] * STARTS))
 
     def go_on(self, progress: Progress, numbers: Numbers) -> None:
         """Resume from `progress`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.systems.closed_starts import closed_starts
 
 RowReward = Callable[
     [Float[np.ndarray, "B S"], Float[np.ndarray, "B C"], Float[np.ndarray, "B S"], float],
@@ -74,6 +75,19 @@ class EpisodeRules:
     """Whether episodes are truncated before `steps`; used while policies learn."""
     disturb: Disturbance | None = None
     """Changes to bodies between two steps, such as new commands; used while policies learn."""
+
+
+def drawn_starts(
+    rules: EpisodeRules, emulator: Emulator, random: Sequence[np.random.Generator]
+) -> Float[np.ndarray, "R S"]:
+    """Return the starts that `rules` draw from each of `random`, with parts that are tied together meeting.
+
+    Raises ArgumentError for rules that draw no starts, or other states than the emulator's.
+    """
+    if rules.draw_start is None:
+        raise ArgumentError("rules: wanted rules with draw_start, which draws starts.")
+    starts = np.stack([rules.draw_start(rng) for rng in random])
+    return closed_starts(emulator.spec, emulator.state.check(starts, "rules.draw_start"))
 
 
 Reward = Callable[[Array, Array, Array], Any]

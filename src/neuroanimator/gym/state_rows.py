@@ -14,9 +14,10 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.batched_step import step_rows
-from neuroanimator.gym.rules import EpisodeRules
+from neuroanimator.gym.rules import EpisodeRules, drawn_starts
 from neuroanimator.gym.vector_env import EpisodeRows, Outcome
 from neuroanimator.state.slowness import slowness
+from neuroanimator.systems.closed_starts import closed_starts
 from neuroanimator.systems.system import Scheme, System
 
 SECONDS = 10.0
@@ -129,8 +130,7 @@ class StateRows(EpisodeRows):
     def draw(self, random: Sequence[np.random.Generator]) -> Float[np.ndarray, "R S"]:
         if self._rules.draw_start is None:
             return starts_near_rest(self.emulator, self._noise, random)
-        starts = np.stack([self._rules.draw_start(rng) for rng in random])
-        return self.emulator.state.check(starts, "rules.draw_start")
+        return drawn_starts(self._rules, self.emulator, random)
 
     def check(self, start: ArrayLike) -> Float[np.ndarray, "*B S"]:
         return self.emulator.state.check(start, "state")
@@ -171,4 +171,4 @@ def starts_near_rest(
     changes = np.concatenate([still, drawn])
     latent = np.tile(emulator.encode(rest), (len(changes), 1))
     states = emulator.decode(frame.apply(latent, changes))
-    return rest + (states[1:] - states[0])
+    return closed_starts(emulator.spec, rest + (states[1:] - states[0]))

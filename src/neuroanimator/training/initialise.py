@@ -279,6 +279,7 @@ def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
         rates=system.structure.rates,
         rest=tuple(float(value) for value in system.rest),
         definition=system.definition_text,
+        is_tied=system.is_tied,
         gait=system.gait,
     )
 

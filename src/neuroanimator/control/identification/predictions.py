@@ -98,10 +98,9 @@ class Predictor:
         latents = starts.copy()
         latents[..., self._places.moving :] = values[:, None, : self._places.parameters]
         bodies = np.asarray(self.emulator.decode(latents), float)
+        possible, _ = system.closed(bodies.reshape(count * windows, -1))
         held = np.tile(system.bounds.clip(self._held), (count, 1, 1))
-        runs = system.simulate_fastest(
-            bodies.reshape(count * windows, -1), held, self.emulator.dt, scheme
-        )
+        runs = system.simulate_fastest(possible, held, self.emulator.dt, scheme)
         states = np.where(runs.has_diverged[:, None, None], np.nan, runs.states)
         motions = states.reshape(count, windows, *states.shape[1:])
         shown = [

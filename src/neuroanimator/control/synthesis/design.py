@@ -88,7 +88,8 @@ def design(
     found = descend(emulator, objective, state, steps=steps, options=searched)
     best = nominal
     begin = state
-    for start_found, controls in zip(found.candidate_starts, found.candidates, strict=True):
+    starts, is_closed = system.closed(found.candidate_starts)
+    for start_found, controls in zip(starts[is_closed], found.candidates[is_closed], strict=True):
         # No more sweeps than after a correction: these would follow the emulator's errors.
         again = replace(options, first=controls, starts=1, iterations=CORRECTING_ITERATIONS)
         other = proved(start_found, again)

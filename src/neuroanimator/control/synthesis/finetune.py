@@ -15,7 +15,6 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.unfinished import temporary_folder
-from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train
@@ -164,7 +163,7 @@ def transitions_near(
     length = system.window_steps
     steps = rng.integers(0, max(1, len(controls) - length + 1), count)
     bounds = system.bounds
-    starts = scattered(Frame.of(system.structure, 0.0), states, steps, rng)
+    starts = scattered(system, states, steps, rng)
     windows = np.minimum(steps[:, None] + np.arange(length), len(controls) - 1)
     noise = rng.normal(size=(count, length, len(bounds.half)))
     held = bounds.clip(controls[windows] + noise * CONTROL_SPREAD * bounds.half)

@@ -21,7 +21,6 @@ from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weakness.config import RUN_LENGTH, ImprovementConfig
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.arrays import as_rows
-from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 
 MAX_SPEED_UP = 2.0
@@ -122,7 +121,7 @@ def draw_near(
 ) -> Drawn:
     """Return starts and controls scattered around a motion: states (M+1, S) under controls (M, C)."""
     steps = rng.integers(0, len(controls), count)
-    starts = scattered(Frame.of(system.structure, 0.0), states, steps, rng)
+    starts = scattered(system, states, steps, rng)
     held = controls[np.minimum(steps[:, None] + np.arange(RUN_LENGTH), len(controls) - 1)]
     noise = rng.normal(size=held.shape) * CONTROL_NOISE * system.bounds.half
     return starts, system.bounds.clip(held + noise)
