@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
@@ -229,15 +229,26 @@ def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> Float[n
     return np.repeat(values, hold, axis=0)[:steps]
 
 
-def scattered(
-    system: System, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Return states (N, S) around those of a motion (T+1, S) at `steps` (N,), spread in proportion to the motion.
+def runs_near(
+    system: System,
+    states: Float[np.ndarray, "F S"],
+    controls: Float[np.ndarray, "M C"],
+    steps: Int[np.ndarray, " N"],
+    length: int,
+    noise: float,
+    rng: np.random.Generator,
+) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]:
+    """Return starts around a motion, and controls of `length` super steps like its own: (F = M+1 states) under `controls`.
 
-    Those near which parts that are tied together do not meet stay on the motion.
+    They begin near `steps` (N,), with a spread in proportion to the motion; those near which parts that are tied together
+    do not meet begin on it. `noise` of controls is a share of half their range.
     """
     frame = Frame.of(system.structure, 0.0)
     spread = frame.difference(states[:1], states).std(axis=0)
-    noise = rng.normal(size=(len(steps), len(spread)))
-    near, is_closed = system.closed(frame.apply(states[steps], noise * STATE_SPREAD * spread))
-    return np.where(is_closed[:, None], near, states[steps])
+    offsets = rng.normal(size=(len(steps), len(spread))) * STATE_SPREAD * spread
+    near, is_closed = system.closed(frame.apply(states[steps], offsets))
+    starts = np.where(is_closed[:, None], near, states[steps])
+    windows = np.minimum(steps[:, None] + np.arange(length), len(controls) - 1)
+    held = controls[windows]
+    change = rng.normal(size=held.shape) * noise * system.bounds.half
+    return starts, system.bounds.clip(held + change)

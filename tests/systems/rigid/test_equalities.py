@@ -8,7 +8,7 @@ import pytest
 from closed_chains import FINGERS, FOUR_BAR, GAP, MODELS, assert_closed, system_of
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.data.sampling import sample_starts, scattered
+from neuroanimator.data.sampling import runs_near, sample_starts
 from neuroanimator.definitions.model import Definition
 from neuroanimator.systems.rigid.equalities import close_states
 from neuroanimator.systems.rigid.model_system import ModelSystem
@@ -48,9 +48,17 @@ def test_every_start_satisfies_the_equalities_of_its_model(kind: str):
 
 def test_random_loops_are_closed():
     rng = np.random.default_rng(1)
-    for _ in range(25):
+    for _ in range(15):
         system = system_of(random_loop(rng))
         assert_closed(system, system.sample_starts(rng, 5))
+
+
+def test_sparse_jacobians_close_loops_as_dense_ones_do():
+    dense = system_of(MODELS["parallel robot"])
+    sparse = system_of('<option jacobian="sparse"/>' + MODELS["parallel robot"])
+    assert mujoco.mj_isSparse(sparse.model)
+    first, second = (one.sample_starts(np.random.default_rng(0), 5) for one in (dense, sparse))
+    np.testing.assert_allclose(first, second, atol=1e-6)
 
 
 def test_a_loop_keeps_the_way_it_is_assembled():
@@ -134,8 +142,9 @@ def test_states_scattered_about_a_motion_satisfy_the_equalities():
     system = system_of(FOUR_BAR)
     controls = np.full((1, 60, 1), 0.1)
     motion = system.simulate(system.rest[None], controls, 0.02).states[0]
-    steps = np.arange(60)
-    assert_closed(system, scattered(system, motion, steps, np.random.default_rng(0)))
+    rng = np.random.default_rng(0)
+    starts, _ = runs_near(system, motion, controls[0], np.arange(60), 4, 0.1, rng)
+    assert_closed(system, starts)
 
 
 def test_bodies_of_a_family_are_closed_with_their_own_parameters():

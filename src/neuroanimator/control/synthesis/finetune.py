@@ -10,7 +10,7 @@ import numpy as np
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.sampling import scattered
+from neuroanimator.data.sampling import runs_near
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
@@ -162,11 +162,7 @@ def transitions_near(
     rng = np.random.default_rng([seed, NEARBY_SEED])
     length = system.window_steps
     steps = rng.integers(0, max(1, len(controls) - length + 1), count)
-    bounds = system.bounds
-    starts = scattered(system, states, steps, rng)
-    windows = np.minimum(steps[:, None] + np.arange(length), len(controls) - 1)
-    noise = rng.normal(size=(count, length, len(bounds.half)))
-    held = bounds.clip(controls[windows] + noise * CONTROL_SPREAD * bounds.half)
+    starts, held = runs_near(system, states, controls, steps, length, CONTROL_SPREAD, rng)
     runs = system.simulate(starts, held, data.config.substeps * system.physics_dt)
     whole = ~runs.has_diverged
     return replace(

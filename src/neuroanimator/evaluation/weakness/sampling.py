@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from neuroanimator.data.sampling import sample_control_runs, scattered
+from neuroanimator.data.sampling import runs_near, sample_control_runs
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import step
@@ -121,10 +121,7 @@ def draw_near(
 ) -> Drawn:
     """Return starts and controls scattered around a motion: states (M+1, S) under controls (M, C)."""
     steps = rng.integers(0, len(controls), count)
-    starts = scattered(system, states, steps, rng)
-    held = controls[np.minimum(steps[:, None] + np.arange(RUN_LENGTH), len(controls) - 1)]
-    noise = rng.normal(size=held.shape) * CONTROL_NOISE * system.bounds.half
-    return starts, system.bounds.clip(held + noise)
+    return runs_near(system, states, controls, steps, RUN_LENGTH, CONTROL_NOISE, rng)
 
 
 def rate_entries(system: System) -> list[int]:
