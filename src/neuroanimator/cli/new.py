@@ -51,6 +51,16 @@ def run(
             help="Folder that may hold the model's includes and meshes; the model's own if not given."
         ),
     ] = None,
+    resample: Annotated[
+        bool,
+        typer.Option(
+            "--resample", help="Interpolate recordings whose samples are not evenly spaced."
+        ),
+    ] = False,
+    velocities: Annotated[
+        bool,
+        typer.Option("--velocities", help="Estimate velocities that recordings do not hold."),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write its definition for emulators: a TOML file to read, edit and generate from."""
@@ -64,6 +74,8 @@ def run(
             passive=tuple(passive or ()),
             name=name,
             tree=tree,
+            resample=resample,
+            velocities=velocities,
         )
     definition = proposal.definition
     dt = definition.substeps * definition.physics.step

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,13 +44,15 @@ def write_definition(
     passive: tuple[str, ...] = (),
     name: str = "",
     tree: Path | None = None,
+    resample: bool = False,
+    velocities: bool = False,
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    called in trial runs. `keyframe`, `base`, `passive` and `tree` are as in `propose`; the system is called `name`, or
-    after the file or the id. Beside the model or above it, `out` names it by its relative path, elsewhere by its absolute
-    path.
+    called in trial runs. `keyframe`, `base`, `passive` and `tree` are as in `propose`, `resample` and `velocities` as in
+    `propose_recording`; the system is called `name`, or after the file or the id. Beside the model or above it, `out`
+    names it by its relative path, elsewhere by its absolute path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
     recordings, or if `name` is invalid or taken; BadFileError for what cannot be emulated.
@@ -66,12 +70,20 @@ def write_definition(
         raise ArgumentError(
             f"{path} exists, and may hold your edits. --force overwrites it; --out names another."
         )
+    propose_file = PROPOSERS.get(source.suffix)
+    preparation = {"resample": resample, "velocities": velocities}
+    if any(preparation.values()):
+        if propose_file is not propose_recording:
+            raise ArgumentError(
+                f"{source}: --resample and --velocities are for recordings. Leave them out."
+            )
+        propose_file = partial(propose_recording, **preparation)
     changes: dict[str, Any] = {"name": name} if name else {}
     if task is not None:
         changes["task"] = task
-    if source.suffix in PROPOSERS:
+    if propose_file is not None:
         has_model_options = keyframe or base != "fixed" or passive or tree is not None
-        proposal = _propose_without_model(source, path, bool(has_model_options))
+        proposal = _propose_without_model(source, path, bool(has_model_options), propose_file)
     else:
         proposal = propose(
             source,
@@ -115,7 +127,12 @@ def _seen_from(toml: Path, path: Path) -> str:
     return place.as_posix()
 
 
-def _propose_without_model(source: Path, path: Path, has_model_options: bool) -> Proposal:
+def _propose_without_model(
+    source: Path,
+    path: Path,
+    has_model_options: bool,
+    propose_file: Callable[[Path], Proposal],
+) -> Proposal:
     """Return the proposal for a step function or recordings, by the suffix of the file."""
     if path.parent.resolve() != source.parent.resolve():
         raise ArgumentError(
@@ -128,7 +145,7 @@ def _propose_without_model(source: Path, path: Path, has_model_options: bool) ->
         )
     # Proposing a step function's definition runs the file: the user asks for both.
     trust_file(source)
-    return PROPOSERS[source.suffix](source)
+    return propose_file(source)
 
 
 def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, TaskTable | None, float]:

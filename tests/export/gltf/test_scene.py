@@ -124,12 +124,23 @@ def test_a_table_round_trip_keeps_the_clip(clip: Clip, shipped: Emulator, tmp_pa
     assert again.rate == pytest.approx(30)
 
 
+def test_a_table_with_times_in_milliseconds_is_read_at_its_rate(
+    clip: Clip, shipped: Emulator, tmp_path: Path
+):
+    write_clip(clip, tmp_path / "a.csv", shipped.state)
+    header, *rows = (tmp_path / "a.csv").read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    rounded = [f"{float(time):.3f},{rest}" for time, rest in cells]
+    (tmp_path / "a.csv").write_text("\n".join([header, *rounded]))
+    assert read_clip(tmp_path / "a.csv", shipped).rate == pytest.approx(clip.rate, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda text: text.replace("angle[0] rad", "angle"), "wanted the header"),
         (lambda text: text.splitlines()[0] + "\n", "no rows"),
-        (lambda text: text + "1,2,3\n", "line 33: wanted 7 finite numbers"),
+        (lambda text: text + "1,2,3\n", "line 33: 3 cells; wanted 7"),
         (lambda text: text + "nan,0,0,0,0,0,0\n", "line 33"),
         (lambda text: text + "x,0,0,0,0,0,0\n", "line 33"),
         (lambda text: text + "9,0,0,0,0,0,0\n", "evenly spaced"),
