@@ -17,7 +17,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.weakness.config import ImprovementConfig
 from neuroanimator.evaluation.weakness.fine_tune import fine_tune
 from neuroanimator.evaluation.weakness.improve import ErrorChange, improve, read_old_data
-from neuroanimator.export.csv_file import read_table
+from neuroanimator.export.csv_file import read_controls
 from neuroanimator.state.start import read_starts
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
@@ -122,7 +122,7 @@ def _improve(
     """Improve an emulator where it is weak, under progress bars."""
     if start and not controls:
         raise ArgumentError("start: applies to --controls only. Give --controls, too.")
-    controllers = {str(path): read_table(path, model.control)[1] for path in controls}
+    controllers = {str(path): read_controls(path, model) for path in controls}
     start_state = named_start(model, read_starts(start)) if start else None
     with (
         progress_bar("rounds", config.rounds) as round_bar,

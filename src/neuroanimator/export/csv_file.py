@@ -25,6 +25,9 @@ MAX_TABLE = 256 * 2**20
 MAX_HEADER = 400
 """Maximum number of characters of the right header that an error shows."""
 
+OTHER_RATE = 0.01
+"""Difference of an interval between controls from a super step, as a share of it, from which they are of another rate."""
+
 UNEVEN = 1e-4
 """Largest difference of an interval from the first one, as a share of it: tables hold nine digits."""
 
@@ -75,6 +78,20 @@ def read_table(
         raise BadFileError(f"{path} holds no rows below its header.")
     times = table.values[:, 0]
     return straightened(times, resolution_of(times, table.places)), table.values[:, 1:]
+
+
+def read_controls(path: Path, emulator: Emulator) -> Float[np.ndarray, "T C"]:
+    """Return the controls in a table written for `emulator`, one per super step; BadFileError for a table at another rate."""
+    times, controls = read_table(path, emulator.control)
+    intervals = np.diff(times)
+    wrong = np.flatnonzero(np.abs(intervals - emulator.dt) > OTHER_RATE * emulator.dt)
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        raise BadFileError(
+            f"{path}, row {row}: {intervals[row - 1]:.6g} s after the row before; wanted {emulator.dt:g} s, a super step of "
+            f"{emulator.system}. Resample the controls, or use the emulator that they were found for."
+        )
+    return controls
 
 
 def write_clip(clip: Clip, path: str | Path, layout: Layout) -> None:

@@ -304,7 +304,7 @@ def _fast_turns(names: list[str], runs: Runs, turning: Int[np.ndarray, " T"]) ->
         if turn > MAX_TURN_BETWEEN_SAMPLES:
             yield (
                 f"state.{names[entry]}: turns by {turn:.2g} rad and more between two samples, and half a turn one way looks like "
-                "half a turn the other way. Sample faster."
+                f"half a turn the other way. Sample faster; if it is in degrees, call it '{names[entry]} deg'."
             )
 
 

@@ -23,6 +23,7 @@ from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
+from neuroanimator.export.csv_file import read_controls, write_table
 from neuroanimator.export.film import graphics
 from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.state.rotation import rotation_matrices
@@ -122,6 +123,18 @@ def test_a_table_round_trip_keeps_the_clip(clip: Clip, shipped: Emulator, tmp_pa
     again = read_clip(tmp_path / "a.csv", shipped)
     np.testing.assert_allclose(again.states, clip.states, rtol=1e-7, atol=1e-8)
     assert again.rate == pytest.approx(30)
+
+
+def test_controls_at_another_rate_are_refused_by_row(shipped: Emulator, tmp_path: Path):
+    path = tmp_path / "c.csv"
+    controls = np.ones((9, shipped.control.size))
+    times = shipped.dt * np.arange(9)
+    write_table(path, times, controls, shipped.control)
+    np.testing.assert_array_equal(read_controls(path, shipped), controls)
+    for wrong in (2 * times, 1e3 * times, np.delete(np.append(times, 9 * shipped.dt), 4)):
+        write_table(path, wrong, controls, shipped.control)
+        with pytest.raises(NeuroAnimatorError, match=r"c.csv, row \d: .* wanted 0.05 s"):
+            read_controls(path, shipped)
 
 
 def test_a_table_with_times_in_milliseconds_is_read_at_its_rate(

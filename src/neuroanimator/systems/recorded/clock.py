@@ -32,6 +32,9 @@ FEW_GAPS = 3
 ROUNDING = 1e-6
 """Relative difference within which a round number stands for a step: the one that was meant."""
 
+SURE = 3.0
+"""Number of standard deviations of a fitted step within which a round number stands for it."""
+
 COARSEST = 10.0
 """Largest resolution, in samples, with which a clock still tells a rate."""
 
@@ -174,9 +177,14 @@ def _step(
     number = np.arange(len(times)) - begins[section]
     since = times - times[begins][section]
     number = number - (np.bincount(section, number) / counts)[section]
+    since = since - (np.bincount(section, since) / counts)[section]
     weight = float(number @ number)
-    step = float(number @ since) / weight if weight else usual
-    margin = max(finest / int(counts.max()), ROUNDING * abs(step))
+    step = usual
+    error = 0.0
+    if weight:
+        step = float(number @ since) / weight
+        error = SURE * float((since - step * number).std()) / np.sqrt(weight)
+    margin = max(error, finest / int(counts.max()), ROUNDING * abs(step))
     for digits in range(1, DIGITS):
         rate = float(f"{1 / step:.{digits}g}") if step > 0 else np.inf
         for rounded in (1 / rate, float(f"{step:.{digits}g}")):

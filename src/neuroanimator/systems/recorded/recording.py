@@ -187,6 +187,6 @@ def _refuse_clock(
     worst = int(clock.wrong[np.argmax(np.abs(intervals[clock.wrong] - clock.step))])
     raise BadFileError(
         f"{name}: the clock drifts or jitters: rows are {inside.min():.6g} to {inside.max():.6g} s apart, on average "
-        f"{clock.step:.6g} s ({1 / clock.step:.6g} a second); {share:.2g} % are off, most in "
+        f"{clock.step:.6g} s ({1 / clock.step:.6g} a second); {share:.3g} % are off, most in "
         f"{samples.where(worst + 1)}. {remedy}."
     )
