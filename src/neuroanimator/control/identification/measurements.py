@@ -15,7 +15,12 @@ from scipy.interpolate import CubicSpline
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.evaluation.weakness.fine_tune import MAX_TIME_ERROR, unwrapped, vocabulary_of
+from neuroanimator.evaluation.weakness.fine_tune import (
+    MAX_TIME_ERROR,
+    held_controls,
+    unwrapped,
+    vocabulary_of,
+)
 from neuroanimator.systems.recorded.recording import Recording, open_recording
 from neuroanimator.systems.recorded.resample import held_means
 
@@ -135,15 +140,11 @@ def _on_grid(recording: Recording, emulator: Emulator) -> tuple[tuple[int, ...],
     """Return (state entries that were measured, the runs on the grid of super steps)."""
     names = vocabulary_of(emulator)["state"]
     entries = tuple(names.index(" ".join(column)) for column in recording.state)
-    controls = _control_order(recording, emulator)
     grids = []
-    for run, states in enumerate(recording.states):
+    for states, held in zip(recording.states, held_controls(recording, emulator), strict=True):
         measured = np.full((len(states), emulator.state.size), np.nan)
         measured[:, list(entries)] = states
         measured = unwrapped(measured, emulator)
-        held = np.tile(emulator.bounds.idle, (len(states), 1))
-        if controls:
-            held = recording.controls[run][:, controls]
         grid = _resampled(recording, measured, held, emulator)
         if len(grid.controls) >= MIN_STEPS:
             grids.append(grid)
@@ -154,20 +155,6 @@ def _on_grid(recording: Recording, emulator: Emulator) -> tuple[tuple[int, ...],
             "Record longer."
         )
     return entries, grids
-
-
-def _control_order(recording: Recording, emulator: Emulator) -> list[int]:
-    """Return the column of each control; none if the recording has no controls at all."""
-    if not recording.control:
-        return []
-    names = vocabulary_of(emulator)["control"]
-    entries = [names.index(" ".join(column)) for column in recording.control]
-    missing = [name for number, name in enumerate(names) if number not in entries]
-    if missing:
-        raise BadFileError(
-            f"{recording.file}: no column 'control.{missing[0]}'. Add it: zeros, where that motor did nothing."
-        )
-    return [entries.index(number) for number in range(len(names))]
 
 
 def _resampled(

@@ -26,7 +26,7 @@ from neuroanimator.evaluation.weakness.improve import (
 from neuroanimator.evaluation.weakness.learning import mix_windows, train_on
 from neuroanimator.evaluation.weakness.sampling import Runs, join_runs
 from neuroanimator.systems.recorded.columns import Vocabulary, column_names
-from neuroanimator.systems.recorded.recording import open_recording
+from neuroanimator.systems.recorded.recording import Recording, open_recording
 from neuroanimator.systems.recorded.rotations import without_jumps
 from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report
@@ -133,13 +133,6 @@ def read_runs(path: str | Path, emulator: Emulator, *, resample: bool = False) -
     vocabulary = vocabulary_of(emulator)
     recording = open_recording(Path(path), vocabulary, is_resampled=resample)
     state_order = _order(recording.file, vocabulary, "state", recording.state)
-    control_order = []
-    if recording.control:
-        control_order = _order(recording.file, vocabulary, "control", recording.control)
-    controls = []
-    for held in recording.controls:
-        idle = np.tile(emulator.bounds.idle, (len(held), 1))
-        controls.append(held[:, control_order] if recording.control else idle)
     body = emulator.rest[len(state_order) :]
     states = tuple(
         unwrapped(np.hstack([run[:, state_order], np.tile(body, (len(run), 1))]), emulator)
@@ -148,9 +141,17 @@ def read_runs(path: str | Path, emulator: Emulator, *, resample: bool = False) -
     return RecordedRuns(
         recording.file,
         states,
-        tuple(controls),
+        held_controls(recording, emulator),
         _substeps(recording.file, recording.step, emulator.dt),
     )
+
+
+def held_controls(recording: Recording, emulator: Emulator) -> tuple[Float[np.ndarray, "_ C"], ...]:
+    """Return the controls of each run in the emulator's order: idle ones if the recording has none, as in a free swing."""
+    if not recording.control:
+        return tuple(np.tile(emulator.bounds.idle, (len(run), 1)) for run in recording.states)
+    order = _order(recording.file, vocabulary_of(emulator), "control", recording.control)
+    return tuple(held[:, order] for held in recording.controls)
 
 
 def vocabulary_of(emulator: Emulator) -> dict[str, list[str]]:
