@@ -56,6 +56,27 @@ def test_a_table_says_where_and_how_turned(tmp_path: Path):
     np.testing.assert_allclose(headings, [3, 3.75])
 
 
+def test_a_path_in_other_notations_is_the_same_path(tmp_path: Path):
+    times = np.arange(200) / 60
+    headings = 2 * times
+    plain = [f"{t:.6f},{1000 * t:.4f},0,1,{h:.9f}" for t, h in zip(times, headings, strict=True)]
+    (tmp_path / "plain.csv").write_text("\n".join(["time,x,y,z,heading", *plain]))
+    other = []
+    for time, heading in zip(times, headings, strict=True):
+        degrees = (np.rad2deg(heading) + 180) % 360 - 180
+        millimetres = f"{1e6 * time:,.1f}".replace(",", " ").replace(".", ",")
+        other.append(f"{1e3 * time:.0f};{millimetres};0;1000;{degrees:.7f}".replace(".", ","))
+    header = "Time [ms];x (mm);y (mm);z (mm);heading [deg]"
+    (tmp_path / "other.csv").write_text("\n".join([header, *other]))
+    wanted = read_path(tmp_path / "plain.csv")
+    found = read_path(tmp_path / "other.csv")
+    assert wanted.headings is not None
+    np.testing.assert_allclose(found.times, wanted.times, atol=1e-3)
+    np.testing.assert_allclose(np.diff(found.times), 1 / 60, rtol=1e-9)
+    np.testing.assert_allclose(found.positions, wanted.positions, atol=1e-3)
+    np.testing.assert_allclose(found.headings, wanted.headings, atol=1e-6)
+
+
 def test_headings_of_quaternions_do_not_jump(tmp_path: Path):
     angles = np.linspace(0, 4 * np.pi, 60)
     rows = [
