@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.data.sampling import sample_controls
-from neuroanimator.evaluation.weakness.fine_tune import column_names
+from neuroanimator.systems.recorded.columns import column_names
 from neuroanimator.systems.system import System
 
 NOISE = 0.01

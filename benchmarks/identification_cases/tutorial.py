@@ -22,8 +22,8 @@ from identification_cases.emulators import Case, Made, made
 from identification_cases.toolbox import run_toolbox
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.evaluation.weakness.fine_tune import column_names
 from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.recorded.columns import column_names
 
 STEP = 0.002
 """Physics step of all models, and time between samples of all recordings [s]."""

@@ -56,6 +56,27 @@ def test_a_table_says_where_and_how_turned(tmp_path: Path):
     np.testing.assert_allclose(headings, [3, 3.75])
 
 
+def test_a_path_in_other_notations_is_the_same_path(tmp_path: Path):
+    times = np.arange(200) / 60
+    headings = 2 * times
+    plain = [f"{t:.6f},{1000 * t:.4f},0,1,{h:.9f}" for t, h in zip(times, headings, strict=True)]
+    (tmp_path / "plain.csv").write_text("\n".join(["time,x,y,z,heading", *plain]))
+    other = []
+    for time, heading in zip(times, headings, strict=True):
+        degrees = (np.rad2deg(heading) + 180) % 360 - 180
+        millimetres = f"{1e6 * time:,.1f}".replace(",", " ").replace(".", ",")
+        other.append(f"{1e3 * time:.0f};{millimetres};0;1000;{degrees:.7f}".replace(".", ","))
+    header = "Time [ms];x (mm);y (mm);z (mm);heading [deg]"
+    (tmp_path / "other.csv").write_text("\n".join([header, *other]))
+    wanted = read_path(tmp_path / "plain.csv")
+    found = read_path(tmp_path / "other.csv")
+    assert wanted.headings is not None
+    np.testing.assert_allclose(found.times, wanted.times, atol=1e-3)
+    np.testing.assert_allclose(np.diff(found.times), 1 / 60, rtol=1e-9)
+    np.testing.assert_allclose(found.positions, wanted.positions, atol=1e-3)
+    np.testing.assert_allclose(found.headings, wanted.headings, atol=1e-6)
+
+
 def test_headings_of_quaternions_do_not_jump(tmp_path: Path):
     angles = np.linspace(0, 4 * np.pi, 60)
     rows = [
@@ -120,13 +141,16 @@ def test_a_clip_written_is_the_path_that_is_read(tmp_path: Path):
     [
         ("time,x,y,z\n0,0,0,0\n", "at least two times, got 1"),
         ("time,x,y\n0,0,0\n1,0,0\n", "no column 'z'. .*Columns: 'time', 'x', 'y'"),
-        ("time,x,y,z\n0,0,0,0\n1,nan,0,0\n", "not finite"),
-        ("time,x,y,z\n0,0,0,0\n1,,0,0\n", "line 3: wanted numbers, got '1,,0,0'"),
+        ("time,x,y,z\n0,0,0,0\n1,nan,0,0\n", r"line 3, column 2 \(x\): wanted a finite number"),
+        (
+            "time,x,y,z\n0,0,0,0\n1,,0,0\n",
+            r"line 3, column 2 \(x\): wanted a finite number, got ''",
+        ),
         ("time,x,y,z\n0,0,0,0\n1,0,0\n", "line 3: 3 cells; wanted 4"),
         ("time,x,y,z\n0,0,0,0\n0,0,0,0\n", "rising times, got 0 s after 0 s"),
         ("time,x,y,z\n0,0,0,0\n1,0,0,0\n2,0,0,0\n90,0,0,0\n", "nothing between 2 s and 90 s"),
         ("time,x,y,z\n0,0,0,0\n1800,0,0,0\n3601,0,0,0\n", "wanted at most 3600"),
-        ("time,x [cm],y,z\n0,0,0,0\n1,0,0,0\n", "'x' is in 'cm'. Convert it to metres"),
+        ("time,x [s],y,z\n0,0,0,0\n1,0,0,0\n", "'x' is in 's'. Convert it to metres"),
         ("time,x,x,y,z\n0,0,0,0,0\n1,0,0,0,0\n", "two columns are called 'x'"),
         ("time,x,y,z,qw,qx,qy,qz\n0,0,0,0,0,0,0,0\n1,0,0,0,1,0,0,0\n", "quaternion of zeros"),
         ("", "Columns: none"),

@@ -126,7 +126,10 @@ NPZ = {
     "no rows": (saved(time=[], states=np.zeros((0, 1)), controls=np.zeros((0, 1))), "0 rows"),
     "a time that stands still": (saved(time=np.zeros(3)), "after the row before"),
     "a time in almost nothing": (saved(time=TIMES * 1e-300), "Give the time in seconds"),
-    "very many columns": (saved(state_names=np.array(["a rad"] * 1000)), "1,000 state columns"),
+    "very many columns": (
+        saved(state_names=np.array(["a rad"] * 1000)),
+        "lists 1000 names for 1 columns",
+    ),
 }
 
 HEAD = "run,time s,state.angle rad,control.torque N·m\n"
@@ -159,8 +162,8 @@ CLIP = "time s,angle[0] rad,angle[1] rad,speed[0] rad/s\n"
 CLIPS = {
     "a cell over 131,072 characters": (CLIP + "0,1,2," + "1" * 140_000, "characters in a line"),
     "no number": (CLIP + "0,1,2,x\n", "line 2"),
-    "an infinite number": (CLIP + "0,1,2,1e999\n", "line 2: wanted 4 finite numbers"),
-    "too few": (CLIP + "0,1,2\n", "line 2: wanted 4 finite numbers"),
+    "an infinite number": (CLIP + "0,1,2,1e999\n", "wanted a finite number"),
+    "too few": (CLIP + "0,1,2\n", "line 2: 3 cells; wanted 4"),
     "no rows": (CLIP, "no rows"),
     "nothing": ("", "wanted the header"),
     "no text": (CLIP.encode() + b"\xff", "not text in UTF-8"),

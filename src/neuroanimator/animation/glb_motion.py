@@ -15,6 +15,7 @@ from neuroanimator.animation.interpolate import hermite_cubic
 from neuroanimator.files.glb import Glb, object_at, objects_in
 from neuroanimator.files.numbers import entries, numbers, whole
 from neuroanimator.state.rotation import conjugate, multiply, quaternions_of, rotate
+from neuroanimator.systems.recorded.clock import resolution_of, straightened
 from neuroanimator.text import did_you_mean, listed, quoted
 
 MAX_DEPTH = 1000
@@ -190,7 +191,7 @@ def _tracks(
 def _rising(times: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     if times[0] < 0 or times[-1] > MAX_VALUE or (np.diff(times) <= 0).any():
         raise ValueError("keyframe times that do not rise, or are negative")
-    return times
+    return straightened(times, resolution_of(times.astype(np.float32)))
 
 
 def _track(file: Glb, sampler: dict[str, Any], name: str, times: np.ndarray) -> Track:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-from array import array
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,10 +12,11 @@ from jaxtyping import Float
 from neuroanimator.animation.glb_motion import node_motion
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import one_line, read_bounded
-from neuroanimator.files.csv_text import csv_rows
 from neuroanimator.files.glb import read_glb
-from neuroanimator.files.numbers import number_in
-from neuroanimator.systems.recorded.columns import without_brackets
+from neuroanimator.files.number_table import read_header, read_numbers
+from neuroanimator.state.units import converted_unit
+from neuroanimator.systems.recorded.clock import resolution_of, straightened
+from neuroanimator.systems.recorded.columns import TIME, time_column, without_brackets
 from neuroanimator.text import did_you_mean, listed, quoted
 
 MAX_TABLE = 64 * 2**20
@@ -29,7 +28,7 @@ MAX_SECONDS = 3600.0
 MAX_COORDINATE = 1e6
 """Maximum coordinate [m], angle [rad] or time [s]."""
 
-UNITS = {"s": "seconds", "m": "metres", "rad": "radians"}
+UNITS = {"m": "metres", "rad": "radians", "1": "plain numbers"}
 """Units of columns, where a header gives any, and their names in messages."""
 
 MAX_GAP = 10.0
@@ -88,26 +87,14 @@ class RecordedPath:
         return positions, np.interp(times, self.times, self.headings)
 
 
-class _Columns(NamedTuple):
-    """Indices of a table's columns."""
-
-    time: int
-    position: tuple[int, ...]
-    orientation: tuple[int, ...]
-    """One for a heading, four for a quaternion wxyz, none if the table has neither."""
-
-    @property
-    def all(self) -> tuple[int, ...]:
-        return (self.time, *self.position, *self.orientation)
-
-
 def read_path(source: str | Path) -> RecordedPath:
     """Return the path in a file: `walk.csv`, `walk.csv:torso` or `walk.glb:Spine2`.
 
     A CSV table has columns `time` [s], `x`, `y`, `z` [m], and optionally `heading` [rad] or a quaternion `qw`, `qx`,
-    `qy`, `qz`. A name after a colon picks another position: the columns `torso[0]`, `torso[1]`, `torso[2]`, as
-    `animate --out x.csv` writes them, with `torso_heading`, or those of `root.position` with `root.orientation`. For a
-    GLB file it is the name of a node, whose position in the world is taken along the first animation.
+    `qy`, `qz`; other units are named, as in `x mm`. A name after a colon picks another position: the columns `torso[0]`,
+    `torso[1]`, `torso[2]`, as `animate --out x.csv` writes them, with `torso_heading`, or those of `root.position` with
+    `root.orientation`. For a GLB file it is the name of a node, whose position in the world is taken along the first
+    animation.
 
     Raises ArgumentError if `source` names no such file, BadFileError if the file is faulty.
     """
@@ -138,27 +125,26 @@ def _headings(orientations: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, " T"]
 
 
 def _from_csv(path: Path, part: str | None) -> RecordedPath:
-    rows = csv_rows(read_bounded(path, MAX_TABLE))
-    numbers = array("d")
+    content = read_bounded(path, MAX_TABLE)
+    position, turns = _names_of(part)
     try:
-        _, header = next(rows, (0, []))
-        columns = _columns(header, part, str(path))
-        for line, cells in rows:
-            if cells:
-                numbers.extend(_row(cells, columns, len(header), f"{path}, line {line}"))
+        header = read_header(content, lambda cells: position[0] in map(_name, cells))
     except ValueError as error:
         raise BadFileError(f"{path}, {one_line(error)}.") from error
-    table = np.array(numbers).reshape(-1, len(columns.all))
-    _refuse_gaps(table[:, 0], path)
+    columns, factors = _columns(header.cells, position, turns, str(path))
+    read = read_numbers(content, header, columns, str(path))
+    table = read.values * factors
+    times = straightened(table[:, 0], factors[0] * resolution_of(read.values[:, 0], read.places))
+    _refuse_gaps(times, path)
     turned = table[:, 4:]
     headings = None
-    if len(columns.orientation) == 1:
-        headings = turned[:, 0]
-    elif columns.orientation:
+    if turned.shape[1] == 1:
+        headings = np.unwrap(turned[:, 0])
+    elif turned.shape[1]:
         if (np.linalg.norm(turned, axis=1) < SHORTEST).any():
             raise BadFileError(f"{path}: a quaternion of zeros is no rotation. Remove the row.")
         headings = _headings(turned)
-    return RecordedPath(str(path), table[:, 0], table[:, 1:4], headings)
+    return RecordedPath(str(path), times, table[:, 1:4], headings)
 
 
 def _refuse_gaps(times: Float[np.ndarray, " T"], path: Path) -> None:
@@ -171,43 +157,46 @@ def _refuse_gaps(times: Float[np.ndarray, " T"], path: Path) -> None:
         )
 
 
-def _columns(header: list[str], part: str | None, where: str) -> _Columns:
-    """Return the indices of the columns; BadFileError if some are missing, or in another unit."""
-    units: dict[str, str] = {}
-    names = []
-    for cell in header:
-        name, _, unit = without_brackets(cell).partition(" ")
-        names.append(name)
-        units[name] = unit.strip()
-    position, turns = _names_of(part)
-    missing = [name for name in ("time", *position) if name not in names]
+def _name(cell: str) -> str:
+    """Return the name of a column without its unit."""
+    return TIME if time_column(cell) else without_brackets(cell).partition(" ")[0]
+
+
+def _columns(
+    header: list[str], position: tuple[str, ...], turns: tuple[tuple[str, ...], ...], where: str
+) -> tuple[list[int], Float[np.ndarray, " K"]]:
+    """Return the indices of time, position, and heading or quaternion, and the factors that make them seconds, metres, radians.
+
+    BadFileError if some are missing, or in another unit.
+    """
+    names = [_name(cell) for cell in header]
+    missing = [name for name in (TIME, *position) if name not in names]
     if missing:
         known = listed(quoted(name) for name in names)
         guess = did_you_mean(missing[0], names)
         raise BadFileError(
             f"{where}: no column {quoted(missing[0])}. {guess}Columns: {known or 'none'}."
         )
-    orientation: tuple[str, ...] = ()
+    expected = {TIME: "s"} | dict.fromkeys(position, "m")
     for choice in turns:
-        if not orientation and all(name in names for name in choice):
-            orientation = choice
-    expected = {"time": "s"} | dict.fromkeys(position, "m")
-    if len(orientation) == 1:
-        expected[orientation[0]] = "rad"
+        if len(expected) == 1 + len(position) and all(name in names for name in choice):
+            expected |= dict.fromkeys(choice, "rad" if len(choice) == 1 else "1")
+    factors = []
     for name, unit in expected.items():
-        if units[name] not in ("", unit):
-            raise BadFileError(
-                f"{where}: {quoted(name)} is in {quoted(units[name])}. Convert it to {UNITS[unit]}."
-            )
-    used = (*expected, *orientation)
-    twice = [name for name in used if names.count(name) > 1]
-    if twice:
-        raise BadFileError(f"{where}: two columns are called {quoted(twice[0])}. Rename one.")
-    return _Columns(
-        names.index("time"),
-        tuple(names.index(name) for name in position),
-        tuple(names.index(name) for name in orientation),
-    )
+        if names.count(name) > 1:
+            raise BadFileError(f"{where}: two columns are called {quoted(name)}. Rename one.")
+        cell = header[names.index(name)]
+        time = time_column(cell)
+        given = without_brackets(cell).partition(" ")[2].strip()
+        factor = time.factor if time else 1.0
+        if given and not time:
+            known, factor = converted_unit(given, f"{where}: {quoted(name)}")
+            if known != unit:
+                raise BadFileError(
+                    f"{where}: {quoted(name)} is in {quoted(given)}. Convert it to {UNITS[unit]}."
+                )
+        factors.append(factor)
+    return [names.index(name) for name in expected], np.array(factors)
 
 
 def _names_of(part: str | None) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -218,14 +207,3 @@ def _names_of(part: str | None) -> tuple[tuple[str, ...], tuple[tuple[str, ...],
     body = part.removesuffix(".position")
     quaternion = tuple(f"{body}.orientation[{entry}]" for entry in range(4))
     return position, ((f"{part}_heading[0]",), quaternion)
-
-
-def _row(cells: list[str], columns: _Columns, count: int, where: str) -> list[float]:
-    if len(cells) != count:
-        raise BadFileError(
-            f"{where}: {len(cells)} cells; wanted {count}, as in the header. Correct the row."
-        )
-    try:
-        return [number_in(cells[column]) for column in columns.all]
-    except ValueError as error:
-        raise BadFileError(f"{where}: wanted numbers, got {quoted(','.join(cells))}.") from error

@@ -22,7 +22,7 @@ from neuroanimator.control.policies.school import school_clips
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.csv_file import read_table
+from neuroanimator.export.csv_file import read_controls
 from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE, read_film
 from neuroanimator.export.formats import emulator_for, export_clip, export_school
 from neuroanimator.export.programs.formats import POLICY_ENDING
@@ -185,8 +185,7 @@ def run(
                 seconds=seconds,
             )
         elif controls:
-            _, control_rows = read_table(controls, model.control)
-            drive = controlled_drive(model, control_rows, start_state)
+            drive = controlled_drive(model, read_controls(controls, model), start_state)
         elif seconds is None and seed is None and start_state is None:
             drive = default_drive(model)
         else:

@@ -38,6 +38,12 @@ def run(
     window: Annotated[
         float | None, typer.Option(help="Length of windows [s]; 16 super steps if not given.")
     ] = None,
+    resample: Annotated[
+        bool,
+        typer.Option(
+            "--resample", help="Interpolate recordings whose samples are not evenly spaced."
+        ),
+    ] = False,
     system: Annotated[
         Path | None,
         typer.Option(help="Your TOML file, whose model or step function is then used; see 'new'."),
@@ -62,7 +68,13 @@ def run(
             trust_files(system)
         model = load_emulator(emulator)
     result = identify(
-        model, from_, delay=delay, offsets=offsets, window=window, physics=not no_physics
+        model,
+        from_,
+        delay=delay,
+        offsets=offsets,
+        window=window,
+        physics=not no_physics,
+        resample=resample,
     )
     if out:
         model.at(**result.parameters).save(out)

@@ -17,7 +17,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.weakness.config import ImprovementConfig
 from neuroanimator.evaluation.weakness.fine_tune import fine_tune
 from neuroanimator.evaluation.weakness.improve import ErrorChange, improve, read_old_data
-from neuroanimator.export.csv_file import read_table
+from neuroanimator.export.csv_file import read_controls
 from neuroanimator.state.start import read_starts
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
@@ -47,6 +47,12 @@ def run(
             "--from", help="Learn from this recording of the real system instead, CSV or NPZ."
         ),
     ] = None,
+    resample: Annotated[
+        bool,
+        typer.Option(
+            "--resample", help="Interpolate a recording whose samples are not evenly spaced."
+        ),
+    ] = False,
     data: Annotated[
         str | None,
         typer.Option(
@@ -90,6 +96,7 @@ def run(
         model = load_emulator(emulator)
         old = read_old_data(data, model, config) if data else None
     if from_ is None:
+        refuse_given({"resample": resample or None}, "goes with --from only. Leave it out.")
         _improve(model, out, config, old, tolerance, controls or [], start)
         return
     others = {
@@ -100,7 +107,7 @@ def run(
         "samples": samples,
     }
     refuse_given(others, "does not go with --from, which simulates nothing. Leave one of them out.")
-    _learn_from(model, from_, out, config, old)
+    _learn_from(model, from_, out, config, old, resample=resample)
 
 
 def _improve(
@@ -115,7 +122,7 @@ def _improve(
     """Improve an emulator where it is weak, under progress bars."""
     if start and not controls:
         raise ArgumentError("start: applies to --controls only. Give --controls, too.")
-    controllers = {str(path): read_table(path, model.control)[1] for path in controls}
+    controllers = {str(path): read_controls(path, model) for path in controls}
     start_state = named_start(model, read_starts(start)) if start else None
     with (
         progress_bar("rounds", config.rounds) as round_bar,
@@ -150,6 +157,8 @@ def _learn_from(
     out: Path,
     config: ImprovementConfig,
     old: Transitions | None,
+    *,
+    resample: bool,
 ) -> None:
     """Learn from a recording, under a progress bar."""
     with progress_bar("updates", config.updates) as bar:
@@ -157,7 +166,9 @@ def _learn_from(
         def on_report(report: Report) -> None:
             bar.advance_to(report.update, f"error {report.error:.4f}")
 
-        result = fine_tune(model, recording, out, config=config, data=old, on_report=on_report)
+        result = fine_tune(
+            model, recording, out, config=config, data=old, resample=resample, on_report=on_report
+        )
     _print(result.errors, ("windows trained on", result.windows), out)
 
 

@@ -59,6 +59,16 @@ def run(
     keep: Annotated[
         str, typer.Option(help="Pieces of a mesh: all (default), or only the largest.")
     ] = "",
+    resample: Annotated[
+        bool,
+        typer.Option(
+            "--resample", help="Interpolate recordings whose samples are not evenly spaced."
+        ),
+    ] = False,
+    velocities: Annotated[
+        bool,
+        typer.Option("--velocities", help="Estimate velocities that recordings do not hold."),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write its definition for emulators: a TOML file to read, edit and generate from."""
@@ -75,6 +85,8 @@ def run(
             unit=unit,
             up=up,
             keep=keep,
+            resample=resample,
+            velocities=velocities,
         )
     definition = proposal.definition
     dt = definition.substeps * definition.physics.step

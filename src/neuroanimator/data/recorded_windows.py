@@ -24,6 +24,7 @@ from neuroanimator.data.store import HELD_OUT_NAME
 from neuroanimator.files.atomic import write_tensors
 from neuroanimator.files.places import Place
 from neuroanimator.systems.recorded.recording_file import RecordingFile
+from neuroanimator.systems.recorded.rotations import without_jumps
 
 WINDOWS_STREAM = 2
 """Number that gives the order of windows a random stream of its own, beside the seed."""
@@ -70,9 +71,7 @@ def unwrapped(recordings: RecordingFile) -> list[RecordedRun]:
     angles = list(recordings.angles)
     runs = []
     for states, controls in zip(recording.states, recording.controls, strict=True):
-        continuous = states.copy()
-        continuous[:, angles] = np.unwrap(states[:, angles], axis=0)
-        runs.append(RecordedRun(continuous, controls))
+        runs.append(RecordedRun(without_jumps(states, angles), controls))
     return runs
 
 

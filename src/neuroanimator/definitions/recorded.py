@@ -26,6 +26,10 @@ class RecordedDefinition(Table):
     name: SystemName
     kind: Literal["recorded"]
     file: FileName
+    resample: bool = False
+    """Whether samples at uneven times are interpolated at even ones."""
+    velocities: bool = False
+    """Whether velocities that the file does not hold are estimated from positions."""
     substeps: int = Field(10, ge=1, le=1000)
     """Default number n of samples in a super step."""
     physics: RecordedPhysics

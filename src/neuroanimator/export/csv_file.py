@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from array import array
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,9 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import one_line, read_bounded, write_whole
-from neuroanimator.files.csv_text import csv_rows
-from neuroanimator.files.numbers import number_in
+from neuroanimator.files.number_table import read_header, read_numbers
 from neuroanimator.state.layout import Layout
-from neuroanimator.systems.recorded.columns import MAX_MAGNITUDE
+from neuroanimator.systems.recorded.clock import resolution_of, straightened
 from neuroanimator.text import quoted, table_cell
 
 MAX_TABLE = 256 * 2**20
@@ -25,6 +24,9 @@ MAX_TABLE = 256 * 2**20
 
 MAX_HEADER = 400
 """Maximum number of characters of the right header that an error shows."""
+
+OTHER_RATE = 0.01
+"""Difference of an interval between controls from a super step, as a share of it, from which they are of another rate."""
 
 UNEVEN = 1e-4
 """Largest difference of an interval from the first one, as a share of it: tables hold nine digits."""
@@ -55,37 +57,41 @@ def _column_names(layout: Layout) -> list[str]:
 def read_table(
     path: Path, layout: Layout
 ) -> tuple[Float[np.ndarray, " T"], Float[np.ndarray, "T N"]]:
-    """Return (times [s], rows) of a table written for `layout`; BadFileError names the line that is wrong."""
-    rows = csv_rows(read_bounded(path, MAX_TABLE))
+    """Return (times [s], rows) of a table written for `layout`; BadFileError names the line that is wrong.
+
+    Times that can mean a constant rate, by the digits they are written with, are at that rate.
+    """
+    content = read_bounded(path, MAX_TABLE)
     columns = _column_names(layout)
-    numbers = array("d")
     try:
-        _, header = next(rows, (0, []))
-        if header != columns:
-            raise BadFileError(
-                f"{path}: wanted the header {quoted(header_of(layout), MAX_HEADER)}."
-            )
-        for line, cells in rows:
-            numbers.extend(_numbers(f"{path}, line {line}", cells, len(columns)))
+        header = read_header(content, lambda cells: cells == columns)
     except ValueError as error:
         raise BadFileError(f"{path}, {one_line(error)}.") from error
-    if not numbers:
+    for column, (name, given) in enumerate(zip_longest(columns, header.cells, fillvalue="")):
+        if name != given:
+            raise BadFileError(
+                f"{path}, column {column + 1}: wanted {quoted(name)}, got {quoted(given)}. A table has the numbers of this body, "
+                f"its joints in this order: wanted the header {quoted(header_of(layout), MAX_HEADER)}."
+            )
+    table = read_numbers(content, header, range(len(columns)), str(path))
+    if not len(table.lines):
         raise BadFileError(f"{path} holds no rows below its header.")
-    table = np.array(numbers).reshape(-1, len(columns))
-    return table[:, 0], table[:, 1:]
+    times = table.values[:, 0]
+    return straightened(times, resolution_of(times, table.places)), table.values[:, 1:]
 
 
-def _numbers(where: str, cells: list[str], count: int) -> list[float]:
-    """Return the `count` finite numbers of a row; BadFileError says `where` they are not."""
-    try:
-        values = [number_in(cell) for cell in cells]
-    except ValueError as error:
-        raise BadFileError(f"{where}: {one_line(error)}.") from error
-    if len(values) != count or not all(abs(value) < MAX_MAGNITUDE for value in values):
+def read_controls(path: Path, emulator: Emulator) -> Float[np.ndarray, "T C"]:
+    """Return the controls in a table written for `emulator`, one per super step; BadFileError for a table at another rate."""
+    times, controls = read_table(path, emulator.control)
+    intervals = np.diff(times)
+    wrong = np.flatnonzero(np.abs(intervals - emulator.dt) > OTHER_RATE * emulator.dt)
+    if len(wrong):
+        row = int(wrong[0]) + 1
         raise BadFileError(
-            f"{where}: wanted {count} finite numbers, got {quoted(','.join(cells))}."
+            f"{path}, row {row}: {intervals[row - 1]:.6g} s after the row before; wanted {emulator.dt:g} s, a super step of "
+            f"{emulator.system}. Resample the controls, or use the emulator that they were found for."
         )
-    return values
+    return controls
 
 
 def write_clip(clip: Clip, path: str | Path, layout: Layout) -> None:

@@ -33,8 +33,8 @@ MAX_REASON = 200
 MAX_FOREIGN_REASON = 120
 """Maximum number of characters of a library's reason that one line quotes."""
 
-KINDS = "biufUS"
-"""NumPy's kinds of truth values, numbers and texts; objects are pickles, which run code."""
+KINDS = "biufUSmM"
+"""NumPy's kinds of truth values, numbers, texts and times; objects are pickles, which run code."""
 
 
 def parse_npz(content: bytes, wanted: Iterable[str]) -> dict[str, np.ndarray]:

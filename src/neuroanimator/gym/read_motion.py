@@ -19,18 +19,12 @@ from neuroanimator.control.policies.reference_motion import (
 from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.csv_file import read_table
-from neuroanimator.files.atomic import read_bounded
-from neuroanimator.files.csv_text import csv_rows
 from neuroanimator.gym.gaits import Gait, GaitEntries, on_command
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
-from neuroanimator.text import quoted, table_cell
-
-MAX_FILE = 64 * 2**20
-"""Maximum size of a motion's file [bytes]."""
 
 RATE_TOLERANCE = 1e-3
 """Tolerance of the time between rows, as a share of a control's."""
@@ -110,7 +104,6 @@ def _read_states(
     layout = body.state
     if heading is not None:
         layout = _without(layout, heading)
-    _check_columns(path, layout)
     times, states = read_table(path, layout)
     if heading is not None:
         states = np.insert(states, heading.position_entry, 0.0, axis=1)
@@ -184,22 +177,6 @@ def _leads(model: mujoco.MjModel) -> tuple[float, ...]:
         damping = model.dof_damping[model.jnt_dofadr[joint]] - model.actuator_biasprm[actuator, 2]
         leads.append(float(damping / model.actuator_gainprm[actuator, 0]))
     return tuple(leads)
-
-
-def _check_columns(path: Path, layout: Layout) -> None:
-    """Refuse a table of another body, or with its joints in another order."""
-    wanted = [table_cell(name) for name in ("time s", *layout.names)]
-    _, header = next(csv_rows(read_bounded(path, MAX_FILE)), (0, []))
-    for column, (name, given) in enumerate(zip(wanted, header, strict=False)):
-        if name != given:
-            raise BadFileError(
-                f"{path}, column {column + 1}: wanted '{name}', got {quoted(given)}. A motion has the states of this body, its "
-                "joints in this order: write it as 'animate --out motion.csv' does."
-            )
-    if len(header) != len(wanted):
-        raise BadFileError(
-            f"{path}: {len(header)} columns; wanted {len(wanted)}: the time and the states of this body."
-        )
 
 
 def _check_rate(path: Path, times: Float[np.ndarray, " K"], dt: float, hold: int) -> None:

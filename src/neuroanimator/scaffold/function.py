@@ -39,12 +39,12 @@ from neuroanimator.scaffold.scales import (
 from neuroanimator.scaffold.structure import (
     States,
     placeless_entries,
-    rate_entries,
     turning_entries,
     wrapped,
 )
 from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem, are_too_large
 from neuroanimator.systems.functions.step_file import run_file
+from neuroanimator.systems.recorded.rates import rate_entries
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.text import listed

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from neuroanimator.data.config import window_length
 from neuroanimator.data.recorded_noise import noise_of
@@ -32,8 +32,9 @@ from neuroanimator.scaffold.scales import (
     substeps_through_noise,
     warn_of_small,
 )
-from neuroanimator.scaffold.structure import Runs, changes_of, rate_entries
-from neuroanimator.systems.recorded.recording import Recording, read_recording
+from neuroanimator.systems.recorded.rates import Runs, changes_of, rate_entries
+from neuroanimator.systems.recorded.recording import Recording
+from neuroanimator.systems.recorded.velocities import positions_alone, prepared, unwrapped
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.text import listed
 
@@ -52,21 +53,28 @@ USUAL_SHARE = 99
 FAR_OUT = 10
 """Multiple of the usual distance at which a sample is mentioned."""
 
+PER_NUMBER = 100
+"""Number of super steps, for each number of state and control, from which an emulator learns something."""
 
-def propose_recording(path: Path) -> Proposal:
-    """Return a definition of the recordings at `path`.
+WILDER = 1.3
+"""Reach of what is kept for the test, as a multiple of what is learnt from, from which it is mentioned."""
+
+
+def propose_recording(path: Path, *, resample: bool = False, velocities: bool = False) -> Proposal:
+    """Return a definition of the recordings at `path`; with `resample`, samples at uneven times are interpolated,
+    with `velocities`, those that are not recorded are estimated.
 
     The user must have allowed the file to be opened, see `trust_file`. Raises BadFileError for a
     control that never changes, and for recordings in which nothing moves.
     """
-    recording = read_recording(digest_of(path), path.name)
+    recording = prepared(digest_of(path), path.name, resample, velocities)
     samples = np.concatenate(recording.states)
     names = [name for name, _ in recording.state]
     units = [unit for _, unit in recording.state]
     with_units = [f"{name} {unit}" for name, unit in recording.state]
     warnings = list(_still_columns(recording, samples))
     refuse_large(path.name, with_units, samples)
-    runs = _unwrapped(recording)
+    runs = unwrapped(recording)
     is_turning = (np.ptp(samples, axis=0) > np.pi) & (np.array(units) == "rad")
     turning = np.flatnonzero(is_turning)
     substeps, note = _substeps(recording, runs, turning)
@@ -95,6 +103,9 @@ def propose_recording(path: Path) -> Proposal:
         "physics": {"step": recording.step},
         "state": state,
     }
+    for key, is_wanted in (("resample", resample), ("velocities", velocities)):
+        if is_wanted:
+            values[key] = True
     if control:
         values["control"] = control
     where = "are stillest" if control else "begin, since nothing drives the system"
@@ -105,7 +116,9 @@ def propose_recording(path: Path) -> Proposal:
         "state.rest": f"where the recordings {where}; motions begin there by default",
     }
     warnings += [
-        *_outliers(recording, samples),
+        *_outliers(recording),
+        *_without_rates(recording),
+        *_few_or_tame(recording, samples, substeps),
         *_fast_turns(names, runs, turning),
         *_short_runs(recording, window_length(substeps)),
         *warn_of_small(with_units, changes_of(runs, substeps)),
@@ -113,7 +126,8 @@ def propose_recording(path: Path) -> Proposal:
     definition = check_table(values, path.name, RecordedDefinition)
     # Where nothing drives the motion there are no goals to reach.
     parts = tuple(names) if recording.control else ()
-    return Proposal(definition, comments, parts, tuple(warnings))
+    told = tuple(("recording", remark) for remark in recording.remarks)
+    return Proposal(definition, comments, parts, tuple(warnings), told)
 
 
 def _still_columns(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterator[str]:
@@ -136,17 +150,6 @@ def _still_columns(recording: Recording, samples: Float[np.ndarray, "N S"]) -> I
     still = [f"state.{recording.state[i][0]}" for i in np.flatnonzero(is_still)]
     if still:
         yield f"{listed(still)}: the same in every row, so nothing can be learnt from it. Remove the column."
-
-
-def _unwrapped(recording: Recording) -> Runs:
-    """Return each run's states, with angles unwrapped."""
-    is_angle = np.array([unit == "rad" for _, unit in recording.state])
-    runs = []
-    for states in recording.states:
-        continuous = states.copy()
-        continuous[:, is_angle] = np.unwrap(states[:, is_angle], axis=0)
-        runs.append(continuous)
-    return runs
 
 
 def _stillest(recording: Recording, runs: Runs, span: int) -> Float[np.ndarray, " S"]:
@@ -209,19 +212,89 @@ def _largest_for(recording: Recording, most: int) -> int:
     return 1
 
 
-def _outliers(recording: Recording, samples: Float[np.ndarray, "N S"]) -> Iterator[str]:
-    """Yield a line for each state column with a few samples far from all others: a sensor may have failed."""
+def _outliers(recording: Recording) -> Iterator[str]:
+    """Yield a line for each column with a few samples far from all others: a sensor may have failed, or a cell is wrong.
+
+    They are far from the median, or from both samples beside them, which agree with each other.
+    """
     # As in the file: an outlier of an angle would be unwrapped to many turns.
-    distances = np.abs(samples - np.median(samples, axis=0))
+    vectors = (
+        ("state", recording.state, recording.states),
+        ("control", recording.control, recording.controls),
+    )
+    for vector, columns, runs in vectors:
+        samples = np.concatenate(runs)
+        distances = np.abs(samples - np.median(samples, axis=0))
+        bends = np.concatenate([_bends(numbers) for numbers in runs])
+        is_far = _are_far(distances) | (_are_far(np.abs(bends)) & (bends > 0))
+        for entry, (name, unit) in enumerate(columns):
+            count = int(is_far[:, entry].sum())
+            if not count:
+                continue
+            farthest = int(np.argmax(is_far[:, entry] * distances[:, entry]))
+            yield (
+                f"{vector}.{name}: {count} of {len(samples)} samples lie more than {FAR_OUT} times as far out as "
+                f"{USUAL_SHARE} % do, such as {samples[farthest, entry]:.4g} {unit} in {recording.where(farthest)}. Correct "
+                "them, or cut them out."
+            )
+
+
+def _bends(numbers: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "N D"]:
+    """Return the distance of each number from the mean of both neighbours, negative unless these agree with each other."""
+    bends = np.zeros_like(numbers)
+    bends[1:-1] = np.abs(numbers[1:-1] - (numbers[:-2] + numbers[2:]) / 2)
+    agree = 2 * np.abs(numbers[2:] - numbers[:-2]) < bends[1:-1]
+    bends[1:-1] = np.where(agree, bends[1:-1], -bends[1:-1])
+    return bends
+
+
+def _are_far(distances: Float[np.ndarray, "N D"]) -> Bool[np.ndarray, "N D"]:
     usual = np.percentile(distances, USUAL_SHARE, axis=0)
-    for entry, (name, unit) in enumerate(recording.state):
-        count = int((distances[:, entry] > FAR_OUT * usual[entry]).sum())
-        if not usual[entry] or not count:
-            continue
-        farthest = int(np.argmax(distances[:, entry]))
+    return (distances > FAR_OUT * usual) & (usual > 0)
+
+
+def _without_rates(recording: Recording) -> Iterator[str]:
+    """Yield a line if there are positions, and no velocity of any in the recordings."""
+    alone = [f"state.{recording.state[entry][0]}" for entry in positions_alone(recording)]
+    if alone and not any(unit in ("rad/s", "m/s") for _, unit in recording.state):
         yield (
-            f"state.{name}: {count} of {len(samples)} samples lie more than {FAR_OUT} times as far out as {USUAL_SHARE} % do, "
-            f"such as {samples[farthest, entry]:.4g} {unit} in {recording.where(farthest)}. Correct them, or cut them out."
+            f"{listed(alone)}: no column holds a velocity, and positions alone do not say where a limb is going. Add "
+            "velocities, or let 'new' estimate them: --velocities."
+        )
+
+
+def _few_or_tame(
+    recording: Recording, samples: Float[np.ndarray, "N S"], substeps: int
+) -> Iterator[str]:
+    """Yield a line if there is little to learn from, and if what is kept for the test goes further than that."""
+    rows = [len(states) for states in recording.states]
+    split = split_runs(recording.file, rows, window_length(substeps))
+    numbers = len(recording.state) + len(recording.control)
+    length = sum(segment.stop - segment.start for segment in split.learning) // substeps
+    if length < PER_NUMBER * numbers:
+        yield (
+            f"only {length} super steps, one after another, to learn {numbers} numbers from; wanted about "
+            f"{PER_NUMBER * numbers}. Record longer, or expect a poor emulator."
+        )
+    begins = np.cumsum(rows) - rows
+    reach = []
+    middle = np.median(samples, axis=0)
+    for segments in split:
+        pieces = [
+            samples[begins[part.run] + part.start : begins[part.run] + part.stop]
+            for part in segments
+        ]
+        reach.append(np.abs(np.concatenate(pieces) - middle).max(axis=0))
+    learnt, tested = reach
+    wild = [
+        f"state.{name} ({far / near:.2g} times as far)"
+        for (name, _), near, far in zip(recording.state, learnt, tested, strict=True)
+        if far > WILDER * near > 0
+    ]
+    if wild:
+        yield (
+            f"{listed(wild)}: the pieces kept for the test go further than those to learn from, so errors will be large "
+            "there. Record more of such motion."
         )
 
 
@@ -231,7 +304,7 @@ def _fast_turns(names: list[str], runs: Runs, turning: Int[np.ndarray, " T"]) ->
         if turn > MAX_TURN_BETWEEN_SAMPLES:
             yield (
                 f"state.{names[entry]}: turns by {turn:.2g} rad and more between two samples, and half a turn one way looks like "
-                "half a turn the other way. Sample faster."
+                f"half a turn the other way. Sample faster; if it is in degrees, call it '{names[entry]} deg'."
             )
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -47,12 +49,15 @@ def write_definition(
     unit: str = "",
     up: str = "",
     keep: str = "",
+    resample: bool = False,
+    velocities: bool = False,
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
     called in trial runs. `keyframe`, `base`, `passive` and `tree` are as in `propose`, `unit`, `up` and `keep` as in a
-    mesh's `MeshReading`; the system is called `name`, or after the file or the id. Beside the model or above it, `out`
+    mesh's `MeshReading`, `resample` and `velocities` as in `propose_recording`; the system is called `name`, or after the
+    file or the id. Beside the model or above it, `out`
     names it by its relative path, elsewhere by its absolute path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
@@ -71,18 +76,15 @@ def write_definition(
         raise ArgumentError(
             f"{path} exists, and may hold your edits. --force overwrites it; --out names another."
         )
+    reading = {"unit": unit, "up": up, "keep": keep}
+    preparation = {"resample": resample, "velocities": velocities}
+    propose_file = _proposer(source, reading, preparation)
     changes: dict[str, Any] = {"name": name} if name else {}
     if task is not None:
         changes["task"] = task
-    reading = {"unit": unit, "up": up, "keep": keep}
-    given = {key: value for key, value in reading.items() if value}
-    if given and source.suffix not in MESHES:
-        raise ArgumentError(
-            f"{source.name} is no mesh of a cloth (.obj) or a solid (.msh). Leave {listed(f'--{key}' for key in given)} out."
-        )
-    if source.suffix in (*PROPOSERS, *MESHES):
+    if propose_file is not None:
         has_model_options = keyframe or base != "fixed" or passive or tree is not None
-        proposal = _propose_without_model(source, path, bool(has_model_options), given)
+        proposal = _propose_without_model(source, path, bool(has_model_options), propose_file)
     else:
         proposal = propose(
             source,
@@ -126,8 +128,33 @@ def _seen_from(toml: Path, path: Path) -> str:
     return place.as_posix()
 
 
+def _proposer(
+    source: Path, reading: dict[str, str], preparation: dict[str, bool]
+) -> Callable[[Path], Proposal] | None:
+    """Return what proposes a definition for anything but a model, with the options of its kind; None for a model."""
+    given = {key: value for key, value in reading.items() if value}
+    propose_file = PROPOSERS.get(source.suffix)
+    if given and source.suffix not in MESHES:
+        raise ArgumentError(
+            f"{source.name} is no mesh of a cloth (.obj) or a solid (.msh). Leave {listed(f'--{key}' for key in given)} out."
+        )
+    if any(preparation.values()) and propose_file is not propose_recording:
+        raise ArgumentError(
+            f"{source}: --resample and --velocities are for recordings. Leave them out."
+        )
+    if source.suffix in MESHES:
+        checked = check_table(given, source.name, MeshReading)
+        return lambda mesh: propose_soft(mesh, checked)
+    if propose_file is propose_recording:
+        return partial(propose_recording, **preparation)
+    return propose_file
+
+
 def _propose_without_model(
-    source: Path, path: Path, has_model_options: bool, given: dict[str, str]
+    source: Path,
+    path: Path,
+    has_model_options: bool,
+    propose_file: Callable[[Path], Proposal],
 ) -> Proposal:
     """Return the proposal for a step function, recordings or a mesh, by the suffix of the file."""
     if path.parent.resolve() != source.parent.resolve():
@@ -139,11 +166,10 @@ def _propose_without_model(
             f"{source.name} is no MuJoCo model, so it has neither keyframes, base, joints nor meshes. Leave --keyframe, "
             "--base, --passive and --tree out."
         )
-    if source.suffix in MESHES:
-        return propose_soft(source, check_table(given, source.name, MeshReading))
-    # Proposing a step function's definition runs the file: the user asks for both.
-    trust_file(source)
-    return PROPOSERS[source.suffix](source)
+    if source.suffix not in MESHES:
+        # Proposing a step function's definition runs the file: the user asks for both.
+        trust_file(source)
+    return propose_file(source)
 
 
 def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, TaskTable | None, float]:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 from neuroanimator.errors import BadFileError
+
+DEGREE = math.pi / 180
+"""A degree [rad]."""
 
 KNOWN_UNITS = (
     "1", "m", "m/s", "m/s²", "rad", "rad/s", "rad/s²", "N", "N·m", "kg", "s", "Hz", "Pa", "K", "J", "W", "V", "A",
@@ -31,6 +36,37 @@ def known_unit(unit: str, where: str) -> str:
             f"{where}: unknown unit {unit[:20]!r}. Convert to one of: {', '.join(KNOWN_UNITS)} (1 for a plain number)."
         )
     return unit
+
+
+PREFIXES = {"k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9}
+"""Factors of the prefixes of units."""
+
+CONVERTED = {
+    "rpm": ("rad/s", 6 * DEGREE), "km/h": ("m/s", 1 / 3.6), "min": ("s", 60.0), "%": ("1", 1e-2), "-": ("1", 1.0),
+}  # fmt: skip
+"""Further units that numbers of a recording may have: the one they are converted to, and the factor."""
+
+
+def converted_unit(unit: str, where: str) -> tuple[str, float]:
+    """Return the unit inside, and the factor by which numbers in `unit` are multiplied: of degrees, millimetres and others.
+
+    BadFileError names `where` it was if it is unknown.
+    """
+    if unit in CONVERTED:
+        return CONVERTED[unit]
+    radians = unit.replace("deg", "rad").replace("°", "rad")
+    if radians != unit:
+        return known_unit(radians, where), DEGREE
+    whole = SPELLINGS.get(unit[1:], unit[1:])
+    is_power = whole[1:2] in ("²", "³")
+    if (
+        SPELLINGS.get(unit, unit) not in KNOWN_UNITS
+        and unit[:1] in PREFIXES
+        and not is_power
+        and whole in KNOWN_UNITS
+    ):
+        return whole, PREFIXES[unit[0]]
+    return known_unit(unit, where), 1.0
 
 
 def rate_unit(unit: str) -> str:

@@ -242,7 +242,7 @@ def _pack_function(toml: Path, definition: PythonDefinition) -> dict[str, Any]:
 def _pack_recording(toml: Path, definition: RecordedDefinition) -> dict[str, Any]:
     path = toml.parent / definition.file
     digest = digest_of(path)
-    runs = read_recording(digest, path.name)
+    runs = read_recording(digest, path.name, definition.resample)
     rows = [len(states) for states in runs.states]
     return {"name": path.name, "sha256": digest, "rows": rows, "origins": list(runs.origins)}
 
@@ -368,8 +368,9 @@ def _travelling(definition: Any) -> dict[str, Any]:
                 del values[key]
         if not definition.sampling.reset_share:
             del values["sampling"]["reset_share"], values["sampling"]["reset_noise"]
-    if not values.get("parameters", True):
-        del values["parameters"]
+    for key in ("parameters", "resample", "velocities"):
+        if not values.get(key, True):
+            del values[key]
     return values
 
 

@@ -26,7 +26,10 @@ from neuroanimator import (
     train,
 )
 from neuroanimator.control import EmulatorPlant, ParameterEstimator, Planner, control_plant
-from neuroanimator.control.identification.measurements import Measurements
+from neuroanimator.control.identification.measurements import (
+    Measurements,
+    read_measurements,
+)
 from neuroanimator.control.identification.predictions import MeasuredStartPredictor
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_controls
@@ -238,14 +241,14 @@ def test_without_its_physics_nothing_is_proved_and_that_is_said(
 @pytest.mark.parametrize(
     ("change", "wanted"),
     [
-        (lambda text: text.replace("shoulder rad", "shoulder deg", 1), "unknown unit 'deg'"),
+        (lambda text: text.replace("shoulder rad", "shoulder gon", 1), "unknown unit 'gon'"),
         (
             lambda text: text.replace("state.elbow rad,", "state.elbo rad,"),
             "Did you mean elbow rad",
         ),
         (lambda text: text.replace("state.elbow rad,", "state.elbow m,"), "is in m"),
         (lambda text: "\n".join(text.split("\n")[:4]) + "\n", "Record longer"),
-        (lambda text: text.replace("\n0.4,", "\n0.41,"), "Resample"),
+        (lambda text: text.replace("\n0.4,", "\n0.41,"), "--resample"),
         (lambda text: text.replace("\n0.04,", "\n0.04,nan", 1), "finite number"),
         (lambda text: text.replace("control.elbow N·m", "control.elbow N"), "is in N,"),
     ],
@@ -265,6 +268,41 @@ def test_recordings_that_do_not_fit_are_refused_by_name(
     assert "r.csv" in str(error.value)
 
 
+def test_plain_names_of_the_system_are_enough(
+    emulator: Emulator, system: System, tmp_path: Path
+) -> None:
+    path = record(tmp_path / "r.csv", system, emulator.dt)
+    rows = path.read_text().partition("\n")[2]
+    plain = tmp_path / "plain.csv"
+    names = "time,shoulder,elbow,shoulder.velocity,elbow.velocity,control.shoulder,control.elbow"
+    plain.write_text(f"{names}\n{rows}")
+    expected = read_measurements([path], emulator)
+    found = read_measurements([plain], emulator)
+    np.testing.assert_array_equal(found.measured, expected.measured)
+    np.testing.assert_array_equal(found.controls, expected.controls)
+    plain.write_text(f"{names.replace('control.elbow', 'elbow')}\n{rows}")
+    with pytest.raises(
+        NeuroAnimatorError, match="'elbow' may be 'state.elbow rad', 'control.elbow"
+    ):
+        read_measurements([plain], emulator)
+
+
+def test_recordings_at_uneven_times_are_resampled_if_that_is_wanted(
+    emulator: Emulator, system: System, tmp_path: Path
+) -> None:
+    path = record(tmp_path / "r.csv", system, emulator.dt, every=4, noise=0.0)
+    expected = read_measurements([path], emulator)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:100], *lines[101:]]))
+    with pytest.raises(NeuroAnimatorError, match="line 101, time: .*--resample"):
+        read_measurements([path], emulator)
+    found = read_measurements([path], emulator, resample=True)
+    moving = slice(0, 4)
+    np.testing.assert_allclose(
+        found.measured[..., moving], expected.measured[..., moving], atol=0.02
+    )
+
+
 def test_noise_from_which_the_physics_diverges_is_refused(
     emulator: Emulator, system: System, tmp_path: Path
 ) -> None:
@@ -280,7 +318,7 @@ def test_degrees_called_radians_are_found(
         return states * np.array([57.3, 1.0, 1.0, 1.0])
 
     path = record(tmp_path / "r.csv", system, emulator.dt, change=in_degrees)
-    with pytest.raises(NeuroAnimatorError, match=r"shoulder\[0\] rad looks like degrees"):
+    with pytest.raises(NeuroAnimatorError, match=r"'shoulder rad' looks like degrees"):
         identify(emulator, path)
 
 

@@ -13,8 +13,9 @@ from neuroanimator.data.sampling import sample_controls
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.weakness.fine_tune import column_names, read_runs, split
+from neuroanimator.evaluation.weakness.fine_tune import read_runs, split
 from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.recorded.columns import column_names
 
 CONFIG = ImprovementConfig(updates=500)
 RATE = 5
@@ -97,7 +98,7 @@ def test_a_recordings_super_steps_are_those_of_the_emulator(shipped: Emulator, r
         ),
         (
             lambda lines: [line.replace("state.angle.0", "state.tilt") for line in lines],
-            r"r.csv: no column 'state.angle.0 rad' and 'state.tilt rad' is no column of the emulator. Wanted state.angle.0",
+            r"r.csv, line 1, column 3: 'tilt' is no column of the emulator. Columns: state.angle.0",
         ),
         (
             lambda lines: lines[::3],

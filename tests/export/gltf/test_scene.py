@@ -23,6 +23,7 @@ from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
+from neuroanimator.export.csv_file import read_controls, write_table
 from neuroanimator.export.film import graphics
 from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.state.rotation import rotation_matrices
@@ -124,12 +125,35 @@ def test_a_table_round_trip_keeps_the_clip(clip: Clip, shipped: Emulator, tmp_pa
     assert again.rate == pytest.approx(30)
 
 
+def test_controls_at_another_rate_are_refused_by_row(shipped: Emulator, tmp_path: Path):
+    path = tmp_path / "c.csv"
+    controls = np.ones((9, shipped.control.size))
+    times = shipped.dt * np.arange(9)
+    write_table(path, times, controls, shipped.control)
+    np.testing.assert_array_equal(read_controls(path, shipped), controls)
+    for wrong in (2 * times, 1e3 * times, np.delete(np.append(times, 9 * shipped.dt), 4)):
+        write_table(path, wrong, controls, shipped.control)
+        with pytest.raises(NeuroAnimatorError, match=r"c.csv, row \d: .* wanted 0.05 s"):
+            read_controls(path, shipped)
+
+
+def test_a_table_with_times_in_milliseconds_is_read_at_its_rate(
+    clip: Clip, shipped: Emulator, tmp_path: Path
+):
+    write_clip(clip, tmp_path / "a.csv", shipped.state)
+    header, *rows = (tmp_path / "a.csv").read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    rounded = [f"{float(time):.3f},{rest}" for time, rest in cells]
+    (tmp_path / "a.csv").write_text("\n".join([header, *rounded]))
+    assert read_clip(tmp_path / "a.csv", shipped).rate == pytest.approx(clip.rate, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda text: text.replace("angle[0] rad", "angle"), "wanted the header"),
         (lambda text: text.splitlines()[0] + "\n", "no rows"),
-        (lambda text: text + "1,2,3\n", "line 33: wanted 7 finite numbers"),
+        (lambda text: text + "1,2,3\n", "line 33: 3 cells; wanted 7"),
         (lambda text: text + "nan,0,0,0,0,0,0\n", "line 33"),
         (lambda text: text + "x,0,0,0,0,0,0\n", "line 33"),
         (lambda text: text + "9,0,0,0,0,0,0\n", "evenly spaced"),

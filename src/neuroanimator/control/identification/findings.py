@@ -12,8 +12,9 @@ from neuroanimator.control.identification.unknowns import Unknowns
 KNOWN_SHARE = 0.5
 """Maximum standard deviation of a known parameter, as a share of that from its range alone."""
 
-PART = 0.3
-"""Minimum weight of a parameter in an unknown combination for it to be named."""
+PART = 0.1
+"""Minimum share of a parameter's axis within the unknown combinations for it to be named among them, and maximum share
+outside them for it to be unknown by itself."""
 
 AT_END = 1e-3
 """Distance from the end of its range, as a share of it, within which a value counts as at the end."""
@@ -40,22 +41,24 @@ def findings_of(
     """Return the findings from the `covariance` of the unknowns at the fitted `values`.
 
     In units of the ranges' deviations, directions of a large variance are combinations that the recording does not show.
+    They are judged by the projection on all of them together: if several variances are as large, rounding alone decides
+    which directions an eigenvalue problem returns, but not what these span.
     """
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scaled = covariance / np.outer(unknowns.spread, unknowns.spread)
     variances, directions = np.linalg.eigh(scaled)
     is_known = deviations <= KNOWN_SHARE * unknowns.spread
+    unseen = directions[:, variances > KNOWN_SHARE**2]
+    projection = np.where(is_known, 0.0, unseen @ unseen.T)
+    shares = np.diag(projection)
+    names = np.array(unknowns.names)
     not_shown: list[str] = []
     confused: list[list[str]] = []
-    for variance, direction in zip(variances, directions.T, strict=True):
-        if variance <= KNOWN_SHARE**2:
-            continue
-        parts = [
-            unknowns.names[i] for i in np.flatnonzero(np.abs(direction) > PART) if not is_known[i]
-        ]
-        if len(parts) == 1:
-            not_shown += parts
-        elif parts:
+    for row, share, name in zip(projection, shares, unknowns.names, strict=True):
+        parts = names[(np.abs(row) > PART) & (shares <= 1 - PART)].tolist()
+        if share > 1 - PART or parts == [name]:
+            not_shown.append(name)
+        elif share > PART:
             _join(confused, parts)
     low, high = np.array(unknowns.ends).T
     room = AT_END * (high - low)
@@ -64,7 +67,7 @@ def findings_of(
     return Findings(
         deviations=deviations,
         is_known=tuple(bool(known) for known in is_known),
-        not_shown=tuple(dict.fromkeys(not_shown)),
+        not_shown=tuple(not_shown),
         confused=tuple(tuple(sorted(group)) for group in confused),
         at_end=tuple(name for name in at_end if name not in not_shown),
     )

@@ -112,12 +112,14 @@ def identify(
     offsets: bool = False,
     window: float | None = None,
     physics: bool = True,
+    resample: bool = False,
 ) -> Identification:
     """Return the parameters of the body in `recordings` (CSV or NPZ files), of the family that `emulator` was trained on.
 
     The state at the start of every window of `window` seconds is found as well, so that noise in it does no harm and
     velocities need not be measured. `delay` also finds the sensors' common delay, `offsets` the offset of
-    each sensor. By default the result is corrected and verified on the `physics`, if available.
+    each sensor. With `resample`, samples at uneven times are interpolated. By default the result is corrected and
+    verified on the `physics`, if available.
 
     Raises ArgumentError for an emulator without parameters, BadFileError for recordings that do not fit it.
     """
@@ -128,7 +130,7 @@ def identify(
             "file and train again: see docs/tutorials/families.md."
         )
     paths = [recordings] if isinstance(recordings, str | Path) else list(recordings)
-    measurements = read_measurements(paths, emulator, window)
+    measurements = read_measurements(paths, emulator, window, resample=resample)
     unknowns = unknowns_of(emulator, measurements, delay=delay, offsets=offsets)
     fitters = _stages(emulator, measurements, unknowns)
     begun = time.perf_counter()

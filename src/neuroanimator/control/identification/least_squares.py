@@ -147,11 +147,12 @@ def bounded_step(normal: Normal, values: Float[np.ndarray, " G"], unknowns: Unkn
 def covariance(normal: Normal, unknowns: Unknowns) -> Float[np.ndarray, "G G"]:
     """Return the covariance of the shared unknowns, from undamped normal equations with inverse variances as weights.
 
-    A combination of which no more is known than errors of slopes feign has the variance of the prior alone.
+    Errors of slopes look like information, and as much of it does not count: a combination of which no more is known has
+    the variance of the prior alone.
     """
     scale = unknowns.high - unknowns.low
     matrix = normal.matrix * np.outer(scale, scale)
     information, directions = np.linalg.eigh((matrix + matrix.T) / 2)
-    is_feigned = information < SLOPE_ERROR**2 * information[-1]
-    variances = 1 / np.where(is_feigned, PRIOR, information)
+    feigned = SLOPE_ERROR**2 * information[-1]
+    variances = 1 / np.maximum(information - feigned, PRIOR)
     return (directions * variances) @ directions.T * np.outer(scale, scale)

@@ -15,9 +15,14 @@ from scipy.interpolate import CubicSpline
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.evaluation.weakness.fine_tune import MAX_TIME_ERROR, column_names, unwrapped
+from neuroanimator.evaluation.weakness.fine_tune import (
+    MAX_TIME_ERROR,
+    held_controls,
+    unwrapped,
+    vocabulary_of,
+)
 from neuroanimator.systems.recorded.recording import Recording, open_recording
-from neuroanimator.text import did_you_mean, listed
+from neuroanimator.systems.recorded.resample import held_means
 
 WINDOW_STEPS = 16
 """Number of super steps in a window: long enough that parameters show, short enough that errors stay small."""
@@ -30,11 +35,6 @@ SHORTEST = 4
 
 MAX_WINDOWS = 4096
 """Maximum number of windows: each has its own start to be found."""
-
-DEGREES = 180 / np.pi
-
-UNIT_ERROR = 0.2
-"""Relative tolerance of the ratio of a velocity to the change of its position, in a check of units."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,17 @@ class _Grid:
 
 
 def read_measurements(
-    paths: Sequence[str | Path], emulator: Emulator, window: float | None = None
+    paths: Sequence[str | Path],
+    emulator: Emulator,
+    window: float | None = None,
+    *,
+    resample: bool = False,
 ) -> Measurements:
     """Return the recordings in CSV or NPZ files as windows of `window` seconds (by default `WINDOW_STEPS` super steps).
 
-    Columns are parts of the state, not necessarily all, and all controls; without any control column
-    the body was free. Raises BadFileError with the file and what is wrong with it, ArgumentError for a window that
-    is too short.
+    Columns are parts of the state, not necessarily all, and all controls; without any control column the body was free.
+    With `resample`, samples at uneven times are interpolated. Raises BadFileError with the file and what is wrong with it,
+    ArgumentError for a window that is too short.
     """
     if not paths:
         raise ArgumentError("recordings: wanted at least one, CSV or NPZ.")
@@ -101,7 +105,7 @@ def read_measurements(
     grids: list[_Grid] = []
     columns: tuple[int, ...] = ()
     for path in map(Path, paths):
-        recording = open_recording(path)
+        recording = open_recording(path, vocabulary_of(emulator), is_resampled=resample)
         found, runs = _on_grid(recording, emulator)
         if columns and found != columns:
             raise BadFileError(
@@ -134,19 +138,13 @@ def _window_steps(dt: float, window: float | None) -> int:
 
 def _on_grid(recording: Recording, emulator: Emulator) -> tuple[tuple[int, ...], list[_Grid]]:
     """Return (state entries that were measured, the runs on the grid of super steps)."""
-    moving = emulator.state.size - len(emulator.parameter_entries)
-    names = column_names(emulator.state)[:moving]
-    entries = tuple(_entry(recording, "state", names, column) for column in recording.state)
-    controls = _control_order(recording, emulator)
+    names = vocabulary_of(emulator)["state"]
+    entries = tuple(names.index(" ".join(column)) for column in recording.state)
     grids = []
-    for run, states in enumerate(recording.states):
+    for states, held in zip(recording.states, held_controls(recording, emulator), strict=True):
         measured = np.full((len(states), emulator.state.size), np.nan)
         measured[:, list(entries)] = states
-        _refuse_degrees(recording, emulator, measured)
         measured = unwrapped(measured, emulator)
-        held = np.tile(emulator.bounds.idle, (len(states), 1))
-        if controls:
-            held = recording.controls[run][:, controls]
         grid = _resampled(recording, measured, held, emulator)
         if len(grid.controls) >= MIN_STEPS:
             grids.append(grid)
@@ -157,62 +155,6 @@ def _on_grid(recording: Recording, emulator: Emulator) -> tuple[tuple[int, ...],
             "Record longer."
         )
     return entries, grids
-
-
-def _entry(recording: Recording, vector: str, names: list[str], column: tuple[str, str]) -> int:
-    """Return the index of a column in the state or control."""
-    name, unit = column
-    wanted = f"{name} {unit}"
-    if wanted in names:
-        return names.index(wanted)
-    like = [known for known in names if known.split(" ")[0] == name]
-    if like:
-        raise BadFileError(
-            f"{recording.file}: column '{vector}.{name}' is in {unit}, the emulator's in {like[0].split(' ')[1]}. Convert it."
-        )
-    raise BadFileError(
-        f"{recording.file}: '{vector}.{wanted}' is no column of the emulator. {did_you_mean(wanted, names)}"
-        f"Columns: {listed(f'{vector}.{known}' for known in names)}."
-    )
-
-
-def _control_order(recording: Recording, emulator: Emulator) -> list[int]:
-    """Return the column of each control; none if the recording has no controls at all."""
-    if not recording.control:
-        return []
-    names = column_names(emulator.control)
-    entries = [_entry(recording, "control", names, column) for column in recording.control]
-    missing = [name for number, name in enumerate(names) if number not in entries]
-    if missing:
-        raise BadFileError(
-            f"{recording.file}: no column 'control.{missing[0]}'. Add it: zeros, where that motor did nothing."
-        )
-    return [entries.index(number) for number in range(len(names))]
-
-
-def _refuse_degrees(
-    recording: Recording, emulator: Emulator, measured: Float[np.ndarray, "N S"]
-) -> None:
-    """Raise BadFileError if a velocity is the change of its position times, or divided by, the degrees in a radian."""
-    for position, velocity in emulator.rates:
-        rate = measured[:, velocity]
-        change = np.gradient(measured[:, position], recording.step)
-        if not (np.isfinite(rate).all() and np.isfinite(change).all()):
-            continue
-        is_fast = np.abs(rate) > max(np.median(np.abs(rate)), np.finfo(float).tiny)
-        if not is_fast.any():
-            continue
-        # A median: where an angle jumps by a turn, the ratio is far off.
-        slope = float(np.median(change[is_fast] / rate[is_fast]))
-        for factor, wrong, right in (
-            (DEGREES, position, velocity),
-            (1 / DEGREES, velocity, position),
-        ):
-            if abs(slope / factor - 1) < UNIT_ERROR:
-                raise BadFileError(
-                    f"{recording.file}: {emulator.state.names[wrong]} looks like degrees: it and "
-                    f"{emulator.state.names[right]} differ by {DEGREES:.1f}. Convert it to radians."
-                )
 
 
 def _resampled(
@@ -236,10 +178,8 @@ def _resampled(
     times = recording.step * np.arange(len(measured))
     steps = int(times[-1] / dt + MAX_TIME_ERROR)
     frames = np.minimum(dt * np.arange(steps + 1), times[-1])
-    integral = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
-    edges = recording.step * np.arange(len(integral))
-    whole = np.stack([np.interp(frames, edges, column) for column in integral.T], axis=1)
-    mean = np.diff(whole, axis=0) * recording.step / dt
+    edges = recording.step * np.arange(len(held) + 1)
+    mean = held_means(edges, held, frames)
     return _Grid(_interpolated(times, measured, frames), _interpolated(times, guess, frames), mean)
 
 

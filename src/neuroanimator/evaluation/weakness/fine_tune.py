@@ -25,8 +25,9 @@ from neuroanimator.evaluation.weakness.improve import (
 )
 from neuroanimator.evaluation.weakness.learning import mix_windows, train_on
 from neuroanimator.evaluation.weakness.sampling import Runs, join_runs
-from neuroanimator.state.layout import Layout
+from neuroanimator.systems.recorded.columns import Vocabulary, column_names
 from neuroanimator.systems.recorded.recording import Recording, open_recording
+from neuroanimator.systems.recorded.rotations import without_jumps
 from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report
 
@@ -91,6 +92,7 @@ def fine_tune(
     *,
     config: ImprovementConfig | None = None,
     data: Transitions | None = None,
+    resample: bool = False,
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> FineTuning:
     """Train `emulator` on with a recording (CSV or NPZ), write it to `out` and return it with its errors before and after.
@@ -104,7 +106,7 @@ def fine_tune(
     """
     config = config or ImprovementConfig()
     system = system_of(emulator)
-    learning, tail = split(read_runs(recording, emulator))
+    learning, tail = split(read_runs(recording, emulator, resample=resample))
     tests = {str(recording): make_test(system, emulator.dt, tail.states, tail.controls)}
     if system.can_simulate:
         data = data or fresh_data(emulator, config)
@@ -120,7 +122,7 @@ def fine_tune(
     return FineTuning(trained, errors, len(learning.states))
 
 
-def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
+def read_runs(path: str | Path, emulator: Emulator, *, resample: bool = False) -> RecordedRuns:
     """Return the recording in a CSV or NPZ file, whose columns are the parts of the emulator's state and control.
 
     Parameters have no columns: the body is that of the emulator's rest. A part of several numbers has a column for
@@ -128,35 +130,37 @@ def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
     Raises BadFileError naming the line and column at fault, missing columns, or a sampling interval that does not
     divide a super step.
     """
-    recording = open_recording(Path(path))
-    moving = emulator.state.size - len(emulator.parameter_entries)
-    names = column_names(emulator.state)[:moving]
-    state_order = _order(recording, "state", names, recording.state)
-    controls = tuple(_controls(recording, run, emulator) for run in range(len(recording.states)))
-    body = emulator.rest[moving:]
+    vocabulary = vocabulary_of(emulator)
+    recording = open_recording(Path(path), vocabulary, is_resampled=resample)
+    state_order = _order(recording.file, vocabulary, "state", recording.state)
+    body = emulator.rest[len(state_order) :]
     states = tuple(
         unwrapped(np.hstack([run[:, state_order], np.tile(body, (len(run), 1))]), emulator)
         for run in recording.states
     )
-    return RecordedRuns(recording.file, states, controls, _substeps(recording, emulator.dt))
+    return RecordedRuns(
+        recording.file,
+        states,
+        held_controls(recording, emulator),
+        _substeps(recording.file, recording.step, emulator.dt),
+    )
 
 
-def _controls(recording: Recording, run: int, emulator: Emulator) -> Float[np.ndarray, "_ C"]:
-    """Return the controls of a run; those of rest where the recording has none, as in a free swing."""
+def held_controls(recording: Recording, emulator: Emulator) -> tuple[Float[np.ndarray, "_ C"], ...]:
+    """Return the controls of each run in the emulator's order: idle ones if the recording has none, as in a free swing."""
     if not recording.control:
-        return np.tile(emulator.bounds.idle, (len(recording.states[run]), 1))
-    order = _order(recording, "control", column_names(emulator.control), recording.control)
-    return recording.controls[run][:, order]
+        return tuple(np.tile(emulator.bounds.idle, (len(run), 1)) for run in recording.states)
+    order = _order(recording.file, vocabulary_of(emulator), "control", recording.control)
+    return tuple(held[:, order] for held in recording.controls)
 
 
-def column_names(layout: Layout) -> list[str]:
-    """Return the names of a recording's columns, without `state.` or `control.`."""
-    names = []
-    for part in layout.slices:
-        unit = "1" if part.unit == "quaternion" else part.unit
-        indices = [f".{number}" for number in range(part.size)] if part.size > 1 else [""]
-        names += [f"{part.name}{index} {unit}" for index in indices]
-    return names
+def vocabulary_of(emulator: Emulator) -> dict[str, list[str]]:
+    """Return the names of what a recording may have columns of, by vector: the moving state, and the control."""
+    moving = emulator.state.size - len(emulator.parameter_entries)
+    return {
+        "state": column_names(emulator.state)[:moving],
+        "control": column_names(emulator.control),
+    }
 
 
 def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
@@ -194,17 +198,15 @@ def _evenly(runs: Runs, count: int) -> Runs:
 
 
 def _order(
-    recording: Recording, vector: str, wanted: list[str], columns: tuple[tuple[str, str], ...]
+    file: str, vocabulary: Vocabulary, vector: str, columns: tuple[tuple[str, str], ...]
 ) -> list[int]:
-    """Return the column of each of the `wanted` numbers of a state or a control."""
-    present = [f"{name} {unit}" for name, unit in columns]
+    """Return the column of each number of a state or a control; BadFileError if one has none."""
+    present = [" ".join(column) for column in columns]
+    wanted = vocabulary[vector]
     missing = [name for name in wanted if name not in present]
-    extra = [name for name in present if name not in wanted]
-    if missing or extra:
-        faults = [f"no column '{vector}.{name}'" for name in missing[:1]]
-        faults += [f"'{vector}.{name}' is no column of the emulator" for name in extra[:1]]
-        listed = ",".join(f"{vector}.{name}" for name in wanted)
-        raise BadFileError(f"{recording.file}: {' and '.join(faults)}. Wanted {listed}.")
+    if missing:
+        every = ",".join(f"{vector}.{name}" for name in wanted)
+        raise BadFileError(f"{file}: no column '{vector}.{missing[0]}'. Wanted {every}.")
     return [present.index(name) for name in wanted]
 
 
@@ -212,20 +214,17 @@ def unwrapped(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.
     """Return the states with angles unwrapped beyond ±π."""
     if emulator.state_structure.cloud is not None:
         return states
-    is_angle = np.asarray(emulator.features.angles).any(axis=0)
     names = emulator.state.names
-    turning = [entry for entry in np.flatnonzero(is_angle) if names[entry].endswith(" rad")]
-    unwrapped = states.copy()
-    unwrapped[:, turning] = np.unwrap(states[:, turning], axis=0)
-    return unwrapped
+    turning = [entry for entry, name in enumerate(names) if name.endswith(" rad")]
+    return without_jumps(states, turning)
 
 
-def _substeps(recording: Recording, dt: float) -> int:
-    """Return the number of samples in a super step of `dt` [s]."""
-    count = round(dt / recording.step)
-    if count < 1 or abs(count * recording.step - dt) > MAX_TIME_ERROR * dt:
+def _substeps(file: str, step: float, dt: float) -> int:
+    """Return the number of samples, `step` [s] apart, in a super step of `dt` [s]."""
+    count = round(dt / step)
+    if count < 1 or abs(count * step - dt) > MAX_TIME_ERROR * dt:
         raise BadFileError(
-            f"{recording.file}: sampled every {recording.step:g} s; the emulator's super step of {dt:g} s "
+            f"{file}: sampled every {step:g} s; the emulator's super step of {dt:g} s "
             "is not a whole multiple of that. Resample it."
         )
     return count

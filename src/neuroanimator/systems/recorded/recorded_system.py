@@ -47,6 +47,8 @@ class RecordedSystem(SystemWithoutPhysics):
             state=self.state,
             control=self.control,
             step=sampled.dt,
+            is_resampled=definition.resample,
+            has_estimates=definition.velocities,
             angles=tuple(wrapping_entries(definition.state)),
         )
         self.recordings = self._recordings

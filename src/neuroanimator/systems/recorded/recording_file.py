@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.layout import Layout
-from neuroanimator.systems.recorded.recording import Recording, read_recording
+from neuroanimator.systems.recorded.recording import Recording
+from neuroanimator.systems.recorded.velocities import prepared
 
-STEP_TOLERANCE = 1e-6
+STEP_TOLERANCE = 1e-5
 """Relative tolerance of the sampling interval against the one in the TOML file: both are rounded."""
 
 
@@ -28,6 +29,10 @@ class RecordingFile:
     control: Layout
     step: float
     """Sampling interval [s]."""
+    is_resampled: bool
+    """Whether samples at uneven times are interpolated."""
+    has_estimates: bool
+    """Whether velocities that the file does not hold are estimated."""
     angles: tuple[int, ...]
     """State entries that are angles: they jump by 2π where a recording wraps them."""
 
@@ -37,7 +42,7 @@ class RecordingFile:
         Raises BadFileError unless the user has allowed the file (`trust_files`) and it holds the runs of its
         definition, ArgumentError if its columns or its step differ.
         """
-        recording = read_recording(self.sha256, self.name)
+        recording = prepared(self.sha256, self.name, self.is_resampled, self.has_estimates)
         _check_columns(recording, "state", self.state, recording.state)
         _check_columns(recording, "control", self.control, recording.control)
         rows = tuple(len(states) for states in recording.states)
