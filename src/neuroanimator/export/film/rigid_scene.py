@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import final
+from typing import NamedTuple, final
 
 import mujoco
 import numpy as np
@@ -27,6 +27,15 @@ FLOOR_HALF_WIDTH = 1.5
 FLOOR_COLOUR = (0.78, 0.8, 0.83, 1.0)
 """Red, green, blue and opacity of a floor."""
 
+STAND_COLOUR = (0.6, 0.64, 0.67, 1.0)
+"""Red, green, blue and opacity of the stand of what a hinge holds in the air."""
+
+BEHIND = 0.09
+"""Distance of a stand's post behind the body, over its size."""
+
+AXLE_RADIUS, POST_RADIUS, FOOT_RADIUS, FOOT_HEIGHT = 0.012, 0.018, 0.13, 0.016
+"""Measures of a stand, over the body's size."""
+
 HEADLIGHT = 0.2
 """Maximum brightness of the camera's headlight beside other lights: a floor seen from above must not glare."""
 
@@ -48,12 +57,14 @@ class RigidScene:
         self._option = mujoco.MjvOption()
         self._perturbation = mujoco.MjvPerturb()
         self._floor_place: Float[np.ndarray, " 3"] | None = None
+        self._stand: list[_Rod] = []
         farthest = self.model.vis.map.zfar * self.model.stat.extent
         self._floor_size = FLOOR_HALF_WIDTH * farthest
         if lacks_ground(self.model, shots.size):
             lowest = float(bounding_boxes(take.clips).low[:, 2].min())
             x, y, _ = shots.lookat.mean(axis=0)
             self._floor_place = np.array([x, y, lowest - FLOOR_DEPTH * shots.size])
+            self._stand = _stand(self.model, shots, self._floor_place[2])
             _light_evenly(self.model)
 
     def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
@@ -98,6 +109,48 @@ class RigidScene:
         )
         floor.category = mujoco.mjtCatBit.mjCAT_DECOR
         floor.specular = 0
+        for rod in self._stand[: scene.maxgeom - scene.ngeom]:
+            geom = scene.geoms[scene.ngeom]
+            scene.ngeom += 1
+            mujoco.mjv_initGeom(
+                geom,
+                mujoco.mjtGeom.mjGEOM_CYLINDER,
+                np.zeros(3),
+                np.zeros(3),
+                np.zeros(9),
+                np.array(STAND_COLOUR, np.float32),
+            )
+            mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CYLINDER, *rod)
+
+
+class _Rod(NamedTuple):
+    """A part of a stand."""
+
+    radius: float
+    start: Float[np.ndarray, " 3"]
+    end: Float[np.ndarray, " 3"]
+
+
+def _stand(model: mujoco.MjModel, shots: Shots, floor: float) -> list[_Rod]:
+    """Return the stand behind a body that a hinge holds in the air, as on the studio's stage; nothing for any other."""
+    is_held = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE
+    is_bare = not (model.geom_bodyid == 0).any()
+    if not (is_held and is_bare and model.body_parentid[model.jnt_bodyid[0]] == 0):
+        return []
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    pivot, axis = data.xanchor[0], data.xaxis[0]
+    azimuth = np.deg2rad(shots.angles(0)[0])
+    is_ahead = axis @ [np.cos(azimuth), np.sin(azimuth), 0.0] < 0
+    top = pivot + (-1 if is_ahead else 1) * BEHIND * shots.size * axis
+    ground = np.array([*top[:2], floor])
+    plate = ground + np.array([0.0, 0.0, FOOT_HEIGHT * shots.size])
+    rods = [
+        (AXLE_RADIUS, pivot, top),
+        (POST_RADIUS, ground, top),
+        (FOOT_RADIUS, ground, plate),
+    ]
+    return [_Rod(radius * shots.size, start, end) for radius, start, end in rods]
 
 
 def _light_evenly(model: mujoco.MjModel) -> None:
