@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import NamedTuple, final
+from typing import final
 
 import mujoco
 import numpy as np
@@ -35,6 +35,9 @@ BEHIND = 0.09
 
 AXLE_RADIUS, POST_RADIUS, FOOT_RADIUS, FOOT_HEIGHT = 0.012, 0.018, 0.13, 0.016
 """Measures of a stand, over the body's size."""
+
+_Rod = tuple[float, np.ndarray, np.ndarray]
+"""A part of a stand: its radius and its ends (3,) [m]."""
 
 HEADLIGHT = 0.2
 """Maximum brightness of the camera's headlight beside other lights: a floor seen from above must not glare."""
@@ -97,60 +100,45 @@ class RigidScene:
             self._add_floor(scene, self._floor_place)
 
     def _add_floor(self, scene: mujoco.MjvScene, place: Float[np.ndarray, " 3"]) -> None:
-        floor = scene.geoms[scene.ngeom]
-        scene.ngeom += 1
-        mujoco.mjv_initGeom(
-            floor,
-            mujoco.mjtGeom.mjGEOM_PLANE,
-            np.array([self._floor_size, self._floor_size, 1.0]),
-            place,
-            np.eye(3).ravel(),
-            np.array(FLOOR_COLOUR, np.float32),
-        )
+        floor = _added(scene, mujoco.mjtGeom.mjGEOM_PLANE, FLOOR_COLOUR)
+        floor.pos[:] = place
+        floor.size[:] = (self._floor_size, self._floor_size, 1.0)
         floor.category = mujoco.mjtCatBit.mjCAT_DECOR
         floor.specular = 0
-        for rod in self._stand[: scene.maxgeom - scene.ngeom]:
-            geom = scene.geoms[scene.ngeom]
-            scene.ngeom += 1
-            mujoco.mjv_initGeom(
-                geom,
-                mujoco.mjtGeom.mjGEOM_CYLINDER,
-                np.zeros(3),
-                np.zeros(3),
-                np.zeros(9),
-                np.array(STAND_COLOUR, np.float32),
-            )
-            mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CYLINDER, *rod)
+        for radius, start, end in self._stand[: scene.maxgeom - scene.ngeom]:
+            rod = _added(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, STAND_COLOUR)
+            mujoco.mjv_connector(rod, rod.type, radius, start, end)
 
 
-class _Rod(NamedTuple):
-    """A part of a stand."""
-
-    radius: float
-    start: Float[np.ndarray, " 3"]
-    end: Float[np.ndarray, " 3"]
+def _added(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, colour: tuple[float, ...]
+) -> mujoco.MjvGeom:
+    """Return a new shape in a picture, at the origin."""
+    shape = scene.geoms[scene.ngeom]
+    scene.ngeom += 1
+    rgba = np.array(colour, np.float32)
+    mujoco.mjv_initGeom(shape, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
+    return shape
 
 
 def _stand(model: mujoco.MjModel, shots: Shots, floor: float) -> list[_Rod]:
     """Return the stand behind a body that a hinge holds in the air, as on the studio's stage; nothing for any other."""
     is_held = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE
-    is_bare = not (model.geom_bodyid == 0).any()
+    is_bare = 0 not in model.geom_bodyid
     if not (is_held and is_bare and model.body_parentid[model.jnt_bodyid[0]] == 0):
         return []
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     pivot, axis = data.xanchor[0], data.xaxis[0]
-    azimuth = np.deg2rad(shots.angles(0)[0])
-    is_ahead = axis @ [np.cos(azimuth), np.sin(azimuth), 0.0] < 0
-    top = pivot + (-1 if is_ahead else 1) * BEHIND * shots.size * axis
+    ahead = shots.lookat[0] - shots.position[0]
+    top = pivot + np.copysign(BEHIND * shots.size, axis @ ahead) * axis
     ground = np.array([*top[:2], floor])
-    plate = ground + np.array([0.0, 0.0, FOOT_HEIGHT * shots.size])
-    rods = [
-        (AXLE_RADIUS, pivot, top),
-        (POST_RADIUS, ground, top),
-        (FOOT_RADIUS, ground, plate),
+    plate = np.array([*top[:2], floor + FOOT_HEIGHT * shots.size])
+    return [
+        (AXLE_RADIUS * shots.size, pivot, top),
+        (POST_RADIUS * shots.size, ground, top),
+        (FOOT_RADIUS * shots.size, ground, plate),
     ]
-    return [_Rod(radius * shots.size, start, end) for radius, start, end in rods]
 
 
 def _light_evenly(model: mujoco.MjModel) -> None:
