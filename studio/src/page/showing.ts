@@ -73,7 +73,7 @@ export class Showing {
     this.#physics = isPhysics(facts) ? null : physicsOf(session.bundle, live);
     this.#twin = this.#physics && new Twin(this.#physics, facts);
     if (this.#twin) {
-      this.#twin.onError = (line) => this.#notices.say("physics", `No physics ghost: ${line}`, "warning");
+      this.#twin.onError = (line) => this.#notices.say("physics", `No physics ghost: ${this.#adviceOn(line)}`, "warning");
     }
     player.onEvent = (event) => this.#happened(event);
     player.isPlaying = !isMotionReduced();
@@ -270,6 +270,12 @@ export class Showing {
       world.showGhost(null);
     }
     this.hud.showGap(this.#measure.gap);
+  }
+
+  // The controls are not to blame for what a hand did.
+  #adviceOn(line: string): string {
+    const isPushed = this.session.player.motion.pushes().length > 0;
+    return isPushed && line.includes("diverged") ? "the physics diverged after a push. Press R to restart, and push more gently." : line;
   }
 
   #showTrust(): void {
