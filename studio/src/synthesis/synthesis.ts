@@ -319,7 +319,7 @@ class GoalPanel implements Synthesis {
       motion,
       path: pathOf(bundle.facts, states),
       isSuccess: proof?.isSuccess ?? null,
-      verdict: proof ? sayVerdict(proof) : `Found on the emulator, not verified: ${unproved.replace(/\.$/, "")}.`,
+      verdict: proof ? sayVerdict(proof) : `Found on the emulator, not verified: ${withinSentence(unproved)}.`,
     };
     this.#results = [...this.#results, result].slice(-MAX_RESULTS);
     player.motion = motion;
@@ -390,6 +390,11 @@ function nearer(one: Proved, other: Proved | null): Proved {
 function sayProgress({ corrections }: Progress, iterations: number): string {
   const corrected = corrections === 0 ? "" : `, ${counted(corrections, "correction")}`;
   return `${counted(iterations, "iteration")}${corrected}`;
+}
+
+/** Return a sentence as a part of another one. */
+function withinSentence(line: string): string {
+  return line.charAt(0).toLowerCase() + line.slice(1).replace(/\.$/, "");
 }
 
 function counted(count: number, noun: string): string {
