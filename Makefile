@@ -82,7 +82,7 @@ studio/neuroanimator_studio/bundles/cube/bundle.json: src/neuroanimator/systems/
 	@$(BIN)/python -m neuroanimator_studio.ship cube
 
 # What was learnt in the examples.
-studio/neuroanimator_studio/bundles/human/bundle.json: examples/human/human.policy.safetensors | $(STAMP)
+studio/neuroanimator_studio/bundles/human/bundle.json: examples/human/human.policy.safetensors examples/human/falls.safetensors | $(STAMP)
 	@$(BIN)/python -m neuroanimator_studio.ship human
 
 $(PAGE): $(PAGE_SOURCES) | $(STAMP)

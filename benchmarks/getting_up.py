@@ -2,6 +2,7 @@
 
 python benchmarks/getting_up.py
 python benchmarks/getting_up.py --get-up other.policy.safetensors --dry
+python benchmarks/getting_up.py --falls examples/human/falls.safetensors
 
 100 bodies walk at 0.9 m/s on the physics, by examples/human/human.policy.safetensors, and are pushed over by 150 N s on the
 trunk, a force over 0.1 s in a random horizontal direction. Once a trunk is 0.9 rad off the vertical, its servos take the
@@ -10,7 +11,8 @@ After that examples/human/get-up.policy.safetensors follows its motion, seen fro
 walking policy takes over, at 0 m/s for a second and at 0.9 m/s for ten. A body has got up if its trunk is then within 0.5 rad of
 the vertical, and walks on if it never tilts by more than 0.9 rad afterwards.
 
-Writes results/getting_up.csv.
+Writes results/getting_up.csv; with --falls instead four falls, ahead, to the left, back and to the right, each until the
+body stands again: the studio shows the one that fits when somebody has pushed its human over.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import numpy as np
 from commanded import RESULTS, Walkers, controls_of
 from following import HUMAN
 from jaxtyping import Bool, Float
+from safetensors.numpy import save_file
 
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, TURN
@@ -91,6 +94,18 @@ PAUSE = 1.0
 
 AFTER_SECONDS = 10.0
 """Time from the end of getting up in which it may not fall again [s]."""
+
+FALLS = np.array([0.0, np.pi / 2, np.pi, -np.pi / 2])
+"""Directions of the falls of --falls, from straight ahead to the left [rad]."""
+
+EVERY = 2
+"""Super steps from one kept state of a fall to the next."""
+
+STILL = 0.3
+"""Root mean square of the velocities below which a body lies still [rad/s]."""
+
+MAX_STILL = 10
+"""Number of kept states of lying still; more are left out."""
 
 
 class Fallers:
@@ -242,13 +257,38 @@ def fallen_and_risen(
     return fallers, row
 
 
+def write_falls(get_up: Path, out: Path) -> None:
+    """Write the states (T, S) of a body from each push until it stands again, by number."""
+    fallers, _ = fallen_and_risen(get_up, FALLS)
+    dt = fallers.dt
+    first = round(WALK_SECONDS / dt) + 1
+    last = len(fallers.states) - round(AFTER_SECONDS / dt)
+    states = np.array(fallers.states[first:last:EVERY], np.float32)
+    # The last two are the clock and the commanded heading.
+    velocities = states[..., fallers.walkers.reference.velocity : -2]
+    falls = {}
+    for number in range(len(FALLS)):
+        kept = []
+        still = 0
+        for state, velocity in zip(states[:, number], velocities[:, number], strict=True):
+            still = still + 1 if np.sqrt(np.mean(velocity**2)) < STILL else 0
+            if still <= MAX_STILL:
+                kept.append(state)
+        falls[str(number)] = np.stack(kept)
+    save_file(falls, out)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--get-up", type=Path, default=HUMAN / "get-up.policy.safetensors")
     parser.add_argument("--dry", action="store_true", help="write no file")
+    parser.add_argument("--falls", type=Path, help="write four falls to this file")
     arguments = parser.parse_args()
+    if arguments.falls:
+        write_falls(arguments.get_up, arguments.falls)
+        return
     print(describe_machine())
     angles = np.random.default_rng(PUSHES).uniform(-np.pi, np.pi, BODIES)
     _, row = fallen_and_risen(arguments.get_up, angles)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import pickle
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -44,6 +47,64 @@ SHOWN = [
 def test_nobody_needs_an_inner_module(path: Path):
     modules = set(IMPORT.findall(code_of(path)))
     assert modules <= {*PUBLIC, "neuroanimator.gym"}
+
+
+OBJECT = re.compile(r"\b(Emulator|System|Objective|Policy|Clip|Replay|Synthesis|Dataset)\b")
+"""A class of objects that are loaded or made, in an annotation."""
+
+
+@pytest.mark.parametrize("package", PUBLIC)
+def test_what_is_no_object_of_the_wanted_kind_is_refused_at_once_in_one_line(package: str):
+    """Whichever public function is given it, and whatever else that needs."""
+    module = importlib.import_module(package)
+    tried = 0
+    for name in module.__all__:
+        function = getattr(module, name)
+        if not inspect.isfunction(function):
+            continue
+        for parameter, annotation in inspect.get_annotations(function).items():
+            if parameter == "return" or not OBJECT.search(annotation) or "[[" in annotation:
+                continue
+            for wrong in (object(), 3.5, "no such thing"):
+                if isinstance(wrong, str) and re.search(r"\bstr\b", annotation):
+                    continue
+                with pytest.raises(na.NeuroAnimatorError) as refusal:
+                    function(**{parameter: wrong})
+                assert "\n" not in str(refusal.value), (name, parameter)
+                tried += 1
+    assert tried or package == "neuroanimator.control.tasks"
+
+
+def test_a_name_does_where_an_object_is_wanted_and_a_cost_where_an_objective_is():
+    emulator = na.load_emulator("pendulum")
+    system = na.load_system("pendulum")
+    goal: Any = na.goal(cast(Any, "pendulum"), "upright")
+    controls = np.zeros((3, 3))
+    by_name = na.replay(cast(Any, "pendulum"), cast(Any, "pendulum"), goal, system.rest, controls)
+    by_object = na.replay(emulator, system, na.Objective.of(goal), system.rest, controls)
+    assert by_name.cost_physics == by_object.cost_physics
+    costs: Any = [goal, na.effort()]
+    assert na.replay(emulator, system, costs, system.rest, controls).cost_physics > 0
+
+
+@pytest.mark.parametrize(
+    ("wanted", "call"),
+    [
+        ("objective: wanted Objective, as Objective.of returns, got the text 'upright'.",
+         lambda given: na.descend(given, cast(Any, "upright"), [0.0], steps=1)),
+        ("clips: wanted Clip, as make_clip returns, got the text 'swim.csv'.",
+         lambda given: na.write_glb(cast(Any, "swim.csv"), "swim.glb")),
+        ("system: wanted System, as load_system returns, got Emulator.",
+         lambda given: na.goal(given, "upright")),
+    ],
+)  # fmt: skip
+def test_a_refusal_names_what_makes_the_object(wanted: str, call: Callable[[Any], object]):
+    with pytest.raises(na.NeuroAnimatorError, match=re.escape(wanted)):
+        call(na.load_emulator("pendulum"))
+
+
+def test_public_functions_are_the_same_in_other_processes():
+    assert pickle.loads(pickle.dumps(na.evaluate)) is na.evaluate
 
 
 @pytest.mark.parametrize("package", PUBLIC)

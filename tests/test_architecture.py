@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STUDIO = ROOT / "studio" / "neuroanimator_studio"
 STAGES = [
-    "lazy", "errors", "text", "terminal", "files", "executor", "codegen", "state", "appearance", "definitions",
+    "errors", "text", "lazy", "terminal", "files", "executor", "codegen", "state", "appearance", "definitions",
     "emulator", "systems", "data", "training", "evaluation", "animation", "control", "export", "gym", "scaffold", "cli",
 ]  # fmt: skip
 

@@ -35,6 +35,9 @@ GUESSES = [
     lambda: pendulum.start_at({"root.headin": 1}),
     lambda: na.reach_point(pendulum, "lowr", [0, 0, 1], within=0.1),
     lambda: fish.start_at({"body.heading": "left"}),
+    lambda: na.evaluate("fihs"),
+    lambda: na.synthesise(emulator, pendulum, "upright", pendulum.rest, steps=3),
+    lambda: na.synthesise(emulator, emulator, na.goal(pendulum, "upright"), pendulum.rest, steps=3),
 ]
 for guess in GUESSES:
     try:
@@ -50,7 +53,7 @@ ANSWERS = (
     "steps: wanted a whole number of super steps, at least 1; got 1.5.",
     "steps and seconds: wanted one of them, the length of the motion.",
     "steps and seconds: wanted one of them, the length of the motion.",
-    'got Emulator("pendulum"',
+    "clips: wanted Clip, as make_clip returns, got Emulator.",
     "none of that name ships. Did you mean fish?",
     "none of that name ships. Did you mean dolphin?",
     "Did you mean pendulum?",
@@ -58,6 +61,9 @@ ANSWERS = (
     "no part called 'root.headin'.",
     "Did you mean lower?",
     "start: 'body.heading': wanted a number or several, got 'left'.",
+    "none of that name ships. Did you mean fish?",
+    "objective: wanted Objective, as Objective.of returns, got the text 'upright'.",
+    "system: wanted System, as load_system returns, got Emulator.",
 )
 
 

@@ -3,13 +3,41 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
-from functools import cache
+import inspect
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache, wraps
 from importlib import import_module, resources
-from typing import Any
+from types import FunctionType, UnionType
+from typing import Any, get_args, get_origin
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.text import quoted
 
 EVERYTHING = "*"
 """Stands for all names of a module that are in its `__all__`."""
+
+LOADERS = {
+    "Dataset": "open_transitions",
+    "Emulator": "load_emulator",
+    "Policy": "load_policy",
+    "System": "load_system",
+    "Transitions": "read_transitions",
+}
+"""Public functions that load an object by its name or its file, by its class."""
+
+MAKERS = {
+    **LOADERS,
+    "Clip": "make_clip",
+    "Evaluation": "evaluate",
+    "Inspection": "inspect",
+    "Objective": "Objective.of",
+    "Replay": "replay",
+    "Structure": "load_system",
+    "Synthesis": "synthesise",
+}
+"""What makes an object, for errors, by its class."""
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
@@ -26,7 +54,8 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
             home = _imports(package).get(name) or _homes(package).get(name)
         if home is None:
             raise AttributeError(f"{package} has no '{name}'")
-        return getattr(import_module(home), name)
+        thing = getattr(import_module(home), name)
+        return at_border(package, thing) if isinstance(thing, FunctionType) else thing
 
     def list_names() -> list[str]:
         return sorted(_homes(package))
@@ -63,3 +92,84 @@ def _all_of(module: str) -> list[str]:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return ast.literal_eval(node.value)
     raise AssertionError(f"{module} has no __all__")
+
+
+@cache
+def at_border(package: str, function: FunctionType) -> Callable[..., Any]:
+    """Return a function of `package` such that it takes names for objects, and refuses other kinds at once.
+
+    A name or a file stands for what one of `LOADERS` makes of it, and cost terms for the objective of them. Whatever else is no
+    object of the annotated class is refused by an ArgumentError.
+    """
+    written = inspect.unwrap(function)
+    wanted = _wanted_classes(written)
+    if not wanted:
+        return function
+
+    def taken(parameter: str, value: Any) -> Any:
+        if parameter not in wanted or _is_any_of(value, wanted[parameter]):
+            return value
+        return _made(parameter, value, wanted[parameter])
+
+    @wraps(function)
+    def checked(*arguments: Any, **named: Any) -> Any:
+        given = zip(written.__code__.co_varnames, arguments, strict=False)
+        return function(
+            *(taken(parameter, value) for parameter, value in given),
+            **{parameter: taken(parameter, value) for parameter, value in named.items()},
+        )
+
+    # Processes that are sent the function find it by its public name.
+    checked.__module__ = package
+    checked.__qualname__ = function.__name__
+    return checked
+
+
+def _wanted_classes(function: Any) -> dict[str, tuple[type, ...]]:
+    """Return the classes of the objects that a function takes, by parameter; none where it also takes what has no class."""
+    wanted = {}
+    for parameter, annotation in function.__annotations__.items():
+        # What is imported for type checkers alone is not there.
+        with suppress(NameError):
+            classes = _classes_of(eval(annotation, function.__globals__))
+            if any(_is_ours(kind) for kind in classes):
+                wanted[parameter] = classes
+    wanted.pop("return", None)
+    return wanted
+
+
+def _classes_of(annotation: Any) -> tuple[type, ...]:
+    parts = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
+    classes: list[type] = []
+    for part in parts:
+        items = get_args(part) if get_origin(part) is Sequence else (part,)
+        classes += items
+    is_plain = all(isinstance(kind, type) and get_origin(kind) is None for kind in classes)
+    return tuple(classes) if is_plain else ()
+
+
+def _is_ours(kind: type) -> bool:
+    return kind.__module__.startswith("neuroanimator.")
+
+
+def _is_any_of(value: Any, classes: tuple[type, ...]) -> bool:
+    """Return whether `value`, or all that is in it, is of one of the classes."""
+    if isinstance(value, classes):
+        return True
+    is_row = isinstance(value, Sequence) and not isinstance(value, str)
+    return is_row and all(isinstance(item, classes) for item in value)
+
+
+def _made(parameter: str, value: Any, classes: tuple[type, ...]) -> Any:
+    """Return what a name loads, or the objective of cost terms; ArgumentError for anything else."""
+    kind: Any = next(kind for kind in classes if _is_ours(kind))
+    name = kind.__name__
+    public = import_module("neuroanimator")
+    is_name = isinstance(value, (str, os.PathLike))
+    if is_name and name in LOADERS:
+        return getattr(public, LOADERS[name])(str(value))
+    if name == "Objective" and _is_any_of(value, (public.CostTerm,)):
+        return kind.of(*(value if isinstance(value, Sequence) else (value,)))
+    made = f", as {MAKERS[name]} returns" if name in MAKERS else ""
+    got = f"the text {quoted(value)}" if is_name else type(value).__name__
+    raise ArgumentError(f"{parameter}: wanted {name}{made}, got {got}.")

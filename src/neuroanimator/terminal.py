@@ -125,6 +125,12 @@ def show_phases() -> None:
     _screen.quiet_since = time.monotonic()
 
 
+def tell(line: str) -> None:
+    """Print `line` on stderr if a command line runs (`show_phases`)."""
+    if _screen.shows_phases:
+        print_line(f"neuroanimator: {line}", to_stderr=True)
+
+
 def hide_progress() -> None:
     """Show neither phases nor bars from now on, as a server does."""
     _screen.is_hidden = True

@@ -39,12 +39,17 @@ class Example(NamedTuple):
     file: str
     """Its path in a checkout."""
     about: str
+    scenery: str
+    falls: str
+    """Its path to recorded falls of the body, each until it stands again."""
 
 
 EXAMPLE_BUNDLES = {
     "human": Example(
         "examples/human/human.policy.safetensors",
         "A human who stands, walks and runs on command, as in recorded motions; arrow keys steer him",
+        "meadow",
+        "examples/human/falls.safetensors",
     )
 }
 """Bundles of what was learnt in the examples, by id; they come last, each with its file: no emulator of the package is theirs."""

@@ -115,6 +115,7 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
         "can_simulate": system.can_simulate,
         "state": spec.state.to_json(),
         "control": spec.control.to_json(),
+        "control_units": control_units(spec, system),
         "control_low": list(spec.bounds.low),
         "control_high": list(spec.bounds.high),
         "rest": list(spec.rest),
@@ -129,6 +130,44 @@ def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[
         "scene": describe_scene(spec, system),
         "gait": _gait(spec),
     }
+
+
+def control_units(spec: EmulatorSpec, system: System) -> list[str]:
+    """Return the unit of each number of a control, also of thrusters and tendons; 1 where it is a share, or uncertain.
+
+    An emulator's layout has fewer: it may not change with a release.
+    """
+    units = []
+    for part in spec.control.slices:
+        units += [part.unit] * part.size
+    if isinstance(system, MujocoSystem) and system.model.nu == len(units):
+        for actuator, unit in enumerate(units):
+            if unit == "1":
+                units[actuator] = _effort_unit(system.model, actuator)
+    return units
+
+
+def _effort_unit(model: Any, actuator: int) -> str:
+    """Return N or N·m of an actuator whose control is its force or torque; 1 of any other."""
+    import mujoco
+
+    is_direct = model.actuator_gainprm[actuator][0] == 1 and not model.actuator_dyntype[actuator]
+    if not is_direct or model.actuator_biasprm[actuator][1]:
+        return "1"
+    number = model.actuator_trnid[actuator][0]
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_SITE:
+        force, torque = np.split(model.actuator_gear[actuator], 2)
+        kinds = [(force, "N"), (torque, "N·m")]
+        acting = [unit for gear, unit in kinds if np.isclose(np.linalg.norm(gear), 1)]
+        return acting[0] if len(acting) == 1 else "1"
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON:
+        first = model.tendon_adr[number]
+        wraps = slice(first, first + model.tendon_num[number])
+        if (model.wrap_type[wraps] == mujoco.mjtWrap.mjWRAP_JOINT).all():
+            joints = model.jnt_type[model.wrap_objid[wraps]]
+            if (joints == mujoco.mjtJoint.mjJNT_HINGE).all():
+                return "N·m"
+    return "1"
 
 
 def describe_policy(policy: Policy | StatePolicy) -> dict[str, Any]:
@@ -279,16 +318,9 @@ def describe_scene(spec: EmulatorSpec, system: System) -> dict[str, Any]:
     """Return the kind of place, and how high the water's surface and the ground are [m]; None where there is none."""
     is_own = bool(spec.definition)
     kind = "plain" if is_own else SHIPPED_SYSTEMS[system.name].scenery
-    if is_in_water(system.structure):
+    if system.structure.is_in_water:
         kind = "water"
     return {"kind": kind, "surface": system.water_surface, "floor": _floor(system)}
-
-
-def is_in_water(structure: Structure) -> bool:
-    """Return whether this is a body of mass points that no ground holds and no gravity pulls, or that water carries."""
-    if structure.cloud is None:
-        return False
-    return structure.is_immersed or not structure.has_gravity
 
 
 def _floor(system: System) -> float | None:

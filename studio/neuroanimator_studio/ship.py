@@ -9,7 +9,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from safetensors.numpy import load_file
+
 from neuroanimator import Emulator
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.zoo import find_emulator
 from neuroanimator.text import print_line
@@ -28,7 +31,11 @@ from neuroanimator_studio.catalogue import (
     SHIPPED_BUNDLES,
     shipped_folder,
 )
+from neuroanimator_studio.description import packed
 from neuroanimator_studio.physics import physics_facts, write_physics_module
+
+STEPS_BETWEEN = 2
+"""Super steps from one state of a recorded fall to the next."""
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 """Root of the checkout that the studio lies in."""
@@ -76,7 +83,27 @@ def example_facts(name: str, folder: Path) -> dict[str, Any]:
     source = folder / EMULATOR
     emulator, policy = load_models(source)
     facts = bundle_facts(source, emulator, policy, name)
-    return facts | {"title": name, "about": EXAMPLE_BUNDLES[name].about}
+    example = EXAMPLE_BUNDLES[name]
+    facts["scene"]["kind"] = example.scenery
+    assert isinstance(policy, StatePolicy)
+    falls = describe_falls(CHECKOUT / example.falls, policy)
+    return facts | {"title": name, "about": example.about, "falls": falls}
+
+
+def describe_falls(file: Path, policy: StatePolicy) -> dict[str, Any]:
+    """Return the falls in a file that `benchmarks/getting_up.py` wrote: states (T, S), `dt` [s] apart, in base64 of float32.
+
+    `heading` is the state entry of the commanded heading.
+    """
+    reference = policy.view.reference
+    assert reference is not None
+    assert reference.commands is not None
+    motions = [packed(states, "<f4") for states in load_file(file).values()]
+    return {
+        "dt": STEPS_BETWEEN * policy.dt,
+        "heading": reference.commands.heading,
+        "motions": motions,
+    }
 
 
 if __name__ == "__main__":

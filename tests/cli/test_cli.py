@@ -224,7 +224,7 @@ def test_the_version_is_told_without_heavy_imports(cli_process: Cli):
 
 
 def test_a_gap_is_told_in_words():
-    assert "physics does even better" in gap_in_words(0.956, 0.315)
+    assert "predicted a worse motion than the physics does" in gap_in_words(0.956, 0.315)
     assert "does what the emulator predicted" in gap_in_words(0.30, 0.31)
     assert "a little worse" in gap_in_words(0.3, 0.5)
     assert "much worse" in gap_in_words(0.3, 1.4)
@@ -236,3 +236,9 @@ def test_of_a_missed_goal_nobody_says_that_the_physics_does_what_was_foretold():
     assert told.endswith("the goal is missed: the emulator predicted as high a J")
     assert "the goal is missed: the physics does a little worse" in gap_in_words(0.3, 0.5, False)
     assert "missed" not in gap_in_words(0.3, 0.5, is_reached=True)
+
+
+def test_a_motion_that_replays_repaired_is_no_better_prediction():
+    told = gap_in_words(1143.0, 357.0, is_reached=True, is_corrected=True)
+    assert "replays on the physics repaired the motion" in told
+    assert "predicted" not in told

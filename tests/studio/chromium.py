@@ -96,11 +96,17 @@ class Looking:
 
 @contextmanager
 def looking(
-    browser: Browser, window: ViewportSize = WINDOW, *, is_moving: bool = False
+    browser: Browser,
+    window: ViewportSize = WINDOW,
+    *,
+    is_moving: bool = False,
+    is_touched: bool = False,
 ) -> Iterator[Looking]:
-    """Open a new window, as of a new person, who wants to see everything move or not."""
+    """Open a new window, as of a new person, who wants to see everything move or not, on a phone or not."""
     motion = "no-preference" if is_moving else "reduce"
-    context = browser.new_context(viewport=window, reduced_motion=motion)
+    context = browser.new_context(
+        viewport=window, reduced_motion=motion, has_touch=is_touched, is_mobile=is_touched
+    )
     try:
         yield Looking(context.new_page())
     finally:

@@ -202,8 +202,8 @@ def test_what_mujoco_moves_is_found_without_a_server_and_said_to_be_unproved(
 ):
     with without_server(browser, "pendulum-50", tmp_path) as look:
         verdict = press(look.page)
-        expect(verdict).to_contain_text("Found on the emulator, not verified: the true physics")
-        expect(verdict).to_contain_text("start it with 'neuroanimator studio'")
+        expect(verdict).to_contain_text("Found on the emulator, not verified: the physics")
+        expect(verdict).to_contain_text("a page that 'neuroanimator studio' opens")
         assert look.complaints == []
 
 

@@ -20,6 +20,8 @@ PATIENCE = 120_000
 WINDOW: ViewportSize = {"width": 1000, "height": 320}
 """With panels beside the stage."""
 
+PHONE: ViewportSize = {"width": 390, "height": 760}
+
 IMAGE = 0.25
 """Time between two pictures [s]: the longest that the page makes up for."""
 
@@ -84,3 +86,31 @@ def test_a_human_goes_where_arrow_keys_say_and_ten_others_go_their_ways(tmp_path
     assert abs(turned[1] - turned[0]) < 0.3
     assert turned[2] - turned[1] > 3
     assert turned[4] - turned[3] < -3
+
+
+def test_a_finger_turns_a_human_by_the_stick_on_the_stage(tmp_path: Path):
+    export_site(page_folder(), [shipped_folder() / "human"], tmp_path / "site")
+    with (
+        browsing() as browser,
+        hosting(tmp_path / "site") as site,
+        looking(browser, PHONE, is_moving=True, is_touched=True) as look,
+    ):
+        page = look.page
+        page.add_init_script(STEPPED)
+        page.goto(site)
+        page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+        stick = page.locator(".stick").first
+        expect(stick).to_be_visible()
+        expect(page.locator(".stick").last).to_be_hidden()
+        box = stick.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 2, box["y"] + box["height"] / 2)
+        let_time_go(page, 1)
+        turning = page.locator(".slider", has_text="turn left").locator("output")
+        expect(turning).to_have_text("0.80 rad/s")
+        page.mouse.up()
+        let_time_go(page, 1)
+        expect(turning).to_have_text(re.compile("^-?0.00 rad/s$"))
+        assert look.complaints == []

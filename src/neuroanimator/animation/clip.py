@@ -74,10 +74,6 @@ def check_drawable(clip: Clip) -> None:
 
 def together(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Clip]:
     """Return the clips that go into one file; ArgumentError if they cannot, or if the `ghost` shows another body."""
-    if not isinstance(clips, Clip | Sequence):
-        raise ArgumentError(
-            f"clips: wanted a clip or several, got {clips!r}. na.make_clip(emulator, states) makes one."
-        )
     every = [clips] if isinstance(clips, Clip) else list(clips)
     if not 1 <= len(every) <= MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, got {len(every)}.")

@@ -104,15 +104,7 @@ def random_drive(
 
     Raises ArgumentError for a duration out of range and for a negative seed.
     """
-    slower = slowness(emulator.dt)
-    if seconds is None:
-        seconds = USUAL_SECONDS * slower
-    if not emulator.dt <= seconds <= MAX_SECONDS * slower:
-        raise ArgumentError(
-            f"seconds: wanted between {emulator.dt:g} and {MAX_SECONDS * slower:g}, got {seconds:g}."
-        )
-    if seed < 0:
-        raise ArgumentError(f"seed: wanted 0 or more, got {seed}.")
+    steps = checked_steps(seconds, seed, emulator.dt)
     rng = np.random.default_rng(seed)
     bounds = emulator.bounds
     gait = emulator.gait
@@ -123,7 +115,6 @@ def random_drive(
         state = emulator.rest
     else:
         state = _random_start(emulator, rng)
-    steps = int(np.ceil(seconds / emulator.dt - STEP_ROUNDING))
     if seed == 0 and gait is not None:
         controls = gait.controls(steps, emulator.dt, bounds)
         if is_showcase and swims_under_a_surface(emulator):
@@ -139,6 +130,20 @@ def random_drive(
         else:
             controls = _liveliest(emulator, state, paths)
     return Drive(np.asarray(state, float), controls)
+
+
+def checked_steps(seconds: float | None, seed: int, dt: float) -> int:
+    """Return the super steps of `dt` [s] in a random motion of `seconds`; ArgumentError if it or `seed` is out of range."""
+    slower = slowness(dt)
+    if seconds is None:
+        seconds = USUAL_SECONDS * slower
+    if not dt <= seconds <= MAX_SECONDS * slower:
+        raise ArgumentError(
+            f"seconds: wanted between {dt:g} and {MAX_SECONDS * slower:g}, got {seconds:g}."
+        )
+    if seed < 0:
+        raise ArgumentError(f"seed: wanted 0 or more, got {seed}.")
+    return int(np.ceil(seconds / dt - STEP_ROUNDING))
 
 
 def _paths_about(

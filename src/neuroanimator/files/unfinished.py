@@ -17,6 +17,9 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
+from neuroanimator.terminal import tell
+from neuroanimator.text import printable
+
 UNFINISHED = ".neuroanimator-tmp-"
 """Prefix of the name of a file while it is written, and of a temporary folder: hidden, and unique."""
 
@@ -36,7 +39,9 @@ def unfinished(path: Path, suffix: str = "") -> Iterator[Path]:
     OSError if `path` cannot become a file: it is a folder, a pipe or a device, or its folder cannot be created.
     """
     folder = path.parent
-    folder.mkdir(parents=True, exist_ok=True)
+    if not folder.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        tell(f"The folder {printable(str(folder))} was not there: it was made.")
     refuse_other_than_file(path)
     temporary = _new_name(folder, suffix)
     try:

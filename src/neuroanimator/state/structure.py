@@ -100,6 +100,11 @@ class Structure:
     contacts: Contacts | None = None
     shape_contacts: ShapeContacts | None = None
 
+    @property
+    def is_in_water(self) -> bool:
+        """Whether this is a body of mass points that water carries, or that no ground holds and no gravity pulls."""
+        return self.cloud is not None and (self.is_immersed or not self.has_gravity)
+
     def __str__(self) -> str:
         """Return the numbers of its parts; `repr` is complete, and identifies compiled code."""
         counts = {

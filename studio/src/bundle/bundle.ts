@@ -123,7 +123,7 @@ export interface GaitFacts {
   readonly lags: readonly number[];
 }
 
-export type SceneKind = "water" | "lot" | "moon" | "plain";
+export type SceneKind = "water" | "lot" | "moon" | "meadow" | "hall" | "table" | "plain";
 
 export interface SceneFacts {
   readonly kind: SceneKind;
@@ -180,9 +180,21 @@ export type Root =
       readonly up: Weights;
     };
 
+/** Recorded falls of a walking body on the physics, each until it stands again. */
+export interface FallFacts {
+  /** Time from one state to the next [s]. */
+  readonly dt: number;
+  /** State entry of the commanded heading [rad]. */
+  readonly heading: number;
+  /** Float32 (T, S) in base64. */
+  readonly motions: readonly string[];
+}
+
 export interface Bundle {
   readonly id: string;
   readonly system: string;
+  /** Its title, if there are several of one system. */
+  readonly title?: string;
   readonly about: string;
   /** How good the emulator is where it was trained; null if its file does not say, undefined for physics. */
   readonly verdict?: { readonly word: string; readonly reasons: string } | null;
@@ -195,6 +207,8 @@ export interface Bundle {
   readonly sha256: string;
   readonly state: Layout;
   readonly control: Layout;
+  /** Unit of each number of a control; 1 for a share. */
+  readonly control_units?: readonly string[];
   readonly control_low: readonly number[];
   readonly control_high: readonly number[];
   readonly rest: readonly number[];
@@ -212,6 +226,7 @@ export interface Bundle {
   readonly root: Root | null;
   readonly scene: SceneFacts;
   readonly policy: PolicyFacts | null;
+  readonly falls?: FallFacts;
   readonly default_motion: DefaultMotion;
   readonly goals: readonly Goal[];
   readonly emulator: string;
@@ -219,6 +234,16 @@ export interface Bundle {
   /** File of the true physics, beside `bundle.json`, if there is one: a page without a server runs it. */
   readonly physics?: string | null;
   readonly descents: readonly unknown[];
+}
+
+/** Return whether a bundle was made of a user's file: its id is then the hash of that. */
+export function isOwn(id: string): boolean {
+  return /^[0-9a-f]{16}$/.test(id);
+}
+
+/** Return what people call a bundle: by its title if its id says nothing. */
+export function nameOf({ id, title, system }: { readonly id: string; readonly title?: string; readonly system: string }): string {
+  return isOwn(id) ? (title ?? system) : id;
 }
 
 /** Return whether the page runs the true physics of a bundle, with nothing to doubt or to compare with. */
@@ -238,7 +263,7 @@ export function isSkinnedPoints(facts: Bundle): boolean {
 
 /** Return whether a bundle has a soft body on solid ground, which may be thrown and tumble, and has no front. */
 export function isTumbling(facts: Bundle): boolean {
-  return isSkinnedPoints(facts) && facts.scene.kind === "plain";
+  return isSkinnedPoints(facts) && facts.scene.kind !== "water";
 }
 
 /** Return whether a bundle has a body that walks on command: its policy's commands are in its state. */

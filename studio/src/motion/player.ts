@@ -20,6 +20,8 @@ export interface Pilot {
   control(state: Float32Array, step: number): ArrayLike<number>;
   /** Return a state (S) with its commands in it: only for a body whose commands are in its state. */
   told?(state: Float32Array): Float32Array;
+  /** Return the state (S) to go on from instead of the emulator's `next`, of which it is sure by `score`; null to follow the emulator. */
+  instead?(state: Float32Array, next: Float32Array, score: number): Float32Array | null;
 }
 
 export type PlayerEvent = "motion" | "lost";
@@ -41,6 +43,8 @@ export class Player {
   pilot: Pilot | null = null;
   /** Returns the change of a state (S) before the emulator leaps from it: a pull at the body. */
   force: ((state: Float32Array) => Float32Array) | null = null;
+  /** Whether the latest state is of a recording on the physics, where the emulator knows nothing. */
+  isRecorded = false;
   /** The emulator's work, averaged over the last images [ms per image]. */
   workPerImage = 0;
   /** Called with each event. */
@@ -190,13 +194,19 @@ export class Player {
     }
     const control = this.pilot ? this.pilot.control(state, motion.steps) : this.#middle();
     const { next, score } = this.emulator.stepTrusted(state, control);
-    if (!next.every(Number.isFinite)) {
+    const recorded = this.pilot?.instead?.(state, next, score) ?? null;
+    this.isRecorded = recorded !== null;
+    if (recorded) {
+      motion.append(control, next.every(Number.isFinite) ? next : state, 0);
+      motion.setLast(recorded);
+    } else if (!next.every(Number.isFinite)) {
       this.isPlaying = false;
       this.time = motion.duration;
       this.onEvent("lost");
       return;
+    } else {
+      motion.append(control, next, score);
     }
-    motion.append(control, next, score);
     if (motion.duration > MAX_SECONDS) {
       this.rebase();
     }

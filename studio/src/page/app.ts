@@ -1,12 +1,14 @@
 // The page: its layout, the system on show, and the clock of the images.
 
 import { loadCatalogue, type Catalogue, type CatalogueEntry } from "../bundle/catalogue";
+import { nameOf } from "../bundle/bundle";
 import { makeHelp } from "../panels/help";
 import { Picker } from "../panels/picker";
 import { Timeline } from "../panels/timeline";
 import { Stage } from "../scene/stage";
+import { sayNoServer } from "../server/advice";
 import { Server } from "../server/server";
-import { KeySteering } from "../steering/keys";
+import { KeySteering, steeredBy } from "../steering/keys";
 import { Banners, lineOf } from "./banner";
 import { makeBar } from "./bar";
 import { element } from "./dom";
@@ -15,6 +17,7 @@ import { Hud } from "./hud";
 import { Keyboard } from "./keyboard";
 import { Pointer } from "./pointer";
 import { Session } from "./session";
+import { makeSticks } from "./sticks";
 import { shortcuts, type Workplace } from "./shortcuts";
 import { Showing } from "./showing";
 import { followTheme, isDark, toggleTheme } from "./theme";
@@ -43,7 +46,9 @@ export class App implements Workplace {
     toggleTheme: () => this.#toggleTheme(),
     help: () => this.help(),
   });
-  readonly #keys = new KeySteering(new Keyboard(shortcuts(this)).held);
+  readonly #held = new Keyboard(shortcuts(this)).held;
+  readonly #keys = new KeySteering(this.#held);
+  readonly #sticks = makeSticks(this.#held);
   readonly #pointer: Pointer;
   #stage: Stage | null = null;
   #server: Server | null = null;
@@ -58,10 +63,10 @@ export class App implements Workplace {
     this.#pointer = new Pointer(
       this.#canvas,
       () => this.showing?.grabbables ?? [],
-      (isHeld) => this.#held(isHeld),
+      (isHeld) => this.#hold(isHeld),
       (x, y) => this.showing?.session.feed(x, y),
     );
-    this.#stageBox = element("main", "stage", [this.#canvas, this.#hud.element, this.#loading, this.#banners.element]);
+    this.#stageBox = element("main", "stage", [this.#canvas, this.#hud.element, this.#sticks.element, this.#loading, this.#banners.element]);
     document.body.append(this.#bar.element, this.#stageBox, this.#side, this.#help);
     followTheme(() => this.#redecorate());
     listenForFiles((file) => this.#take(file));
@@ -113,7 +118,7 @@ export class App implements Workplace {
     try {
       session = await Session.open(entry, this.#page, stage, isDark(), () => opening === this.#opening);
     } catch (error) {
-      this.#fail("load", `${entry.id} could not be loaded: ${lineOf(error)}`);
+      this.#fail("load", `${nameOf(entry)} could not be loaded: ${lineOf(error)}`);
       if (this.showing) {
         this.#picker.select(this.showing.session.entry.id);
       }
@@ -158,6 +163,7 @@ export class App implements Workplace {
       document.body.append(this.timeline.element);
     }
     this.#bar.showCamera(session.world.camera.mode);
+    this.#sticks.label(...steeredBy(session));
     this.#remember(session.entry);
     this.#last = performance.now();
     this.#image();
@@ -174,7 +180,7 @@ export class App implements Workplace {
     const address = new URL(location.href);
     address.searchParams.set("show", entry.id);
     history.replaceState(null, "", address);
-    document.title = `${entry.id} – NeuroAnimator Studio`;
+    document.title = `${nameOf(entry)} – NeuroAnimator Studio`;
   }
 
   #add(catalogue: Catalogue): void {
@@ -206,7 +212,7 @@ export class App implements Workplace {
     if (this.#server) {
       void this.#server.take(file);
     } else {
-      this.#banners.say("upload", "A file of your own needs the server, which checks and prepares it: run 'neuroanimator studio'.", "warning");
+      this.#banners.say("upload", sayNoServer("Files are checked and prepared"), "warning");
     }
   }
 
@@ -233,7 +239,7 @@ export class App implements Workplace {
     document.addEventListener("visibilitychange", () => (this.#last = performance.now()));
   }
 
-  #held(isHeld: boolean): void {
+  #hold(isHeld: boolean): void {
     if (this.showing) {
       this.showing.session.world.camera.controls.enabled = !isHeld;
     }

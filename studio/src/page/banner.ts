@@ -10,12 +10,48 @@ export interface Action {
   act(): void;
 }
 
-export class Banners {
+/** A place for lines. */
+export interface Notices {
+  /** Show a line about `topic`; another one about it replaces it. */
+  say(topic: string, line: string, severity?: Severity, action?: Action): void;
+  /** Show a line that disappears by itself. */
+  tell(line: string, severity?: Severity): void;
+  clear(topic: string): void;
+}
+
+/** Lines about one system on show: they leave with it, and nothing is said of it afterwards. */
+export class PassingNotices implements Notices {
+  readonly #topics = new Set<string>();
+  #isOver = false;
+
+  constructor(private readonly banners: Notices) {}
+
+  say(topic: string, line: string, severity?: Severity, action?: Action): void {
+    if (!this.#isOver) {
+      this.#topics.add(topic);
+      this.banners.say(topic, line, severity, action);
+    }
+  }
+
+  tell(line: string, severity?: Severity): void {
+    if (!this.#isOver) {
+      this.banners.tell(line, severity);
+    }
+  }
+
+  clear(topic: string): void {
+    this.banners.clear(topic);
+  }
+
+  end(): void {
+    this.#topics.forEach((topic) => this.banners.clear(topic));
+    this.#isOver = true;
+  }
+}
+
+export class Banners implements Notices {
   readonly element = element("div", "banners");
   readonly #lines = new Map<string, { row: HTMLElement; text: HTMLElement }>();
-
-  constructor() {
-  }
 
   /** Show a line about `topic`; another one about it replaces it. */
   say(topic: string, line: string, severity: Severity = "info", action?: Action): void {

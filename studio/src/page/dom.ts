@@ -50,6 +50,8 @@ export interface SliderOptions {
   readonly low: number;
   readonly high: number;
   readonly value: number;
+  /** The number that is 100 %, for those without a unit. */
+  readonly full?: number;
   onInput(value: number): void;
 }
 
@@ -71,6 +73,8 @@ export function slider(options: SliderOptions): Slider {
     const value = Number(input.value);
     if (options.unit === "rad") {
       shown.textContent = `${(DEGREES * value).toFixed(0)}°`;
+    } else if (options.full !== undefined) {
+      shown.textContent = `${((100 * value) / options.full).toFixed(0)} %`;
     } else {
       shown.textContent = `${shortNumber(value)} ${options.unit}`;
     }

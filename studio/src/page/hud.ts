@@ -24,7 +24,7 @@ export class Hud {
 
   /** Show the source of the motion. */
   showMode(player: Player): void {
-    setText(this.#mode, player.motion.source === "physics" ? "physics" : player.isLive ? "live" : "recorded");
+    setText(this.#mode, player.motion.source === "physics" ? "physics" : player.isRecorded ? "falls and gets up, as recorded on the physics" : player.isLive ? "live" : "recorded");
   }
 
   /**

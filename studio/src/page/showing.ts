@@ -1,6 +1,6 @@
 // A system on show: its session, physics beside it, its panels, and the parts that can be grabbed.
 
-import { isPhysics } from "../bundle/bundle";
+import { isPhysics, nameOf } from "../bundle/bundle";
 import { EDGE } from "../motion/motion";
 import { controlPanel, steerPanel, walkPanel, type Panel } from "../panels/controls";
 import { moverPanel } from "../panels/movers";
@@ -11,13 +11,14 @@ import type { CameraMode } from "../scene/cameras";
 import { HandOver } from "../physics/hand_over";
 import { physicsOf, type Physics } from "../physics/physics";
 import { Twin } from "../physics/twin";
+import { sayNoPhysics } from "../server/advice";
 import type { Live } from "../server/live";
 import type { KeySteering } from "../steering/keys";
 import { MoverDrag } from "../steering/drag";
 import { BodyPull } from "../steering/pull";
 import { SwimTarget } from "../steering/target";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
-import type { Action, Banners } from "./banner";
+import { PassingNotices, type Action, type Banners } from "./banner";
 import { element, panel } from "./dom";
 import { FILM_RATE, FILM_SIZE, makeFilm, type Film } from "./film";
 import type { Hud } from "./hud";
@@ -53,28 +54,33 @@ export class Showing {
   #sceneTime = 0;
   #isFilming = false;
   readonly #end = new AbortController();
+  readonly #notices: PassingNotices;
+  /** Why there is no physics, if there is none. */
+  readonly #noPhysics: string;
 
   /** `live` is the connection to the server, or null without one. */
   constructor(
     readonly session: Session,
     live: Live | null,
-    private readonly banners: Banners,
+    banners: Banners,
     private readonly hud: Hud,
   ) {
     const { facts, player } = session;
+    this.#notices = new PassingNotices(banners);
+    this.#noPhysics = sayNoPhysics(live);
     this.#ghostState = new Float32Array(facts.rest.length);
     // The true physics has nothing beside it.
     this.#physics = isPhysics(facts) ? null : physicsOf(session.bundle, live);
     this.#twin = this.#physics && new Twin(this.#physics, facts);
     if (this.#twin) {
-      this.#twin.onError = (line) => banners.say("physics", `No physics ghost: ${line}`, "warning");
+      this.#twin.onError = (line) => this.#notices.say("physics", `No physics ghost: ${this.#adviceOn(line)}`, "warning");
     }
     player.onEvent = (event) => this.#happened(event);
     player.isPlaying = !isMotionReduced();
     this.#target = new SwimTarget(session);
     const goLive = (): void => this.goLive();
     this.#hand = session.movers ? new MoverDrag(session, session.movers.pilot, goLive) : new BodyPull(session, goLive);
-    this.#measure = new MeasurePanel(session, this.#twin, () => this.toggleGhost());
+    this.#measure = new MeasurePanel(session, this.#twin, this.#noPhysics, () => this.toggleGhost());
     const steer = moverPanel(session, goLive) ?? walkPanel(session, goLive) ?? steerPanel(session, goLive, () => this.toggleTarget());
     const parameters = parameterPanel(session, goLive);
     const goal = panel("Reach a goal", steer === null && parameters === null);
@@ -88,11 +94,12 @@ export class Showing {
       world: session.world,
       physics: this.#physics,
       live,
-      banners,
+      notices: this.#notices,
+      noPhysics: this.#noPhysics,
       body: goal.body,
     });
     this.grabbables = [this.#synthesis, this.#target, this.#hand];
-    const about = element("div", "about", [element("h1", "", [facts.id]), element("p", "", [facts.about])]);
+    const about = element("div", "about", [element("h1", "", [nameOf(facts)]), element("p", "", [facts.about])]);
     const elements = [about, steer?.element, parameters?.element, goal.details, controls.element, this.#measure.element, take.element];
     this.side = elements.filter((one) => one !== undefined);
   }
@@ -100,9 +107,8 @@ export class Showing {
   /** Remove its messages from the page, and stop its physics. */
   dispose(): void {
     this.#end.abort(new Error("another system is shown now."));
-    for (const topic of ["load", "lost", "trust", "physics"]) {
-      this.banners.clear(topic);
-    }
+    this.#notices.clear("load");
+    this.#notices.end();
     this.#handOver?.stop();
     this.#synthesis.dispose();
     this.#target.hide();
@@ -176,7 +182,7 @@ export class Showing {
 
   undo(): void {
     if (!this.session.player.undo()) {
-      this.banners.tell("Nothing to undo.");
+      this.#notices.tell("Nothing to undo.");
     }
   }
 
@@ -188,16 +194,16 @@ export class Showing {
     if (this.#twin) {
       this.#twin.isOn = !this.#twin.isOn;
     } else if (isPhysics(this.session.facts)) {
-      this.banners.tell("What you see is the true physics itself: there is nothing to compare it with.");
+      this.#notices.tell("What you see is the true physics itself: there is nothing to compare it with.");
     } else {
-      this.banners.tell("Physics beside this emulator needs the server: run 'neuroanimator studio'.", "warning");
+      this.#notices.tell(this.#noPhysics, "warning");
     }
   }
 
   /** Show or hide a target in front of the swimmer. */
   toggleTarget(): void {
     if (!this.session.swimmer) {
-      this.banners.tell("This system has no policy that swims to a target; use 'Reach a goal'.");
+      this.#notices.tell("This system has no policy that swims to a target; use 'Reach a goal'.");
     } else if (this.#target.isShown) {
       this.#target.hide();
     } else {
@@ -243,9 +249,12 @@ export class Showing {
   #happened(event: string): void {
     if (event === "lost") {
       const line = "The emulator diverged: its state is no longer finite. The last good pose stays; press R to restart, or Ctrl+Z to go back.";
-      this.banners.say("lost", line, "error", this.#handOverAction());
+      this.#notices.say("lost", line, "error", this.#handOverAction());
     } else if (event === "motion") {
-      this.banners.clear("lost");
+      // What was said of the motion before is not true of this one.
+      for (const topic of ["lost", "trust", "physics"]) {
+        this.#notices.clear(topic);
+      }
     }
   }
 
@@ -263,18 +272,24 @@ export class Showing {
     this.hud.showGap(this.#measure.gap);
   }
 
+  // The controls are not to blame for what a hand did.
+  #adviceOn(line: string): string {
+    const isPushed = this.session.player.motion.pushes().length > 0;
+    return isPushed && line.includes("diverged") ? "the physics diverged after a push. Press R to restart, and push more gently." : line;
+  }
+
   #showTrust(): void {
     const { player, world, facts } = this.session;
     const { score } = this.#measure;
     world.doubt = Math.min(Math.max((score - EDGE) / (LOST - EDGE), 0), 1);
     this.hud.showMode(player);
-    this.hud.showTrust(player.motion.source === "physics" || isPhysics(facts) ? null : score, facts.verdict);
+    this.hud.showTrust(player.motion.source === "physics" || player.isRecorded || isPhysics(facts) ? null : score, facts.verdict);
     // A recorded motion is watched, not steered: the glow and the label are enough.
     if (score > LOST && player.isLive && !isPhysics(facts)) {
       const line = "Training has not covered this: do not trust the emulator here. Press R to restart, or Ctrl+Z to go back.";
-      this.banners.say("trust", line, "warning", this.#handOverAction());
+      this.#notices.say("trust", line, "warning", this.#handOverAction());
     } else if (score < FOUND || !player.isLive) {
-      this.banners.clear("trust");
+      this.#notices.clear("trust");
     }
   }
 
@@ -287,12 +302,12 @@ export class Showing {
   #letPhysicsGoOn(physics: Physics): void {
     const { player, facts } = this.session;
     this.#handOver?.stop();
-    this.banners.clear("trust");
-    this.banners.clear("lost");
+    this.#notices.clear("trust");
+    this.#notices.clear("lost");
     this.#handOver = HandOver.begin(physics, facts, player, (line) => {
-      this.banners.say("physics", `Physics cannot continue: ${line}`, "warning");
+      this.#notices.say("physics", `Physics cannot continue: ${line}`, "warning");
     });
-    this.banners.tell("Physics continues from here, steered as before; L returns to the emulator.");
+    this.#notices.tell("Physics continues from here, steered as before; L returns to the emulator.");
   }
 
   #controlShares(): number[] {

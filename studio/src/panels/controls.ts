@@ -188,7 +188,7 @@ export function controlPanel(session: Session, goLive: () => void): Panel {
   const { facts, sliders: pilot, player } = session;
   const { details, body } = panel("Controls", player.pilot === pilot);
   const labels = labelsOf(facts.control);
-  const units = facts.control.flatMap(([, size, unit]) => new Array<string>(size).fill(unit === "1" ? "" : unit));
+  const units = facts.control_units ?? facts.control.flatMap(([, size, unit]) => new Array<string>(size).fill(unit));
   const rows: Slider[] = labels.map((label, i) =>
     slider({
       label: label.replaceAll("_", " "),
@@ -196,6 +196,8 @@ export function controlPanel(session: Session, goLive: () => void): Panel {
       low: facts.control_low[i]!,
       high: facts.control_high[i]!,
       value: pilot.values[i]!,
+      // Without a unit they are shares of the most there is.
+      ...(units[i] === "1" ? { full: Math.max(Math.abs(facts.control_low[i]!), Math.abs(facts.control_high[i]!)) } : {}),
       onInput(value) {
         takeOver();
         pilot.values[i] = value;

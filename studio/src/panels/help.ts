@@ -24,10 +24,11 @@ const KEYS: readonly (readonly [keys: string, does: string])[] = [
 
 const MOUSE: readonly (readonly [keys: string, does: string])[] = [
   ["Drag the background", "turn the camera; with the right button move it; wheel: nearer, further"],
-  ["Drag the body", "push it"],
+  ["Drag the body", "push it: a human falls and gets up"],
   ["Drag what moves a cloth", "lead it, up to its maximum speed; Shift keeps its height, the wheel moves it nearer or away"],
   ["Drag the target", "move it"],
   ["Click the water", "where small fish live around a shark: drop food"],
+  ["Sticks on a touch screen", "what the arrow keys, Page Up and Page Down do"],
   ["Drop a file", "an emulator of your own, where there is a server"],
 ];
 

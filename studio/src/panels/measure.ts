@@ -74,6 +74,7 @@ export class MeasurePanel implements Panel {
   constructor(
     private readonly session: Session,
     private readonly twin: Twin | null,
+    noPhysics: string,
     onGhost: () => void,
   ) {
     const { details, body } = panel("Measure", true);
@@ -93,7 +94,7 @@ export class MeasurePanel implements Panel {
     const facts = element("dl", "facts", [this.#step.row, this.#work.row, this.#speedUp.row]);
     body.append(element("div", "row", [this.#ghost]), facts, this.#gap.element, this.#trust.element);
     if (!twin) {
-      body.append(element("p", "", ["Physics beside this emulator needs the server: run 'neuroanimator studio'."]));
+      body.append(element("p", "", [noPhysics]));
     }
   }
 

@@ -1,6 +1,7 @@
 // The row of systems at the top.
 
 import type { CatalogueEntry } from "../bundle/catalogue";
+import { nameOf } from "../bundle/bundle";
 import { element } from "../page/dom";
 
 /** Numbers of physics steps in a super step of the shipped emulators. */
@@ -21,7 +22,7 @@ export class Picker {
     }
     const made = element("button", "", [labelOf(entry)]);
     made.type = "button";
-    made.title = `${entry.id}: ${entry.about}`;
+    made.title = `${nameOf(entry)}: ${entry.about}`;
     made.dataset["id"] = entry.id;
     made.addEventListener("click", () => this.onPick(entry));
     this.#buttons.set(entry.id, made);
@@ -38,6 +39,6 @@ export class Picker {
 /** The system's name for the shipped ones; the file's own for others. */
 function labelOf(entry: CatalogueEntry): string {
   const isUsual = entry.id === entry.system || USUAL.some((substeps) => entry.id === `${entry.system}-${substeps}`);
-  const name = isUsual ? entry.system : (entry.title ?? entry.id);
+  const name = isUsual ? entry.system : nameOf(entry);
   return name.charAt(0).toUpperCase() + name.slice(1);
 }

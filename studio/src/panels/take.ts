@@ -1,12 +1,13 @@
 // Export: files of the shown motion, and the lines that make the same elsewhere.
 
 import { base64Of } from "../bundle/base64";
-import { isPhysics } from "../bundle/bundle";
+import { isOwn, isPhysics, type Bundle } from "../bundle/bundle";
 import type { Layout } from "../bundle/layout";
 import { button, element, panel } from "../page/dom";
 import { lineOf, type Banners } from "../page/banner";
 import type { Film } from "../page/film";
 import type { Session } from "../page/session";
+import { sayNoServer } from "../server/advice";
 import type { Live } from "../server/live";
 import type { WalkPilot } from "../steering/pilots";
 import type { Panel } from "./controls";
@@ -61,7 +62,8 @@ function rowOf(time: number, numbers: Float32Array): string {
 
 /** Return the command line and the Python that make the shown motion, given its controls in a file. */
 export function equivalentLines(session: Session): string {
-  const { id, system } = session.facts;
+  const { system } = session.facts;
+  const id = referenceOf(session.facts);
   if (isPhysics(session.facts)) {
     const train = `neuroanimator train ${system} --out ${system}.emulator.safetensors`;
     return [...physicsLines(session), "", "# shell: an emulator of it, to animate, export and control", train].join("\n");
@@ -79,6 +81,11 @@ export function equivalentLines(session: Session): string {
     "",
   ];
   return [...shell, ...(isByPhysics ? physicsLines(session) : emulatorLines(id))].join("\n");
+}
+
+/** The emulator's name for `neuroanimator`: that of a file for one that does not ship. */
+function referenceOf(facts: Bundle): string {
+  return isOwn(facts.id) ? `${facts.system}.emulator.safetensors` : facts.id;
 }
 
 function emulatorLines(id: string): string[] {
@@ -148,7 +155,7 @@ export function takePanel(session: Session, live: Live | null, banners: Banners,
   const film = button({
     label: "Film",
     title: "A film of the motion, through the current camera",
-    onClick: () => void saveFilm(session.facts.id, makeFilm, banners),
+    onClick: () => void saveFilm(fileNameOf(session.facts), makeFilm, banners),
   });
   const csv = button({ label: "CSV", title: "The motion as a table", onClick: () => save("motion.csv", motionCsv(session)) });
   const controls = button({
@@ -159,7 +166,7 @@ export function takePanel(session: Session, live: Live | null, banners: Banners,
   const formats = SERVER_FORMATS.map((format) => {
     const made = button({
       label: format.toUpperCase(),
-      title: live ? `The motion as ${format}` : `${format} is written by the server: run 'neuroanimator studio'`,
+      title: live ? `The motion as ${format}` : sayNoServer(`${format} is written`),
       onClick: () => void exportBy(session, live!, format, banners, made),
     });
     made.disabled = live === null;
@@ -203,13 +210,18 @@ export function takePanel(session: Session, live: Live | null, banners: Banners,
 async function saveFilm(name: string, makeFilm: Filming, banners: Banners): Promise<void> {
   const cancelled = new AbortController();
   const share = element("progress");
+  const left = element("output", "clock");
+  const began = performance.now();
   const cancel = button({ label: "Cancel", onClick: () => dialog.close() });
-  const dialog = element("dialog", "filming", ["Filming", share, cancel]);
+  const dialog = element("dialog", "filming", ["Filming", share, left, cancel]);
   dialog.addEventListener("close", () => cancelled.abort());
   document.body.append(dialog);
   dialog.showModal();
   try {
-    const film = await makeFilm((done) => (share.value = done), cancelled.signal);
+    const film = await makeFilm((done) => {
+      share.value = done;
+      left.textContent = timeLeft(done, (performance.now() - began) / 1000);
+    }, cancelled.signal);
     saveFile(`${name}${film.ending}`, film.blob);
     banners.tell("The film is written.");
   } catch (error) {
@@ -219,6 +231,15 @@ async function saveFilm(name: string, makeFilm: Filming, banners: Banners): Prom
   } finally {
     dialog.remove();
   }
+}
+
+/** Return the remaining time in words, when a share of the work is `done` after `seconds`. */
+export function timeLeft(done: number, seconds: number): string {
+  if (done <= 0) {
+    return "";
+  }
+  const left = Math.ceil((seconds / done) * (1 - done));
+  return left < 60 ? `${left} s left` : `${Math.floor(left / 60)} min ${left % 60} s left`;
 }
 
 async function exportBy(
@@ -247,7 +268,7 @@ async function exportBy(
     const answer = await live.post("api/exports", JSON.stringify(wanted), "application/json");
     const link = element("a");
     link.href = new URL(`api/downloads/${encodeURIComponent(String(answer["download"]))}`, document.baseURI).href;
-    link.download = `${session.facts.id}.${format}`;
+    link.download = `${fileNameOf(session.facts)}.${format}`;
     link.click();
     banners.clear("export");
     banners.tell(`${format} is written.`);
@@ -256,6 +277,11 @@ async function exportBy(
   } finally {
     pressed.disabled = false;
   }
+}
+
+/** Name of a file of the shown motion, without its suffix. */
+function fileNameOf(facts: Bundle): string {
+  return isOwn(facts.id) ? facts.system : facts.id;
 }
 
 function saveFile(name: string, blob: Blob): void {

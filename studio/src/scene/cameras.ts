@@ -21,6 +21,9 @@ const MAX_LAG = 0.4;
 /** Time constant with which the camera rises out of the water, and goes back [s]. */
 const RISE = 0.16;
 
+/** Minimum distance up to which things are drawn [m]: that of hills and trees. */
+const FARTHEST = 1000;
+
 /** Turn per key press [rad], and zoom factor. */
 const KEY_TURN = 0.12;
 const KEY_ZOOM = 1.12;
@@ -60,10 +63,10 @@ export class CameraRig {
     this.controls.target.copy(focus);
     this.camera.position.copy(focus).addScaledVector(offset, far);
     this.camera.near = 0.02 * size;
-    this.camera.far = 200 * size;
+    this.camera.far = Math.max(200 * size, FARTHEST);
     this.camera.updateProjectionMatrix();
     this.controls.minDistance = 0.5 * size;
-    this.controls.maxDistance = 12 * size;
+    this.controls.maxDistance = Math.max(12 * size, 2 * far);
     this.#clearance = 0.12 * size;
     this.#maxLag = MAX_LAG * size;
     this.controls.update();

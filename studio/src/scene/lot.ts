@@ -32,9 +32,10 @@ const MEADOW = 400;
 
 const TREES = 220;
 
-const SUN = new Vector3(0.62, 0.85, -0.3);
+export const SUN = new Vector3(0.62, 0.85, -0.3);
 
-const HILLS = /* glsl */ `
+/** Distant hills under the sky of a clear day. */
+export const HILLS = /* glsl */ `
   sky = daySky(dir);
   float around = atan(dir.z, dir.x);
   float far = 0.035 + 0.03 * sin(around * 3.0 + 1.0) + 0.022 * sin(around * 7.0) + 0.03 * noise2(vec2(around * 9.0, 2.0));
@@ -44,7 +45,7 @@ const HILLS = /* glsl */ `
 `;
 
 /** The haze of a clear day on distant things. */
-function hazePatch(): Patch {
+export function hazePatch(): Patch {
   const uniforms = dayUniforms(SUN);
   return {
     key: "haze",
@@ -149,7 +150,8 @@ function makeKerb(haze: Patch): Mesh {
   return mesh;
 }
 
-function makeTrees(haze: Patch): Group {
+/** Return trees around the origin, from a distance `nearest` [m] on. */
+export function makeTrees(haze: Patch, nearest = LOT * 1.55): Group {
   const random = randomSource(21);
   const group = new Group();
   const trunk = new CylinderGeometry(0.16, 0.24, 2.2, 7).translate(0, 1.1, 0);
@@ -173,7 +175,7 @@ function makeTrees(haze: Patch): Group {
   const dark = patchMaterial(new MeshStandardMaterial({ color: 0x2f5138, roughness: 0.95 }), [leaves, haze]);
   const places = Array.from({ length: TREES }, () => {
     const angle = 2 * Math.PI * random();
-    const distance = LOT * 1.55 + 210 * random() ** 1.3;
+    const distance = nearest + 210 * random() ** 1.3;
     return { x: distance * Math.cos(angle), z: distance * Math.sin(angle), height: 0.9 + 1.1 * random(), isFir: random() < 0.4 };
   });
   const addCopies = (geometry: BufferGeometry, material: MeshStandardMaterial, kept: typeof places): void => {

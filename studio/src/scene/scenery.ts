@@ -30,6 +30,8 @@ export interface Scenery {
   readonly waterline?: number;
   /** Height of the ground, the minimum for the camera [m]. */
   readonly ground: number;
+  /** Make things visible up to a distance [m]; not every place needs it. */
+  see?(distance: number): void;
   update(moment: Moment): void;
   dispose(): void;
 }

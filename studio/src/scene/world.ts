@@ -12,7 +12,8 @@ import { makeMount } from "./body/mount";
 import { CameraRig } from "./cameras";
 import { makeLot } from "./lot";
 import { makeMoon } from "./moon";
-import { makePlain } from "./plain";
+import { makeMeadow } from "./meadow";
+import { makeRoom } from "./room";
 import { makeCrowdView, type CrowdView } from "./crowd";
 import { makeWalkersView, type WalkersView } from "./walkers";
 import { makeFoodView, type FoodView } from "./food";
@@ -37,15 +38,20 @@ interface View {
   readonly distance: number;
 }
 
+const ROOM_VIEW: View = { azimuth: -1.35, elevation: 0.1, distance: 2.2 };
+
 const VIEWS: Record<Bundle["scene"]["kind"], View> = {
   water: { azimuth: -1.05, elevation: 0.12, distance: 2.5 },
   lot: { azimuth: 0.85, elevation: 0.3, distance: 2.5 },
   moon: { azimuth: 0.7, elevation: 0.16, distance: 3.4 },
-  plain: { azimuth: -1.35, elevation: 0.1, distance: 2.2 },
+  meadow: ROOM_VIEW,
+  hall: ROOM_VIEW,
+  table: ROOM_VIEW,
+  plain: ROOM_VIEW,
 };
 
 /** View of a hanging body, with room all around: it may swing up. */
-const HUNG_VIEW: View = { ...VIEWS.plain, distance: 3 };
+const HUNG_VIEW: View = { ...ROOM_VIEW, distance: 3 };
 
 /** View of a thrown body, from further away, and height of the camera over the ground while it bounces; over its size. */
 const THROWN_VIEW: View = { azimuth: -1.1, elevation: 0.2, distance: 5.2 };
@@ -63,6 +69,11 @@ const UNDER_CLOTH = 0.25;
 /** Viewing distance of a shark among small fish, over its size. */
 const LIFE_DISTANCE = 4.5;
 
+/** Viewing distance of a school, and how far one then sees, over its radius; and elevation [rad]: the camera stays in the water. */
+const SCHOOL_DISTANCE = 1.9;
+const SCHOOL_SIGHT = 5;
+const SCHOOL_ELEVATION = 0.06;
+
 /** View of a walker, from behind and slightly aside; with others around it from further away and higher up. */
 const WALKER_VIEW: View = { azimuth: 2.7, elevation: 0.16, distance: 2.3 };
 const AMONG_WALKERS: View = { azimuth: 2.7, elevation: 0.42, distance: 6 };
@@ -77,6 +88,9 @@ const MAX_NUMBER = 1e5;
 /** Height out of the water at which a body leaps, and height from which it is then seen; over its size. */
 const EMERGED = 0.1;
 const OVER_WATER = 0.3;
+
+/** Level part of a body's forward direction below which it has no heading. */
+const LEVEL = 0.5;
 
 /** Maximum distance from a bone at which a swimmer is grabbed, over its size. */
 const GRIP = 0.12;
@@ -116,6 +130,8 @@ export class World {
   readonly #objects: Object3D[];
   #fixedFocus: Vector3 | null = null;
   #school: SchoolView | null = null;
+  /** The school around the body, all of which is in view; null without one, and among small fish. */
+  #schooling: School | null = null;
   #food: FoodView | null = null;
   #crowd: CrowdView | null = null;
   #walkers: WalkersView | null = null;
@@ -147,10 +163,12 @@ export class World {
       size: this.size,
       middle: this.#focus.clone(),
       // A hanging body may start higher than it will ever be again.
-      low: facts.scene.kind === "plain" ? Math.min(this.#low, lowAtRest) - this.#depthBelow : this.#low,
+      low: VIEWS[facts.scene.kind] === ROOM_VIEW ? Math.min(this.#low, lowAtRest) - this.#depthBelow : this.#low,
       high: this.#high,
     };
-    this.#scenery = makeScenery(stage, facts, measure, isDark);
+    this.#face = this.#surface ? this.#faceOf(this.#surface) : 0;
+    const sun = this.#surface ? sunFor(this.#face) : undefined;
+    this.#scenery = makeScenery(stage, facts, measure, isDark, sun);
     const mount = makeMount(facts, this.#scenery.ground, this.size);
     this.#body = makeBody(facts, this.size, this.#focus, this.#scenery.bodyPatches);
     this.#ghost = makeGhost(facts, this.size);
@@ -168,8 +186,7 @@ export class World {
       }
     }
     stage.root.add(...this.#objects);
-    this.#face = this.#surface ? this.#faceOf(this.#surface) : 0;
-    this.#atmosphere = this.#surface ? { ...this.#scenery.atmosphere, sunDirection: sunFor(this.#face) } : this.#scenery.atmosphere;
+    this.#atmosphere = sun ? { ...this.#scenery.atmosphere, sunDirection: sun } : this.#scenery.atmosphere;
     stage.light(this.#atmosphere, SHADOW_REACH * this.size);
     this.camera = new CameraRig(stage.camera, stage.canvas);
     if (isWalking(facts)) {
@@ -205,6 +222,10 @@ export class World {
       return this.#walkers ? AMONG_WALKERS : WALKER_VIEW;
     }
     const view = this.#fixedFocus ? HUNG_VIEW : VIEWS[this.facts.scene.kind];
+    if (this.#schooling) {
+      const elevation = this.#scenery.waterline === undefined ? SCHOOL_ELEVATION : 0;
+      return { ...view, elevation, distance: (SCHOOL_DISTANCE * this.#schooling.radius) / this.size };
+    }
     return this.#food ? { ...view, distance: LIFE_DISTANCE } : view;
   }
 
@@ -253,10 +274,13 @@ export class World {
     }
     this.#food = null;
     this.#paintAsShark(0);
+    this.#schooling = school && scale === 1 ? school : null;
     this.#school = school && makeSchoolView(this.facts, school, this.#shadowGround(), this.#scenery.bodyPatches, scale);
     if (this.#school) {
       this.stage.root.add(this.#school.object);
     }
+    this.#scenery.see?.(SCHOOL_SIGHT * (this.#schooling?.radius ?? 0));
+    this.home();
   }
 
   /** Draw small fish and their food around the body, seen from further away. */
@@ -501,7 +525,7 @@ export class World {
   // Height from which a leap is seen [m]; null without a leap.
   #heightForLeap(): number | null {
     const { waterline } = this.#scenery;
-    if (waterline === undefined || this.#high < waterline + EMERGED * this.size) {
+    if (waterline === undefined || this.#schooling || this.#high < waterline + EMERGED * this.size) {
       return null;
     }
     return waterline + OVER_WATER * this.size;
@@ -559,7 +583,7 @@ export class World {
 
   // A camera that followed a bouncing body up and down would show it at rest.
   #aim(): void {
-    this.#lookAt.copy(this.#focus);
+    this.#lookAt.copy(this.#schooling ? toThree(this.#schooling.middle) : this.#focus);
     if (this.#isTumbling) {
       const height = this.#scenery.ground + THROWN_HEIGHT * this.size;
       this.#lookAt.y = Math.max(height, this.#focus.y - THROWN_HEIGHT * this.size);
@@ -576,11 +600,14 @@ export class World {
     }
     const bone = isBetweenPoints ? this.bones[Math.floor(this.bones.length / 2)]! : this.bones[0]!;
     const [w, x, y, z] = Array.from(this.pose.orientations.subarray(4 * bone, 4 * bone + 4));
-    return Math.atan2(2 * (x! * y! + w! * z!), 1 - 2 * (y! * y! + z! * z!));
+    const [ahead, aside] = [1 - 2 * (y! * y! + z! * z!), 2 * (x! * y! + w! * z!)];
+    // A body that lies on its front or back heads nowhere.
+    return Math.hypot(ahead, aside) < LEVEL ? this.#heading : Math.atan2(aside, ahead);
   }
 }
 
-function makeScenery(stage: Stage, facts: Bundle, measure: Measure, isDark: boolean): Scenery {
+/** `sun` is its direction in three.js' axes, unless the place has its own. */
+function makeScenery(stage: Stage, facts: Bundle, measure: Measure, isDark: boolean, sun: Vector3 | undefined): Scenery {
   switch (facts.scene.kind) {
     case "water":
       return makeWater(stage, measure, facts.scene.surface);
@@ -588,8 +615,10 @@ function makeScenery(stage: Stage, facts: Bundle, measure: Measure, isDark: bool
       return makeLot(stage);
     case "moon":
       return makeMoon(stage, measure);
-    case "plain":
-      return makePlain(stage, measure, facts.scene.floor, isDark);
+    case "meadow":
+      return makeMeadow(stage, measure, facts.scene.floor, sun);
+    default:
+      return makeRoom(facts.scene.kind, stage, measure, facts.scene.floor, isDark);
   }
 }
 

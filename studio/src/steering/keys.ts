@@ -1,5 +1,6 @@
 // Steering by held keys: the commands of a swimmer or a walker, or the first controls of anything else.
 
+import { labelsOf } from "../bundle/layout";
 import type { Session } from "../page/session";
 import type { MoverPilot } from "./movers";
 import { clamp, type WalkPilot } from "./pilots";
@@ -44,6 +45,21 @@ export class KeySteering {
   #axis(more: string, less: string): number {
     return Number(this.held.has(more)) - Number(this.held.has(less));
   }
+}
+
+/** Return what the arrow keys and the page keys steer, in a few words each; null where they steer nothing. */
+export function steeredBy({ swimmer, walker, movers, facts, sliders }: Session): readonly [arrows: string | null, pages: string | null] {
+  if (swimmer) {
+    return ["speed, turn", "climb"];
+  }
+  if (walker) {
+    return ["speed, turn", null];
+  }
+  if (movers) {
+    return ["away, aside", "height"];
+  }
+  const names = labelsOf(facts.control).slice(0, sliders.values.length).map((name) => name.replaceAll("_", " "));
+  return [names.length > 0 ? names.slice(0, 2).join(", ") : null, names[2] ?? null];
 }
 
 type Shares = readonly [forward: number, left: number, up: number];

@@ -4,6 +4,7 @@ import { commandToward, rootPose, unit, type Vector } from "../body/root";
 import type { Bundle, GaitFacts } from "../bundle/bundle";
 import type { CommandedPolicy, Policy } from "../emulator/policy";
 import type { Pilot } from "../motion/player";
+import { Falls } from "./fall";
 
 /** Maximum turn and climb in a command to a swimmer sent to a target [rad], as in behaviours. */
 const MAX_TURN = 0.8;
@@ -93,6 +94,7 @@ export class PolicyPilot implements Pilot {
 export class WalkPilot implements Pilot {
   /** Speed [m/s], and turn rate to the left [rad/s]. */
   readonly command = { speed: 0, turning: 0 };
+  readonly #falls: Falls;
 
   constructor(
     private readonly policy: CommandedPolicy,
@@ -100,6 +102,7 @@ export class WalkPilot implements Pilot {
   ) {
     const { low, high } = this.speeds;
     this.command.speed = (low + high) / 2;
+    this.#falls = new Falls(facts);
   }
 
   /** Slowest and fastest speed of the policy [m/s]. */
@@ -118,6 +121,15 @@ export class WalkPilot implements Pilot {
 
   control(state: Float32Array): Float32Array {
     return this.#commanded(state).control;
+  }
+
+  /** Whether the body has lost its balance, and is falling or getting up. */
+  get isFalling(): boolean {
+    return this.#falls.isFalling;
+  }
+
+  instead(state: Float32Array, next: Float32Array, score: number): Float32Array | null {
+    return this.#falls.instead(state, next, score);
   }
 
   #commanded(state: Float32Array): ReturnType<CommandedPolicy["control"]> {

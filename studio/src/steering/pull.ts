@@ -1,13 +1,19 @@
-// A body pulled by the mouse: a spring from the held point to the pointer.
+// A body pulled by the mouse: the held point follows the pointer, by a bounded push in every super step.
 
 import type { Grabbable } from "../page/pointer";
 import type { Session } from "../page/session";
 import { makePathLine, TARGET_COLOUR, type PathLine } from "../scene/handle";
 import type { Grip } from "../scene/world";
-import { push } from "./push";
+import { bounded, pullTo } from "./push";
 
-/** Acceleration of the held point toward the pointer, over their distance [1/s²]. */
-const STIFFNESS = 14;
+/** Speed at which the held point follows the pointer, over their distance [1/s]. */
+const EAGERNESS = 3;
+
+/** Maximum distance that counts, over the body's size. */
+const REACH = 0.5;
+
+/** Maximum acceleration of the held point, over the body's size [1/s²]. */
+const STRENGTH = 7;
 
 export class BodyPull implements Grabbable {
   #grip: Grip | null = null;
@@ -68,10 +74,15 @@ export class BodyPull implements Grabbable {
   }
 
   #pull(state: Float32Array): Float32Array {
-    const { world, facts } = this.session;
+    const { world, facts, walker } = this.session;
     const { bone } = this.#grip!;
     const point = world.bonePoint(bone);
-    const change = this.#goal!.map((value, axis) => STIFFNESS * facts.dt * (value - point[axis]!));
-    return push(facts, state, bone, [0, 0, 0], change);
+    const offset = this.#goal!.map((value, axis) => value - point[axis]!);
+    if (walker) {
+      // Nobody lifts a walker off the ground.
+      offset[2] = Math.min(offset[2]!, 0);
+    }
+    const wanted = bounded(offset, REACH * world.size).map((value) => EAGERNESS * value);
+    return pullTo(facts, state, bone, wanted, STRENGTH * world.size * facts.dt);
   }
 }

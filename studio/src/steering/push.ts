@@ -34,6 +34,20 @@ export function push(
   return gained;
 }
 
+/** Return the change of `state` (S) by which the origin of bone `bone` gets nearer to the velocity `wanted` [m/s], by at most `most` [m/s]. */
+export function pullTo(facts: Bundle, state: Float32Array, bone: number, wanted: ArrayLike<number>, most: number): Float32Array {
+  const { velocities, columns } = jacobian(facts, state, bone, [0, 0, 0]);
+  const now = [0, 1, 2].map((axis) => velocities.reduce((sum, entry, i) => sum + columns[i]![axis]! * state[entry]!, 0));
+  const change = now.map((value, axis) => wanted[axis]! - value);
+  return push(facts, state, bone, [0, 0, 0], bounded(change, most));
+}
+
+/** Return a vector, shortened to a length of at most `most`. */
+export function bounded(vector: readonly number[], most: number): number[] {
+  const length = Math.hypot(...vector);
+  return length > most ? vector.map((value) => (value * most) / length) : [...vector];
+}
+
 interface Jacobian {
   /** State entries that are velocities. */
   readonly velocities: number[];

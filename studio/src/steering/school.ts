@@ -119,6 +119,18 @@ export class School {
     this.workPerImage += 0.05 * (performance.now() - before - this.workPerImage);
   }
 
+  /** Distance of the outermost swimmers from the middle of the school [m]. */
+  get radius(): number {
+    return this.#radius;
+  }
+
+  /** Mean position of the swimmers [m]. */
+  get middle(): Vector {
+    const sums = [0, 0, 0] as Vector;
+    this.#places.forEach((value, i) => (sums[i % 3]! += value));
+    return sums.map((sum) => sum / this.count) as Vector;
+  }
+
   /** Position of swimmer `number` [m]. */
   place(number: number): Vector {
     return triple(this.#places, number);

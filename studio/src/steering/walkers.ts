@@ -1,11 +1,11 @@
 // Walkers: bodies of the same kind as the one on show, walking from place to place around it and avoiding each other.
 
-import { multiply, rotate } from "../body/quaternion";
 import { rootPose, type RootPose, type Vector } from "../body/root";
 import type { Bundle, Root } from "../bundle/bundle";
 import type { Batch, Emulator } from "../emulator/emulator";
 import type { CommandedPolicy } from "../emulator/policy";
 import { interpolateHermite, type StateStructure } from "../motion/interpolate";
+import { turnedBy } from "./fall";
 import { clamp } from "./pilots";
 
 /** Maximum distance of walkers from the body on show [m]. */
@@ -215,13 +215,8 @@ function freeRoot(facts: Bundle): FreeRoot {
 
 /** Return a state (S) turned about the vertical so that the body faces `heading` [rad]. */
 function turnedTo(root: FreeRoot, state: ArrayLike<number>, heading: number): Float32Array {
-  const { forward, velocity } = rootPose(root, state);
-  const angle = heading - Math.atan2(forward[1], forward[0]);
-  const turn = [Math.cos(angle / 2), 0, 0, Math.sin(angle / 2)];
-  const turned = Float32Array.from(state);
-  turned.set(multiply(turn, turned.slice(root.orientation, root.orientation + 4)), root.orientation);
-  turned.set(rotate(turn, velocity), root.velocity);
-  return turned;
+  const { forward } = rootPose(root, state);
+  return turnedBy(root, state, heading - Math.atan2(forward[1], forward[0]));
 }
 
 function wrapped(angle: number): number {

@@ -6,7 +6,7 @@ import type { Emulator } from "../emulator/emulator";
 import { fetchModule } from "../emulator/instance";
 import type { Player } from "../motion/player";
 import { button, element, shortNumber } from "../page/dom";
-import { lineOf, type Banners } from "../page/banner";
+import { lineOf, type Notices } from "../page/banner";
 import { Curve } from "../panels/curve";
 import { makePathLine, TARGET_COLOUR, type PathLine } from "../scene/handle";
 import type { World } from "../scene/world";
@@ -35,9 +35,6 @@ const OTHER_OPACITY = 0.25;
 
 const FIND = "Find controls";
 
-/** Reason why nothing is proved without a server. */
-const NO_PHYSICS = "the true physics of this system runs on the server only; start it with 'neuroanimator studio'";
-
 /** The wanted result. */
 interface Sought {
   readonly start: readonly number[];
@@ -61,7 +58,9 @@ export interface SynthesisContext {
   readonly physics: Physics | null;
   /** Connection to the server, which judges motions, or null. */
   readonly live: Live | null;
-  readonly banners: Banners;
+  readonly notices: Notices;
+  /** Why there is no physics, if there is none. */
+  readonly noPhysics: string;
   /** The empty body of the panel, to be filled. */
   readonly body: HTMLElement;
 }
@@ -201,6 +200,7 @@ class GoalPanel implements Synthesis {
   }
 
   #toggle(): void {
+    this.context.notices.clear("synthesis");
     if (this.#running) {
       this.#running.abort();
     } else {
@@ -241,7 +241,7 @@ class GoalPanel implements Synthesis {
     let iterations = 0;
     let latest: Progress | null = null;
     let best: Proved | null = null;
-    let unproved = NO_PHYSICS;
+    let unproved = this.context.noPhysics;
     try {
       const synthesiser = await this.#opened();
       let due = performance.now();
@@ -264,7 +264,7 @@ class GoalPanel implements Synthesis {
       unproved = lineOf(error);
       if (!latest?.iteration.isDone) {
         this.#synthesiser = null;
-        this.context.banners.say("synthesis", `No controls were found: ${unproved}`, "error");
+        this.context.notices.say("synthesis", `No controls were found: ${unproved}`, "error");
       }
     }
     if (this.#running !== running || this.#isGone) {
@@ -319,7 +319,7 @@ class GoalPanel implements Synthesis {
       motion,
       path: pathOf(bundle.facts, states),
       isSuccess: proof?.isSuccess ?? null,
-      verdict: proof ? sayVerdict(proof) : `Found on the emulator, not verified: ${unproved}.`,
+      verdict: proof ? sayVerdict(proof) : `Found on the emulator, not verified: ${withinSentence(unproved)}.`,
     };
     this.#results = [...this.#results, result].slice(-MAX_RESULTS);
     player.motion = motion;
@@ -390,6 +390,11 @@ function nearer(one: Proved, other: Proved | null): Proved {
 function sayProgress({ corrections }: Progress, iterations: number): string {
   const corrected = corrections === 0 ? "" : `, ${counted(corrections, "correction")}`;
   return `${counted(iterations, "iteration")}${corrected}`;
+}
+
+/** Return a sentence as a part of another one. */
+function withinSentence(line: string): string {
+  return line.charAt(0).toLowerCase() + line.slice(1).replace(/\.$/, "");
 }
 
 function counted(count: number, noun: string): string {

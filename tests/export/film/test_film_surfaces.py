@@ -21,7 +21,7 @@ def test_both_sides_of_a_surface_are_filmed_in_its_colour():
     take = Take((clip,))
     film = Film((160, 90), "front")
     shots = take_shots(take, film)
-    scene = SkeletonScene(take, shots, surface=None, has_ground=True)
+    scene = SkeletonScene(take, shots, None)
     scene.pose([clip.states[0]])
     canvas = Canvas(scene, film.size)
     azimuth, elevation, distance = shots.angles(0)

@@ -10,7 +10,9 @@ from neuroanimator import Clip, load_system
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import take_shots
 from neuroanimator.export.film.options import Film, Take
-from neuroanimator.export.film.rigid_scene import RigidScene, lacks_ground
+from neuroanimator.export.film.rigid_scene import STAND_COLOUR, RigidScene, lacks_ground
+from neuroanimator.export.film.skeleton_scene import SkeletonScene
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 
@@ -41,6 +43,12 @@ def shapes(picture: mujoco.MjvScene, kind: mujoco.mjtGeom) -> list[mujoco.MjvGeo
     return [geom for geom in every if geom.type == kind]
 
 
+def rods_of(picture: mujoco.MjvScene) -> list[mujoco.MjvGeom]:
+    """Return the parts of a stand."""
+    cylinders = shapes(picture, mujoco.mjtGeom.mjGEOM_CYLINDER)
+    return [geom for geom in cylinders if np.allclose(geom.rgba, STAND_COLOUR)]
+
+
 @pytest.mark.parametrize("name", ["pendulum", "truck", "lander"])
 def test_there_is_one_floor_under_all_that_moves_and_it_casts_no_shadow(name: str):
     clip = still(name)
@@ -53,8 +61,41 @@ def test_there_is_one_floor_under_all_that_moves_and_it_casts_no_shadow(name: st
     (floor,) = shapes(picture, mujoco.mjtGeom.mjGEOM_PLANE)
     assert floor.pos[2] < bounding_boxes([clip]).low[:, 2].min() + 0.1
     assert floor.category == mujoco.mjtCatBit.mjCAT_DECOR
+    assert len(rods_of(picture)) == (3 if name == "pendulum" else 0)
     moving = [geom for geom in shapes(picture, mujoco.mjtGeom.mjGEOM_CAPSULE) if geom.objid >= 0]
     assert all(geom.category != mujoco.mjtCatBit.mjCAT_DECOR for geom in moving)
+
+
+@pytest.mark.parametrize("name", SHIPPED_SYSTEMS)
+def test_only_swimmers_are_in_water_and_all_others_stand_on_the_ground(name: str):
+    system = load_system(name)
+    if isinstance(system, MujocoSystem):
+        return
+    states = np.repeat(np.asarray(system.rest)[None], 2, axis=0)
+    take = Take((Clip(name, system.skeleton, np.arange(2.0), states),))
+    shots = take_shots(take, Film(), system.water_surface)
+    model = SkeletonScene(take, shots, system).model
+    fog = model.vis.rgba.fog[:3]
+    is_blue = fog[2] > 1.3 * fog[0]
+    assert is_blue == (name in ("fish", "fishes", "dolphin"))
+    (floor,) = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    depth = bounding_boxes(take.clips).low[:, 2].min() - model.geom_pos[floor, 2]
+    assert is_blue or depth < 0.1 * shots.size
+
+
+def test_the_stand_of_a_pendulum_holds_its_hinge_and_reaches_the_floor():
+    clip = still("pendulum")
+    shots = take_shots(Take((clip,)), Film())
+    scene = RigidScene(rigid("pendulum"), Take((clip,)), shots)
+    scene.pose([clip.states[0]])
+    picture = filled(scene)
+    (floor,) = shapes(picture, mujoco.mjtGeom.mjGEOM_PLANE)
+    ends = []
+    for rod in rods_of(picture):
+        along = np.array(rod.mat)[:, 2] * rod.size[2]
+        ends += [np.array(rod.pos) - along, np.array(rod.pos) + along]
+    assert min(np.linalg.norm(end - scene.data.xanchor[0]) for end in ends) < 1e-3
+    assert abs(min(end[2] for end in ends) - floor.pos[2]) < 1e-3
 
 
 def test_the_model_that_physics_runs_on_is_left_alone():

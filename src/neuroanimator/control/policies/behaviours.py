@@ -15,7 +15,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
+from neuroanimator.control.policies.steering import (
+    SteeringTarget,
+    for_each,
+    leftward,
+    unit,
+    upright,
+)
 from neuroanimator.state.pose import Pose
 
 
@@ -200,8 +206,7 @@ def shoal(tank: Tank, *, length: float, speed: float, seed: int = 0) -> Behaviou
 
 def steer_along(force: Float[Array, "B 3"], speed: ArrayLike) -> SteeringTarget:
     """Return the target along `force` at `speed`, one for all or (B,) [m/s]."""
-    speeds = jnp.zeros_like(force[:, 0]) + jnp.asarray(speed, force.dtype)
-    return SteeringTarget(unit(force), speeds)
+    return SteeringTarget(unit(force), for_each(speed, force))
 
 
 def _others(pose: Pose) -> Bool[Array, "B B"]:

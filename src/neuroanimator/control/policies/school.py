@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.animation.clip import Clip, make_clip
-from neuroanimator.animation.motion import MAX_SECONDS, USUAL_SECONDS
+from neuroanimator.animation.motion import checked_steps
 from neuroanimator.animation.showcase import dive, swims_under_a_surface
 from neuroanimator.control.policies.behaviours import Behaviour, limit_angles, steer_along
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator
@@ -66,24 +66,16 @@ def school_clips(
     if not 1 <= count <= MAX_SCHOOL:
         raise ArgumentError(f"school: wanted 1 to {MAX_SCHOOL} bodies, got {count}.")
     policy = load_policy(emulator.system)
-    if seconds is None:
-        seconds = USUAL_SECONDS
-    if not policy.dt <= seconds <= MAX_SECONDS:
-        raise ArgumentError(
-            f"seconds: wanted between {policy.dt:g} and {MAX_SECONDS:g}, got {seconds:g}."
-        )
-    if seed < 0:
-        raise ArgumentError(f"seed: wanted 0 or more, got {seed}.")
     motions = school_motion(policy, count, seconds, seed)
     return [make_clip(policy.emulator, one, rate=rate, source="emulator") for one in motions]
 
 
 def school_motion(
-    policy: Policy, count: int, seconds: float, seed: int = 0
+    policy: Policy, count: int, seconds: float | None, seed: int = 0
 ) -> Float[np.ndarray, "{count} K S"]:
     """Return the trajectories (K = T+1 states) of a school of `count` bodies; see `school_clips`."""
+    steps = checked_steps(seconds, seed, policy.dt)
     starts, behaviour = school_start(policy, count, seed)
-    steps = int(np.ceil(seconds / policy.dt - 1e-9))
     return np.asarray(rollout_on_emulator(policy, behaviour, starts, steps, seed=seed), float)
 
 

@@ -26,7 +26,7 @@ class SteeringTarget(NamedTuple):
 
 def steer_forward(pose: Pose, speed: ArrayLike) -> SteeringTarget:
     """Return the target straight ahead of the bodies (*B) at `speed`, one for all or (*B) [m/s]."""
-    return SteeringTarget(pose.forward, _for_each(speed, pose))
+    return SteeringTarget(pose.forward, for_each(speed, pose.forward))
 
 
 def steer_left(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget:
@@ -35,7 +35,7 @@ def steer_left(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget
     `angle` and `speed` [m/s] are one for all or (*B); a negative angle is to the right.
     """
     direction = _rotated_toward(leftward(pose), pose.forward, angle)
-    return SteeringTarget(direction, _for_each(speed, pose))
+    return SteeringTarget(direction, for_each(speed, pose.forward))
 
 
 def steer_down(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget:
@@ -44,7 +44,7 @@ def steer_down(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget
     `angle` and `speed` [m/s] are one for all or (*B); a negative angle is above.
     """
     direction = _rotated_toward(-upright(pose), pose.forward, angle)
-    return SteeringTarget(direction, _for_each(speed, pose))
+    return SteeringTarget(direction, for_each(speed, pose.forward))
 
 
 def command_toward(target: SteeringTarget, pose: Pose) -> Float[AnyArray, "*B 4"]:
@@ -94,7 +94,7 @@ def _rotated_toward(
     return xp.cos(angles)[..., None] * forward + xp.sin(angles)[..., None] * side
 
 
-def _for_each(speed: ArrayLike, pose: Pose) -> Float[AnyArray, "*B"]:
-    """Return `speed`, one for all or (*B), broadcast to all bodies."""
-    xp = pose.forward.__array_namespace__()
-    return xp.zeros_like(pose.forward[..., 0]) + xp.asarray(speed, dtype=pose.forward.dtype)
+def for_each(speed: ArrayLike, directions: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B"]:
+    """Return the speed, one for all or (*B), of each body."""
+    xp = directions.__array_namespace__()
+    return xp.zeros_like(directions[..., 0]) + xp.asarray(speed, dtype=directions.dtype)

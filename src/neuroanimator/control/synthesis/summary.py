@@ -39,7 +39,12 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     ]
     if synthesis.trust is not None:
         rows.append(("gradient against the physics'", f"cosine {synthesis.trust.cosine:.2f}"))
-    words = gap_in_words(outcome.cost_emulator, outcome.cost_physics, synthesis.is_reached)
+    words = gap_in_words(
+        outcome.cost_emulator,
+        outcome.cost_physics,
+        synthesis.is_reached,
+        is_corrected=spent.corrections > 0,
+    )
     rows += [
         ("J on emulator", f"{outcome.cost_emulator:.3f}"),
         ("J on physics", f"{outcome.cost_physics:.3f}"),
@@ -89,8 +94,17 @@ def trust_along(synthesis: Synthesis) -> TrustSummary:
     return summary_of(emulator, scores)
 
 
-def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | None = None) -> str:
-    """Return the meaning of J of a controller in words, as predicted by the emulator and on the physics."""
+def gap_in_words(
+    cost_emulator: float,
+    cost_physics: float,
+    is_reached: bool | None = None,
+    *,
+    is_corrected: bool = False,
+) -> str:
+    """Return the meaning of J of a controller in words, as predicted by the emulator and on the physics.
+
+    Controls that replays corrected fit the physics: the emulator then only tells how far off it is about them.
+    """
     meaning = "J adds up how far the motion is from what was asked for, so lower is better; "
     is_missed = is_reached is False
     if is_missed:
@@ -100,8 +114,13 @@ def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | N
         if is_missed:
             return meaning + "the emulator predicted as high a J"
         return meaning + "the physics does what the emulator predicted"
+    if gap < 0 and is_corrected:
+        return (
+            meaning
+            + "replays on the physics repaired the motion, about which the emulator is off: trust the physics' J"
+        )
     if gap < 0:
-        return meaning + "the physics does even better than the emulator predicted"
+        return meaning + "the emulator predicted a worse motion than the physics does"
     if is_gap_large(cost_emulator, cost_physics):
         return (
             meaning

@@ -6,7 +6,7 @@ import atexit
 import importlib
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from typing import Any, final
 
 import mujoco
@@ -113,19 +113,16 @@ def scene_of(take: Take, film: Film) -> tuple[Scene, Shots]:
     Models that are missing, and several bodies with a MuJoCo skin, of which it has only one, are filmed as bones, too.
     """
     clip = take.clips[0]
-    try:
+    system = None
+    with suppress(MissingPhysicsError):
         system = carried_system(clip.name, clip.definition)
-    except MissingPhysicsError:
-        shots = take_shots(take, film)
-        return SkeletonScene(take, shots, surface=None, has_ground=True), shots
     if isinstance(system, MujocoSystem):
-        shots = take_shots(take, film)
-        if system.model.nskin and len(take.everything) > 1:
-            return SkeletonScene(take, shots, surface=None, has_ground=True), shots
-        return RigidScene(system, take, shots), shots
-    shots = take_shots(take, film, system.water_surface)
-    surface = system.water_surface
-    return SkeletonScene(take, shots, surface=surface, has_ground=system.has_ground), shots
+        if not system.model.nskin or len(take.everything) == 1:
+            shots = take_shots(take, film)
+            return RigidScene(system, take, shots), shots
+        system = None
+    shots = take_shots(take, film, None if system is None else system.water_surface)
+    return SkeletonScene(take, shots, system), shots
 
 
 def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[UInt8[np.ndarray, "H W 3"]]:

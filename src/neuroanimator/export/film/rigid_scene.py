@@ -27,6 +27,18 @@ FLOOR_HALF_WIDTH = 1.5
 FLOOR_COLOUR = (0.78, 0.8, 0.83, 1.0)
 """Red, green, blue and opacity of a floor."""
 
+STAND_COLOUR = (0.6, 0.64, 0.67, 1.0)
+"""Red, green, blue and opacity of the stand of what a hinge holds in the air."""
+
+BEHIND = 0.09
+"""Distance of a stand's post behind the body, over its size."""
+
+AXLE_RADIUS, POST_RADIUS, FOOT_RADIUS, FOOT_HEIGHT = 0.012, 0.018, 0.13, 0.016
+"""Measures of a stand, over the body's size."""
+
+_Rod = tuple[float, np.ndarray, np.ndarray]
+"""A part of a stand: its radius and its ends (3,) [m]."""
+
 HEADLIGHT = 0.2
 """Maximum brightness of the camera's headlight beside other lights: a floor seen from above must not glare."""
 
@@ -48,12 +60,14 @@ class RigidScene:
         self._option = mujoco.MjvOption()
         self._perturbation = mujoco.MjvPerturb()
         self._floor_place: Float[np.ndarray, " 3"] | None = None
+        self._stand: list[_Rod] = []
         farthest = self.model.vis.map.zfar * self.model.stat.extent
         self._floor_size = FLOOR_HALF_WIDTH * farthest
         if lacks_ground(self.model, shots.size):
             lowest = float(bounding_boxes(take.clips).low[:, 2].min())
             x, y, _ = shots.lookat.mean(axis=0)
             self._floor_place = np.array([x, y, lowest - FLOOR_DEPTH * shots.size])
+            self._stand = _stand(self.model, shots, self._floor_place[2])
             _light_evenly(self.model)
 
     def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
@@ -86,18 +100,45 @@ class RigidScene:
             self._add_floor(scene, self._floor_place)
 
     def _add_floor(self, scene: mujoco.MjvScene, place: Float[np.ndarray, " 3"]) -> None:
-        floor = scene.geoms[scene.ngeom]
-        scene.ngeom += 1
-        mujoco.mjv_initGeom(
-            floor,
-            mujoco.mjtGeom.mjGEOM_PLANE,
-            np.array([self._floor_size, self._floor_size, 1.0]),
-            place,
-            np.eye(3).ravel(),
-            np.array(FLOOR_COLOUR, np.float32),
-        )
+        floor = _added(scene, mujoco.mjtGeom.mjGEOM_PLANE, FLOOR_COLOUR)
+        floor.pos[:] = place
+        floor.size[:] = (self._floor_size, self._floor_size, 1.0)
         floor.category = mujoco.mjtCatBit.mjCAT_DECOR
         floor.specular = 0
+        for radius, start, end in self._stand[: scene.maxgeom - scene.ngeom]:
+            rod = _added(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, STAND_COLOUR)
+            mujoco.mjv_connector(rod, rod.type, radius, start, end)
+
+
+def _added(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, colour: tuple[float, ...]
+) -> mujoco.MjvGeom:
+    """Return a new shape in a picture, at the origin."""
+    shape = scene.geoms[scene.ngeom]
+    scene.ngeom += 1
+    rgba = np.array(colour, np.float32)
+    mujoco.mjv_initGeom(shape, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
+    return shape
+
+
+def _stand(model: mujoco.MjModel, shots: Shots, floor: float) -> list[_Rod]:
+    """Return the stand behind a body that a hinge holds in the air, as on the studio's stage; nothing for any other."""
+    is_held = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE
+    is_bare = 0 not in model.geom_bodyid
+    if not (is_held and is_bare and model.body_parentid[model.jnt_bodyid[0]] == 0):
+        return []
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    pivot, axis = data.xanchor[0], data.xaxis[0]
+    ahead = shots.lookat[0] - shots.position[0]
+    top = pivot + np.copysign(BEHIND * shots.size, axis @ ahead) * axis
+    ground = np.array([*top[:2], floor])
+    plate = np.array([*top[:2], floor + FOOT_HEIGHT * shots.size])
+    return [
+        (AXLE_RADIUS * shots.size, pivot, top),
+        (POST_RADIUS * shots.size, ground, top),
+        (FOOT_RADIUS * shots.size, ground, plate),
+    ]
 
 
 def _light_evenly(model: mujoco.MjModel) -> None:

@@ -20,12 +20,13 @@ from neuroanimator.export.film.options import Take
 from neuroanimator.export.film.scene import frame_model, glow
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 from neuroanimator.export.morphs import CLOTH_RGBA, surface_normals
+from neuroanimator.systems.system import System
 
 SEABED_DEPTH = 0.45
 """Depth of the seabed under the deepest point of the motion, over the body's size."""
 
 FLOOR_DEPTH = 0.03
-"""Depth of the ground under a model's own floor, over the body's size: in one plane, both would show through."""
+"""Depth of the ground under a model's own floor, which would else show through, or under the motion; over the body's size."""
 
 HALF_WIDTH = 60.0
 """Half the width of floor and water, over the body's size."""
@@ -77,18 +78,21 @@ ON_GROUND = _Place(
 class SkeletonScene:
     """Bodies, and a ghost, moved from outside."""
 
-    def __init__(self, take: Take, shots: Shots, *, surface: float | None, has_ground: bool):
-        """Put them over a floor, or into water whose `surface` is at that height [m], out of sight if None."""
+    def __init__(self, take: Take, shots: Shots, system: System | None):
+        """Put them into water or on ground, whichever their `system` is in; at a height of 0 without its physics."""
         floor = 0.0
-        if not has_ground:
-            lowest = float(bounding_boxes(take.clips).low[:, 2].min())
-            floor = lowest - SEABED_DEPTH * shots.size
-        elif FLOOR in colour_names(take.clips[0].skeleton).values():
-            floor = -FLOOR_DEPTH * shots.size
+        surface = None
         place = ON_GROUND
-        if not has_ground:
+        depth = FLOOR_DEPTH
+        if system is not None and system.structure.is_in_water:
+            surface = system.water_surface
             is_below = surface is None or shots.is_under_water
             place = UNDER_WATER if is_below else OVER_WATER
+            depth = SEABED_DEPTH
+        if system is not None and not system.has_ground:
+            floor = float(bounding_boxes(take.clips).low[:, 2].min()) - depth * shots.size
+        elif FLOOR in colour_names(take.clips[0].skeleton).values():
+            floor = -depth * shots.size
         spec = mujoco.MjSpec.from_string(_place_mjcf(place, shots.size, floor, surface))
         self._skeletons = [clip.skeleton for clip in take.everything]
         prefixes = [f"{number} " for number in range(len(take.clips))]

@@ -12,7 +12,7 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import UInt8
 
-from neuroanimator.animation.clip import Clip, check_drawable
+from neuroanimator.animation.clip import Clip, together
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.film.graphics import needed_graphics
 from neuroanimator.export.film.options import DEFAULT_SIZE, Film, Take, checked_film
@@ -58,8 +58,8 @@ def write_video(
     system and one rate; shorter ones stay at their last pose. A `ghost` is another motion of the same body, in one
     translucent colour. ResourceError says what to install if nothing can be drawn here.
     """
-    together = [clips] if isinstance(clips, Clip) else list(clips)
-    write_takes([Take(tuple(together), ghost)], path, size=size, camera=camera)
+    takes = [Take(tuple(together(clips, ghost)), ghost)]
+    write_takes(takes, path, size=size, camera=camera)
 
 
 def write_takes(
@@ -73,7 +73,7 @@ def write_takes(
     path = Path(path)
     film = checked_film(size, camera)
     for take in takes:
-        _check_together(take.everything)
+        _check_together(together(take.clips, take.ghost))
     _check_rates([take.clips[0] for take in takes])
     needed_graphics()
     from neuroanimator.export.film.drawing import draw_takes
@@ -131,10 +131,8 @@ def _encode(
 
 
 def _check_together(clips: Sequence[Clip]) -> None:
-    if not 1 <= len(clips) <= MAX_CLIPS:
+    if len(clips) > MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, got {len(clips)}.")
-    for clip in clips:
-        check_drawable(clip)
     first = clips[0]
     for clip in clips[1:]:
         if (clip.name, clip.definition) != (first.name, first.definition):

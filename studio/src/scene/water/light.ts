@@ -34,7 +34,7 @@ export interface WaterUniforms {
 
 /** Return uniforms for water; `sight` is the visibility [m], `tile` the side of the caustics' tile [m]. */
 export function waterUniforms(colours: WaterColours, sun: Vector3, sight: number, tile: number): WaterUniforms {
-  return {
+  const uniforms = {
     surfaceHeight: { value: 0 },
     sunDirection: { value: sun.clone().normalize() },
     deepColour: { value: colours.deep },
@@ -42,12 +42,20 @@ export function waterUniforms(colours: WaterColours, sun: Vector3, sight: number
     brightColour: { value: colours.bright },
     skyHigh: { value: colours.skyHigh },
     skyLow: { value: colours.skyLow },
-    absorption: { value: new Vector3(3.2, 2.1, 1.8).divideScalar(sight) },
-    clearWay: { value: 0.2 * sight },
+    absorption: { value: new Vector3() },
+    clearWay: { value: 0 },
     caustics: { value: null },
     causticTile: { value: tile },
     causticDrift: { value: new Vector2() },
   };
+  clear(uniforms, sight);
+  return uniforms;
+}
+
+/** Set the visibility [m]. */
+export function clear({ absorption, clearWay }: Pick<WaterUniforms, "absorption" | "clearWay">, sight: number): void {
+  absorption.value.set(3.2, 2.1, 1.8).divideScalar(sight);
+  clearWay.value = 0.2 * sight;
 }
 
 /** The background, and the light left after a path through water. `dir` points away from the eye. */

@@ -7,7 +7,7 @@ import { makeDome, skyAlone } from "../sky";
 import type { Stage } from "../stage";
 import { makeBed } from "./bed";
 import { makeCaustics } from "./caustics";
-import { WATER_GLSL, waterPatch, waterUniforms, type WaterColours } from "./light";
+import { clear, WATER_GLSL, waterPatch, waterUniforms, type WaterColours } from "./light";
 import { makeMotes, makeShafts } from "./motes";
 import { makeSpray } from "./spray";
 import { makeSurface } from "./surface";
@@ -72,6 +72,9 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
     ...(hasSurface ? { waterline: highest } : {}),
     get surface() {
       return uniforms.surfaceHeight.value;
+    },
+    see(distance: number) {
+      clear(uniforms, Math.max(SIGHT * size, distance));
     },
     update(moment: Moment) {
       const low = moment.low - ROOM * size;
