@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.numbers import number_in
 from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.text import listed, quoted
 
@@ -99,7 +100,7 @@ def _number(
     if inside is None or attribute not in inside.attrib:
         return otherwise
     try:
-        value = float(inside.attrib[attribute])
+        value = number_in(inside.attrib[attribute])
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
