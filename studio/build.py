@@ -47,7 +47,10 @@ def main(task: str) -> int:
 
 
 def write_licences() -> None:
-    """Write, beside the page, the licences and sources of what is built into it: they ask to go along."""
+    """Write, beside the page, the licences and sources of what is built into it: they ask to go along.
+
+    So do those of the recordings after which the human moves.
+    """
     described = json.loads((HERE / "package.json").read_text(encoding="utf-8"))
     texts = []
     for name in sorted(described.get("dependencies", {})):
@@ -56,6 +59,7 @@ def write_licences() -> None:
         source = package["repository"]["url"]
         licence = (folder / "LICENSE").read_text(encoding="utf-8").strip()
         texts.append(f"{name} {package['version']}, {source}\n\n{licence}\n")
+    texts.append((HERE.parent / "examples" / "human" / "SOURCES.md").read_text(encoding="utf-8"))
     (PAGE / "licences.txt").write_text("\n".join(texts), encoding="utf-8")
 
 

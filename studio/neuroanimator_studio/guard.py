@@ -1,20 +1,22 @@
 """Who may ask the server anything: its own page, in the browser of somebody who was told the token, and nobody else.
 
 Other users of this machine can reach a server on it, and a page of another site can, by a form, an image or a name that
-it makes mean 127.0.0.1. So every request must say the token, in a cookie that browsers send for this server's own page
-alone; what changes anything must come from a page of the very address that is asked; and no answer may be read by,
-shown in, or run with anything of another site.
+it makes mean 127.0.0.1. So every request must say the token in a header, which the page alone knows: a cookie would go to
+every other server of this machine, whatever its port. What changes anything must come from a page of the very address that
+is asked; and no answer may be read by, shown in, or run with anything of another site. The page's own files, which
+anybody can install, need no token, and a download needs none but its own name, which nobody can guess.
 """
 
 from __future__ import annotations
 
 import hmac
 import secrets
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import HTTPConnection
-from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK = ["127.0.0.1", "localhost", "[::1]"]
@@ -29,14 +31,14 @@ TOKEN_BYTES = 16
 SAFE_METHODS = ("GET", "HEAD")
 """Requests that change nothing."""
 
-ENTRY = "/"
-"""Path at which a browser that says the token is given the cookie, and from then on the page."""
+DOWNLOADS = "/api/downloads/"
+"""Beginning of the paths of downloads, whose names are secrets of their own."""
 
-TOKEN = "token"
-"""The part of an address that says the token."""
+HEADER = "x-token"
+"""Header that says the token."""
 
-WELCOME = '<!doctype html><title>NeuroAnimator Studio</title><link rel="icon" href="data:,">'
-"""What a browser shows for the moment in which it is given the cookie; it asks for no icon."""
+SUBPROTOCOL = "token."
+"""Beginning of the subprotocol that says it of a WebSocket, to which browsers give no headers."""
 
 POLICY = (
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -72,14 +74,9 @@ class Gate:
 
     @property
     def url(self) -> str:
-        """What to open in a browser."""
+        """What to open in a browser, which tells no server what stands behind the `#`: the page reads it."""
         shown = "127.0.0.1" if self.host in EVERYWHERE else self._name
-        return f"http://{shown}:{self.port}{ENTRY}?{TOKEN}={self.token}"
-
-    @property
-    def cookie(self) -> str:
-        """Name of the cookie that says the token; servers at other ports of a machine have others."""
-        return f"neuroanimator-{self.port}"
+        return f"http://{shown}:{self.port}/#token={self.token}"
 
     @property
     def names(self) -> list[str]:
@@ -108,9 +105,11 @@ class Gate:
 class Guard:
     """Refuses requests before anything looks at them, and adds `HEADERS` to every answer."""
 
-    def __init__(self, app: ASGIApp, gate: Gate):
+    def __init__(self, app: ASGIApp, gate: Gate, public: Collection[str]):
         self.app = app
         self.gate = gate
+        self.public = public
+        """Paths of the page's own files."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on what is asked by this server's own page."""
@@ -136,10 +135,10 @@ class Guard:
     def _answer(self, asked: HTTPConnection) -> Response | None:
         """Return the answer to what goes no further; None for what this server's own page asks."""
         is_reading = asked.scope["type"] == "http" and asked.scope["method"] in SAFE_METHODS
-        is_entry = is_reading and asked.scope["path"] == ENTRY
-        if is_entry and self.gate.is_token(asked.query_params.get(TOKEN)):
-            return welcome(asked, self.gate)
-        if not self.gate.is_token(asked.cookies.get(self.gate.cookie)):
+        path = asked.scope["path"]
+        if is_reading and (path in self.public or path.startswith(DOWNLOADS)):
+            return None
+        if not self.gate.is_token(said_token(asked)):
             return refused(403, "Wrong or missing token. Open the address the server printed.")
         if not is_reading and not is_own_page(asked.headers):
             return refused(403, "Only this server's own page may ask that.")
@@ -151,15 +150,12 @@ def is_own_page(headers: Headers) -> bool:
     return headers.getlist("origin") == [f"http://{headers.get('host')}"]
 
 
-def welcome(asked: HTTPConnection, gate: Gate) -> Response:
-    """Return an answer that gives a browser the cookie, and leads it to the same address without the token.
-
-    It is no redirect: where a file has led a browser here, a redirect would count as another site's and carry no cookie.
-    """
-    clean = asked.url.remove_query_params(TOKEN)
-    response = HTMLResponse(WELCOME, headers={"Refresh": f"0; url={clean}"})
-    response.set_cookie(gate.cookie, gate.token, path="/", httponly=True, samesite="strict")
-    return response
+def said_token(asked: HTTPConnection) -> str | None:
+    """Return the token that a request says; None if it says none."""
+    if asked.scope["type"] == "websocket":
+        said = [name for name in asked.scope["subprotocols"] if name.startswith(SUBPROTOCOL)]
+        return said[0].removeprefix(SUBPROTOCOL) if said else None
+    return asked.headers.get(HEADER)
 
 
 def refused(code: int, why: str) -> JSONResponse:

@@ -56,7 +56,8 @@ async def serve_page(socket: WebSocket) -> None:
     page = Page(socket, studio.limits)
     studio.pages.add(page)
     try:
-        await socket.accept()
+        # A browser hears which of its subprotocols was taken; it offers the token alone.
+        await socket.accept(socket.scope["subprotocols"][0])
         await _talk(studio, page)
     except* RefusedError as refusals:
         # Who takes nothing in may not take this in, either.

@@ -72,7 +72,7 @@ def make_app(studio: Studio) -> ASGIApp:
     own_names = Middleware(TrustedHostMiddleware, allowed_hosts=studio.gate.names)
     app = Starlette(routes=routes, middleware=[own_names])
     app.state.studio = studio
-    return Guard(app, studio.gate)
+    return Guard(app, studio.gate, {"/", *studio.page_files})
 
 
 def _answering(endpoint: Endpoint) -> Endpoint:

@@ -14,7 +14,8 @@ from processes import GENERATE, command, leftovers
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
-from neuroanimator.files.atomic import locked
+from neuroanimator.errors import ResourceError
+from neuroanimator.files.atomic import locked, write_together
 
 
 @pytest.fixture
@@ -78,3 +79,16 @@ def test_f06_a_second_process_is_refused_with_the_first_ones_number(tmp_path: Pa
         second = cli(*GENERATE, folder)
     assert second.returncode == 4
     assert f"{folder} is in use by process {os.getpid()}." in second.stderr
+
+
+def test_f04_files_that_belong_together_are_all_new_or_all_old(small_disk: Path):
+    """The vectors have room for themselves; the header that they belong to has not."""
+    vectors = small_disk / "fish.vectors.json"
+    header = small_disk / "fish.h"
+    with pytest.raises(ResourceError, match=r"fish\.h: .*\(350,000 bytes needed\)"):
+        write_together({vectors: b"v" * 50_000, header: b"h" * 300_000})
+    assert not list(small_disk.iterdir())
+    write_together({vectors: b"old", header: b"old"})
+    with pytest.raises(ResourceError):
+        write_together({vectors: b"v" * 50_000, header: b"h" * 300_000})
+    assert {path.read_bytes() for path in small_disk.iterdir()} == {b"old"}

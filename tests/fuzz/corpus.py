@@ -15,7 +15,9 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def read_corpus(parser: str) -> dict[str, bytes]:
-    """Return the inputs kept for `parser`, by name."""
+    """Return the inputs kept for `parser`, by name; none for a new one."""
+    if not (FOLDER / f"{parser}.zip").exists():
+        return {}
     with zipfile.ZipFile(FOLDER / f"{parser}.zip") as archive:
         return {name: archive.read(name) for name in sorted(archive.namelist())}
 

@@ -130,6 +130,45 @@ SKIN = {
 }
 """A skin of one triangle that follows a bone."""
 
+SOLID = b"""$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+4
+1 0 0 0
+2 1 0 0
+3 0 1 0
+4 0 0 1
+$EndNodes
+$Elements
+2
+1 2 2 0 1 1 2 3
+2 4 2 0 1 1 2 3 4
+$EndElements
+"""
+
+NEW_SOLID = b"""$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$Nodes
+1 4 1 4
+3 1 0 4
+1
+2
+3
+4
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+$EndNodes
+$Elements
+1 1 1 1
+3 1 4 1
+1 1 2 3 4
+$EndElements
+"""
+
 WALK = b"time [s],x [m],y [m],z [m],heading [rad]\n0,0,0,1,0\n0.5,1,0,1,0.2\n1,2,0,1,0.4\n"
 TURN = b"time,x,y,z,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n1,2,0,1,0.8,0,0,0.6\n"
 
@@ -187,12 +226,14 @@ def seeds() -> dict[str, dict[str, bytes]]:
             "skin": json.dumps(skinned).encode(),
         },
         "glb": {"good": json.dumps(CHARACTER).encode()},
+        "mesh": {"good": b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1/1 2/2 3/3 4/4\nf -4 -3 -2\n"},
         "model": {"mjcf": MODEL.encode(), "urdf": ROBOT.encode()},
         "npz": {"plain": plain.getvalue(), "packed": packed.getvalue()},
         "numbers": {"good": b"96,64"},
         "objective": {"good": OBJECTIVE.encode()},
         "path": {"walk": WALK, "turn": TURN},
         "request": {key: json.dumps(value).encode() for key, value in REQUESTS.items()},
+        "solid": {"old": SOLID, "new": NEW_SOLID},
         "state": {"good": b"[[0.1, 2, -3e4], [1, 2, 3]]"},
         "tensors": {"good": sealed},
         "toml": {"jelly": JELLY.encode(), "recorded": STEP.encode(), "function": FUNCTION.encode(),

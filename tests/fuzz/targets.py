@@ -33,6 +33,7 @@ from neuroanimator.systems.recorded.npz_file import read_npz
 from neuroanimator.systems.recorded.recording import cut_runs
 from neuroanimator.systems.rigid.compiled_model import ModelRequest, compile_here
 from neuroanimator.systems.rigid.model_files import ModelFiles
+from neuroanimator.systems.soft.mesh_file import read_mesh
 from neuroanimator.systems.system import System
 from neuroanimator_studio.requests import read_request, request_id
 
@@ -115,6 +116,16 @@ def glb(content: bytes) -> None:
     read_path(f"{FOLDER}/walk.glb:hips")
 
 
+def mesh(content: bytes) -> None:
+    """A cloth's surface."""
+    read_mesh("a.obj", content)
+
+
+def solid(content: bytes) -> None:
+    """A solid's tetrahedra."""
+    read_mesh("a.msh", content)
+
+
 def tensors(content: bytes) -> None:
     """The header of an emulator, policy, shard or checkpoint."""
     read_tensors(_file("a.safetensors", content), "emulator")
@@ -195,12 +206,14 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "definition": definition,
     "emulator": emulator,
     "glb": glb,
+    "mesh": mesh,
     "model": model,
     "npz": npz,
     "numbers": numbers,
     "objective": objective,
     "path": path,
     "request": request,
+    "solid": solid,
     "state": state,
     "tensors": tensors,
     "toml": toml,

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tally import Tally
+from waiting import PATIENCE
+from websockets import Subprotocol
 from websockets.sync.client import ClientConnection, connect
 
 from neuroanimator_studio.guard import Gate
@@ -60,16 +62,17 @@ class Serving:
         return f"http://127.0.0.1:{self.gate.port}"
 
     @property
-    def cookie(self) -> str:
-        return f"{self.gate.cookie}={self.gate.token}"
+    def token(self) -> Headers:
+        """What the page says with every request."""
+        return {"X-Token": self.gate.token}
 
     def ask(
         self, path: str, method: str = "GET", body: Any = None, headers: Headers | None = None
     ) -> Reply:
-        """Send a request as a browser that has the cookie would, but for `headers`; the path goes as it is."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.gate.port, timeout=20)
+        """Send a request as the page would, but for `headers`; the path goes as it is."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.gate.port, timeout=PATIENCE)
         try:
-            said = {"Host": f"127.0.0.1:{self.gate.port}", "Cookie": self.cookie} | (headers or {})
+            said = {"Host": f"127.0.0.1:{self.gate.port}"} | self.token | (headers or {})
             connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
             for name, value in said.items():
                 connection.putheader(name, value)
@@ -97,14 +100,14 @@ class Serving:
             assert json.loads(socket.recv(10))["event"] == "ready"
             yield socket
 
-    def socket(self, origin: str | None = "", headers: Headers | None = None) -> ClientConnection:
-        """Connect a WebSocket: of its own page if no origin is said, without any for None."""
+    def socket(self, origin: str | None = "", token: str | None = None) -> ClientConnection:
+        """Connect a WebSocket: of its own page if no origin is said, without any for None; with another `token`."""
         said = self.origin if origin == "" else origin
         return connect(
             f"ws://127.0.0.1:{self.gate.port}/live",
             origin=said,
             compression=None,
-            additional_headers={"Cookie": self.cookie} | (headers or {}),
+            subprotocols=[Subprotocol(f"token.{self.gate.token if token is None else token}")],
         )
 
     def raw_socket(self, host: str | None = None, origin: str | None = None) -> socket.socket:
@@ -112,14 +115,15 @@ class Serving:
         host = f"127.0.0.1:{self.gate.port}" if host is None else host
         origin = self.origin if origin is None else origin
         return self.raw(
-            f"GET /live HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nCookie: {self.cookie}\r\n"
+            f"GET /live HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\n"
+            f"Sec-WebSocket-Protocol: token.{self.gate.token}\r\n"
             "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
             "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
         )
 
     def raw(self, content: bytes = b"") -> socket.socket:
         """Connect, and send bytes as they are."""
-        connection = socket.create_connection(("127.0.0.1", self.gate.port), timeout=20)
+        connection = socket.create_connection(("127.0.0.1", self.gate.port), timeout=PATIENCE)
         connection.sendall(content)
         return connection
 

@@ -51,7 +51,7 @@ def head_of_upload(studio: Serving, *lines: str) -> bytes:
         "POST /api/emulators HTTP/1.1",
         f"Host: 127.0.0.1:{studio.gate.port}",
         f"Origin: {studio.origin}",
-        f"Cookie: {studio.cookie}",
+        f"X-Token: {studio.gate.token}",
         "Content-Type: application/octet-stream",
         *lines,
     ]
@@ -307,7 +307,7 @@ def test_s13_who_takes_nothing_in_is_left_and_nobody_waits(hurried: Serving):
 def test_s13_half_a_download_holds_up_nobody(studio: Serving):
     request = (
         f"GET /bundles/fish-50/emulator.wasm HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\n"
-        f"Cookie: {studio.cookie}\r\n\r\n"
+        f"X-Token: {studio.gate.token}\r\n\r\n"
     )
     with ExitStack() as stack:
         for _ in range(10):

@@ -64,55 +64,59 @@ def test_s02_a_socket_of_another_origin_is_refused_before_it_opens(studio: Servi
         assert refusal.value.response.status_code == 403, origin
 
 
-def wrong_cookies(studio: Serving) -> list[str]:
-    """Return what does not say the token."""
-    name, token = studio.gate.cookie, studio.gate.token
-    wrong = (token[:-1], token + "0", token.upper() + "x", "", "0" * 32, "\xe9" * 32)
-    return ["", token, f"token={token}", *(f"{name}={said}" for said in wrong)]
+def wrong_tokens(studio: Serving) -> list[str]:
+    token = studio.gate.token
+    return [token[:-1], token + "0", token.upper() + "x", "", "0" * 32]
 
 
 def test_s03_without_the_token_no_socket_opens(studio: Serving, tally: Tally):
-    for cookie in each(tally, wrong_cookies(studio)):
+    for token in each(tally, wrong_tokens(studio)):
         with pytest.raises(InvalidStatus) as refusal:
-            studio.socket(headers={"Cookie": cookie}).close()
-        assert refusal.value.response.status_code == 403, cookie
+            studio.socket(token=token).close()
+        assert refusal.value.response.status_code == 403, token
 
 
-def test_s03_without_the_token_nothing_can_be_read(studio: Serving, tally: Tally):
+def test_s03_without_the_token_nothing_can_be_read_but_the_page_itself(
+    studio: Serving, tally: Tally
+):
+    token = studio.gate.token
     paths = (
-        "/",
-        "/index.html",
-        "/assets/main.js",
+        "/nothing",
         "/catalogue.json",
         "/bundles/fish-50/bundle.json",
         "/bundles/fish-50/emulator.wasm",
-        "/api/downloads/x",
-        "/?token=",
-        f"/?token={'0' * 32}",
-        f"/catalogue.json?token={studio.gate.token}",
+        "/api/exports",
+        f"/catalogue.json?token={token}",
     )
     for path in each(tally, paths):
-        for cookie in wrong_cookies(studio):
-            reply = studio.ask(path, headers={"Cookie": cookie})
-            assert reply.status == 403, (path, cookie)
+        for wrong in wrong_tokens(studio):
+            reply = studio.ask(path, headers={"X-Token": wrong})
+            assert reply.status == 403, (path, wrong)
             assert "set-cookie" not in reply.headers
             assert reply.json == {
                 "error": "Wrong or missing token. Open the address the server printed."
             }
+    for path in each(tally, ("/", "/index.html", "/assets/main.js")):
+        assert studio.ask(path, headers={"X-Token": ""}).status == 200
+    assert studio.ask("/api/downloads/x", headers={"X-Token": ""}).status == 404
 
 
-def test_s03_the_address_gives_a_cookie_of_128_bits_that_no_other_site_sends(studio: Serving):
+def test_s03_a_cookie_opens_nothing_so_that_no_other_port_is_told_the_token(
+    studio: Serving, tally: Tally
+):
+    port = studio.gate.port
+    for name in each(tally, ("token", "x-token", f"neuroanimator-{port}")):
+        said = {"X-Token": "", "Cookie": f"{name}={studio.gate.token}"}
+        assert studio.ask("/catalogue.json", headers=said).status == 403
+
+
+def test_s03_the_address_has_a_token_of_128_bits_where_browsers_keep_it_to_themselves(
+    studio: Serving,
+):
     address = studio.gate.url.removeprefix(studio.origin)
-    assert address == f"/?token={studio.gate.token}"
-    reply = studio.ask(f"{address}&show=fish-50", headers={"Cookie": ""})
-    assert reply.status == 200
-    assert reply.headers["refresh"] == f"0; url={studio.origin}/?show=fish-50"
-    cookie, *attributes = reply.headers["set-cookie"].split("; ")
-    assert sorted(attributes) == ["HttpOnly", "Path=/", "SameSite=strict"]
-    assert studio.ask("/catalogue.json", headers={"Cookie": cookie}).status == 200
+    assert address == f"/#token={studio.gate.token}"
     assert len(bytes.fromhex(studio.gate.token)) == 16
     assert Gate("127.0.0.1", 1).token != Gate("127.0.0.1", 1).token
-    assert Gate("127.0.0.1", 1).cookie != Gate("127.0.0.1", 2).cookie
 
 
 @pytest.mark.parametrize("path", ["/api/emulators", "/api/exports"])
@@ -128,8 +132,8 @@ def test_s04_what_another_site_can_send_changes_nothing(path: str, studio: Servi
         "another port": own | {"Origin": "http://127.0.0.1:1"},
         "another of its names": own | {"Origin": f"http://localhost:{studio.gate.port}"},
         "a port of 5,000 digits": own | {"Origin": f"http://127.0.0.1:{'1' * 5000}"},
-        "no token": own | {"Cookie": ""},
-        "wrong token": own | {"Cookie": f"{studio.gate.cookie}={'0' * 32}"},
+        "no token": own | {"X-Token": ""},
+        "wrong token": own | {"X-Token": "0" * 32},
     }
     before = studio.ask("/catalogue.json").body
     for name, headers in each(tally, list(attacks.items())):
@@ -205,13 +209,15 @@ def test_s09_every_answer_has_the_headers_and_none_lets_other_sites_in(
 def test_s10_a_hundred_thousand_ranges_take_no_time(studio: Serving):
     ranges = "bytes=" + ",".join(f"{start}-" for start in range(8_000))
     assert studio.ask("/bundles/fish-50/emulator.wasm").status == 200
-    seconds = []
+    seconds: dict[str, list[float]] = {ranges: [], "bytes=0-": []}
     for _ in range(5):
-        began = time.perf_counter()
-        reply = studio.ask("/bundles/fish-50/emulator.wasm", headers={"Range": ranges})
-        seconds.append(time.perf_counter() - began)
-        assert reply.status == 200
-    assert min(seconds) < 0.05
+        for asked, spans in seconds.items():
+            began = time.perf_counter()
+            reply = studio.ask("/bundles/fish-50/emulator.wasm", headers={"Range": asked})
+            spans.append(time.perf_counter() - began)
+            assert reply.status == 200
+    # Sorted, thousands of ranges would take hundreds of times as long as one.
+    assert min(seconds[ranges]) < 30 * min(seconds["bytes=0-"])
     head = f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\nRange: bytes="
     with studio.raw(head.encode() + b"0-," * 100_000 + b"\r\n\r\n") as connection:
         assert b" 200 " not in first_line(connection)  # a head that large is none
@@ -279,7 +285,7 @@ def test_s12_on_all_networks_the_token_and_the_pages_own_address_are_still_asked
         for host in each(tally, ["192.168.1.7", "127.0.0.1", "workshop.example", "[::1]"]):
             asked = {"Host": f"{host}:{port}"}
             assert studio.ask("/catalogue.json", headers=asked).status == 200
-            assert studio.ask("/catalogue.json", headers=asked | {"Cookie": ""}).status == 403
+            assert studio.ask("/catalogue.json", headers=asked | {"X-Token": ""}).status == 403
             for origin in (host, "6.6.6.6", "evil.example"):  # all at the same port
                 with studio.raw_socket(asked["Host"], f"http://{origin}:{port}") as connection:
                     wanted = 101 if origin == host else 403
@@ -289,5 +295,5 @@ def test_s12_on_all_networks_the_token_and_the_pages_own_address_are_still_asked
 def test_s12_a_network_of_its_own_is_asked_by_its_own_name():
     assert Gate("192.168.1.7", 81).names == ["192.168.1.7"]
     assert Gate("fe80::1", 81).names == ["[fe80::1]"]
-    assert Gate("fe80::1", 81).url.startswith("http://[fe80::1]:81/?token=")
-    assert Gate("0.0.0.0", 81).url.startswith("http://127.0.0.1:81/?token=")
+    assert Gate("fe80::1", 81).url.startswith("http://[fe80::1]:81/#token=")
+    assert Gate("0.0.0.0", 81).url.startswith("http://127.0.0.1:81/#token=")

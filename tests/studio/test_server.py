@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from serving import Serving, ask_page, serving, write_page
+from websockets import Subprotocol
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
@@ -289,12 +290,11 @@ def test_the_command_line_prints_the_address_listens_on_this_machine_alone_and_s
         assert process.stdout is not None
         assert process.stderr is not None
         line = process.stdout.readline().strip()
-        match = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=[0-9a-f]{32}", line)
+        match = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#token=[0-9a-f]{32}", line)
         assert match, line + process.stderr.read()
         port = int(match[1])
         with socket.create_connection(("127.0.0.1", port), timeout=20) as connection:
-            path = line.removeprefix(f"http://127.0.0.1:{port}")
-            connection.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
+            connection.sendall(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
             assert b" 200 " in connection.recv(100)
         table = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
         listening = re.findall(rf" ([0-9A-F]+):{port:04X} [0-9A-F:]+ 0A ", table)
@@ -330,8 +330,7 @@ def test_the_browser_is_led_in_by_a_file_that_only_this_user_can_read(tmp_path: 
 def test_f18_a_hundred_pages_come_and_go_and_leave_no_memory_behind(tmp_path: Path):
     with command(tmp_path) as process:
         assert process.stdout is not None
-        address, _, token = process.stdout.readline().strip().partition("/?token=")
-        cookie = f"neuroanimator-{address.rpartition(':')[2]}={token}"
+        address, _, token = process.stdout.readline().strip().partition("/#token=")
 
         def come_and_go(times: int) -> None:
             socket_address = address.replace("http", "ws", 1) + "/live"
@@ -340,7 +339,7 @@ def test_f18_a_hundred_pages_come_and_go_and_leave_no_memory_behind(tmp_path: Pa
                     socket_address,
                     origin=Origin(address),
                     compression=None,
-                    additional_headers={"Cookie": cookie},
+                    subprotocols=[Subprotocol(f"token.{token}")],
                 ) as page:
                     assert "ready" in str(page.recv(10))
                     assert "jobs" in ask_page(page, do="jobs")

@@ -27,6 +27,15 @@ MAX_VALUE = 1e6
 SAMPLING = 1 / 120
 """Time between two samples [s]; every keyframe is sampled, too."""
 
+MAX_SECONDS = 3600.0
+"""Maximum duration of a motion [s]."""
+
+MAX_POSES = 20_000_000
+"""Maximum number of samples times that of nodes above the one asked for: an hour of 46 nodes."""
+
+MAX_KEYFRAMES = 20_000_000
+"""Maximum number of keyframes of all properties together, of which many may share their times."""
+
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers per value of each property that can be animated, by its name in the format."""
 
@@ -124,14 +133,27 @@ def node_motion(
     if not any(tracks.values()):
         raise ValueError(f"the first animation moves neither {quoted(name)} nor any node above it")
     locals_up = [_local(nodes[number], number, tracks[number]) for number in chain]
-    keys = [track.times for local in locals_up for track in local.tracks.values()]
-    times = np.unique(np.concatenate([np.arange(0.0, end, SAMPLING), *keys, [0.0, end]]))
+    times = _sampled(locals_up, end)
     positions, orientations = _in_world(locals_up, times)
     still = [Local(local.at_rest, {}) for local in locals_up]
     _, rest = _in_world(still, times[:1])
     turned = multiply(orientations, np.broadcast_to(conjugate(rest[0]), orientations.shape))
     upright = np.concatenate([turned[:, :1], _z_up(turned[:, 1:])], axis=1)
     return times, _z_up(positions), upright
+
+
+def _sampled(locals_up: list[Local], end: float) -> Float[np.ndarray, " F"]:
+    """Return every time [s] at which the motion is looked at: few enough of them, whatever the file says."""
+    tracks = [track for local in locals_up for track in local.tracks.values()]
+    keys = {id(track.times): track.times for track in tracks}
+    most = min(MAX_SECONDS, SAMPLING * MAX_POSES / len(locals_up))
+    count = sum(len(times) for times in keys.values())
+    if end > most or count * len(locals_up) > MAX_POSES:
+        raise ValueError(
+            f"an animation of {end:g} s with {count:,} keyframes; of a node with {len(locals_up) - 1} above it at most "
+            f"{most:.0f} s are read. Cut it into parts"
+        )
+    return np.unique(np.concatenate([np.arange(0.0, end, SAMPLING), *keys.values(), [0.0, end]]))
 
 
 def _numbered(nodes: list[dict[str, Any]], name: str) -> int:
@@ -168,24 +190,40 @@ def _tracks(
 ) -> tuple[dict[int, dict[str, Track]], float]:
     """Return the tracks of each node in the chain by property, and the time at which the animation ends [s]."""
     samplers = objects_in(animation, "samplers")
+    # the end: that of the longest
     end = 0.0
-    inputs: dict[int, np.ndarray] = {}
-    for sampler in samplers:
-        index = whole(sampler.get("input"), "sampler: input", 0, len(file.objects("accessors")) - 1)
-        if index not in inputs:
-            inputs[index] = _rising(file.array(index, "SCALAR")[:, 0])
-            end = max(end, float(inputs[index][-1]))
+    inputs = {sampler.get("input") for sampler in samplers if _is_index(sampler.get("input"))}
+    for index in inputs:
+        end = max(end, float(file.array(index, "SCALAR", is_last_alone=True)[0, 0]))
+    # keyframes: only those that move the chain
     tracks: dict[int, dict[str, Track]] = {number: {} for number in chain}
+    times: dict[int, np.ndarray] = {}
+    keyframes = 0
     for channel in objects_in(animation, "channels"):
         target = channel.get("target")
         if not isinstance(target, dict):
             raise ValueError("an animation channel without a target")
         node = target.get("node")
         name = target.get("path")
-        if node in chain and name in PROPERTIES:
-            sampler = object_at(samplers, channel.get("sampler"), "sampler")
-            tracks[node][name] = _track(file, sampler, name, inputs[sampler["input"]])
+        if not _is_index(node) or node not in tracks or name not in PROPERTIES:
+            continue
+        if name in tracks[node]:
+            raise ValueError(f"two channels for the {name} of node {node}")
+        sampler = object_at(samplers, channel.get("sampler"), "sampler")
+        index = whole(sampler.get("input"), "sampler: input", 0, len(file.objects("accessors")) - 1)
+        if index not in times:
+            times[index] = _rising(file.array(index, "SCALAR")[:, 0])
+        keyframes += len(times[index])
+        if keyframes > MAX_KEYFRAMES:
+            raise ValueError(
+                f"more than {MAX_KEYFRAMES:,} keyframes for one node. Cut it into parts"
+            )
+        tracks[node][name] = _track(file, sampler, name, times[index])
     return tracks, end
+
+
+def _is_index(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _rising(times: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:

@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ import safetensors.numpy
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.files.json_text import parse_json_object
 from neuroanimator.files.places import Place, UrlPath
-from neuroanimator.files.unfinished import refuse_other_than_file, replace_whole
+from neuroanimator.files.unfinished import refuse_other_than_file, replace_together
 
 METADATA_KEY = "na"
 """The only metadata key; with two or more, safetensors' bytes differ from run to run."""
@@ -85,12 +85,21 @@ def write_whole(path: Place, content: bytes) -> None:
     if isinstance(path, UrlPath):
         path.write(content)
         return
+    write_together({path: content})
+
+
+def write_together(files: Mapping[Path, bytes]) -> None:
+    """Write files that belong together as `write_whole` writes one, the last one last: all of them, or none.
+
+    Raises as `write_whole`, naming the last one.
+    """
     try:
-        replace_whole(path, content)
+        replace_together(files)
     except OSError as error:
         need = ""
         if error.errno in FULL:
-            need = f" ({len(content):,} bytes needed)"
+            need = f" ({sum(map(len, files.values())):,} bytes needed)"
+        path = list(files)[-1]
         raise ResourceError(f"Could not write {path}: {error.strerror}{need}.") from error
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -65,13 +65,22 @@ class Glb:
 
     document: dict[str, Any]
     binary: bytes
+    _checked: dict[str, list[dict[str, Any]]] = field(default_factory=dict, init=False, repr=False)
+    """Lists of objects by kind, once they are checked: many objects point into each."""
 
     def objects(self, kind: str) -> list[dict[str, Any]]:
         """Return the objects in the document's list `kind`; ValueError if it is not a list of objects."""
-        return objects_in(self.document, kind)
+        if kind not in self._checked:
+            self._checked[kind] = objects_in(self.document, kind)
+        return self._checked[kind]
 
-    def array(self, accessor: Any, element: str) -> Float[np.ndarray, "N W"]:
-        """Return the finite numbers of an accessor of `element`s, such as `VEC3`; ValueError says what is wrong."""
+    def array(
+        self, accessor: Any, element: str, *, is_last_alone: bool = False
+    ) -> Float[np.ndarray, "N W"]:
+        """Return the finite numbers of an accessor of `element`s, such as `VEC3`, or the last of them.
+
+        Raises ValueError with what is wrong.
+        """
         described = object_at(self.objects("accessors"), accessor, "accessor")
         what = f"accessor {accessor}"
         if described.get("type") != element:
@@ -90,6 +99,9 @@ class Glb:
         offset = whole(described.get("byteOffset", 0), f"{what}: byteOffset", 0, len(view))
         if stride != size or offset + count * size > len(view):
             raise ValueError(f"{what}: it reads beyond its bufferView, or not in one piece")
+        if is_last_alone:
+            offset += (count - 1) * size
+            count = 1
         numbers = np.frombuffer(view, kind, count * width, offset).reshape(count, width)
         values = numbers.astype(float)
         if kind.kind in "iu":
@@ -100,7 +112,7 @@ class Glb:
             raise ValueError(f"{what}: a number that is not finite")
         return values
 
-    def _view(self, index: Any, size: int) -> tuple[bytes, Any]:
+    def _view(self, index: Any, size: int) -> tuple[memoryview, Any]:
         """Return the bytes of a bufferView, and the stride of its elements, each of `size` bytes."""
         view = object_at(self.objects("bufferViews"), index, "bufferView")
         what = f"bufferView {index}"
@@ -112,7 +124,7 @@ class Glb:
         offset = whole(view.get("byteOffset", 0), f"{what}: byteOffset", 0, len(self.binary))
         room = len(self.binary) - offset
         length = whole(view.get("byteLength"), f"{what}: byteLength", 1, room)
-        return self.binary[offset : offset + length], view.get("byteStride", size)
+        return memoryview(self.binary)[offset : offset + length], view.get("byteStride", size)
 
 
 def objects_in(owner: dict[str, Any], kind: str) -> list[dict[str, Any]]:

@@ -35,11 +35,11 @@ def parse_json_object(
 
 def _object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return the object of these names and values; ValueError if a name occurs twice, which readers treat differently."""
-    values = dict(pairs)
-    if len(values) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"the name {quoted(twice)} occurs twice")
+    values: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in values:
+            raise ValueError(f"the name {quoted(name)} occurs twice")
+        values[name] = value
     return values
 
 

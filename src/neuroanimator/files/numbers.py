@@ -37,9 +37,18 @@ def number(
 
 def number_in(text: str) -> float:
     """Return the number in `text`; ValueError also for what only Python accepts: 1_0, digits of other scripts."""
+    return float(_plain(text))
+
+
+def whole_in(text: str) -> int:
+    """Return the whole number in `text`, as `number_in` does."""
+    return int(_plain(text))
+
+
+def _plain(text: str) -> str:
     if "_" in text or not text.isascii():
         raise ValueError(f"wanted a number, got {quoted(text)}")
-    return float(text)
+    return text
 
 
 def flag(value: Any, what: str) -> bool:

@@ -12,8 +12,8 @@ import secrets
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -90,12 +90,23 @@ def replace_whole(path: Path, content: bytes) -> None:
 
     Raises OSError.
     """
-    with unfinished(path) as temporary:
-        with open(temporary, "xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        finish(temporary, path)
+    replace_together({path: content})
+
+
+def replace_together(files: Mapping[Path, bytes]) -> None:
+    """Write files that belong together, the last one last: none gets its name before all are on the disk.
+
+    Raises OSError; then all are as they were.
+    """
+    with ExitStack() as stack:
+        written = {path: stack.enter_context(unfinished(path)) for path in files}
+        for path, temporary in written.items():
+            with open(temporary, "xb") as file:
+                file.write(files[path])
+                file.flush()
+                os.fsync(file.fileno())
+        for path, temporary in written.items():
+            finish(temporary, path)
 
 
 def sync_folder(folder: Path) -> None:

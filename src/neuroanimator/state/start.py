@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.numbers import number_in
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import facing, rotate
@@ -101,7 +102,7 @@ def read_starts(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
 
 def _read_numbers(name: str, text: str) -> tuple[float, ...]:
     try:
-        return tuple(float(number) for number in text.split(","))
+        return tuple(number_in(number) for number in text.split(","))
     except ValueError:
         raise ArgumentError(
             f"start: '{name}': wanted numbers separated by commas, got '{text[:60]}'."

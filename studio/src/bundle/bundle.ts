@@ -1,5 +1,6 @@
 // The contents of a bundle of one emulator: its facts, its skeleton and skin, its scenery and motions.
 
+import { fetchOwn } from "../server/token";
 import { sizeOf, type Layout } from "./layout";
 
 export type Vector3 = readonly [number, number, number];
@@ -279,11 +280,7 @@ export interface LoadedBundle {
 
 /** Fetch `bundle.json` of a folder; the error names the fault. */
 export async function loadBundle(folder: URL): Promise<LoadedBundle> {
-  const address = new URL("bundle.json", folder);
-  const response = await fetch(address);
-  if (!response.ok) {
-    throw new Error(`${address.pathname}: ${response.status} ${response.statusText}`);
-  }
+  const response = await fetchOwn(new URL("bundle.json", folder));
   const facts = (await response.json()) as Bundle;
   checkBundle(facts);
   return { facts, folder };

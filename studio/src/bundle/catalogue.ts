@@ -1,5 +1,7 @@
 // The list of emulators the page can show.
 
+import { fetchOwn } from "../server/token";
+
 export interface CatalogueEntry {
   readonly id: string;
   readonly system: string;
@@ -20,10 +22,7 @@ export interface Catalogue {
 
 /** Fetch the catalogue that lies beside the page. */
 export async function loadCatalogue(page: URL): Promise<Catalogue> {
-  const response = await fetch(new URL("catalogue.json", page));
-  if (!response.ok) {
-    throw new Error(`catalogue.json: ${response.status} ${response.statusText}`);
-  }
+  const response = await fetchOwn(new URL("catalogue.json", page));
   return (await response.json()) as Catalogue;
 }
 

@@ -1,5 +1,7 @@
 // Starting a WebAssembly module of this project, which imports nothing and has its own memory.
 
+import { fetchOwn } from "../server/token";
+
 const ALIGNMENT = 64;
 const PAGE = 65536;
 
@@ -11,10 +13,7 @@ export interface ModuleExports {
 
 /** Fetch a module; the error names the missing file and the reason. */
 export async function fetchModule(address: string | URL): Promise<WebAssembly.Module> {
-  const response = await fetch(address);
-  if (!response.ok) {
-    throw new Error(`${String(address)}: ${response.status} ${response.statusText}`);
-  }
+  const response = await fetchOwn(address);
   const bytes = await response.arrayBuffer();
   return WebAssembly.compile(bytes);
 }

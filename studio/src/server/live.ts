@@ -1,5 +1,7 @@
 // The connection to the server, if there is one: requests and answers, events, and reconnection.
 
+import { fetchOwn, openSocket } from "./token";
+
 /** Delays before reconnecting, one after the other; the last is repeated [s]. */
 const WAITS = [0.5, 1, 2, 4, 8];
 
@@ -35,7 +37,7 @@ export class Live {
   connect(): void {
     const address = new URL("live", this.page);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
-    const socket = new WebSocket(address);
+    const socket = openSocket(address);
     this.#socket = socket;
     socket.onopen = () => {
       this.#tries = 0;
@@ -66,16 +68,12 @@ export class Live {
 
   /** Send bytes or JSON to one of the server's addresses; the error is the server's own line. */
   async post(path: string, body: BodyInit, type: string, headers: Record<string, string> = {}): Promise<Answer> {
-    const response = await fetch(new URL(path, this.page), {
+    const response = await fetchOwn(new URL(path, this.page), {
       method: "POST",
       headers: { ...headers, "Content-Type": type },
       body,
     });
-    const answer = (await response.json().catch(() => ({}))) as Answer;
-    if (!response.ok) {
-      throw new Error(String(answer["error"] ?? `${response.status} ${response.statusText}`));
-    }
-    return answer;
+    return (await response.json()) as Answer;
   }
 
   close(): void {

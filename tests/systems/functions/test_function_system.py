@@ -217,6 +217,21 @@ def test_ctrl_c_in_a_step_is_no_fault_of_its(tmp_path: Path):
         )
 
 
+@pytest.mark.parametrize("raised", ["KeyboardInterrupt", "SystemExit(0)", "GeneratorExit"])
+def test_what_a_step_raises_itself_is_a_fault_of_its_on_the_command_line(
+    raised: str, tmp_path: Path, cli_process: Cli
+):
+    """There Ctrl-C is a signal, so that even a KeyboardInterrupt is the function's own."""
+    text = SPRING.replace("    speed = ", f"    raise {raised}\n    speed = ")
+    (tmp_path / "spring.py").write_text(text)
+    ended = cli_process("new", "spring.py", cwd=tmp_path)
+    (line,) = [line for line in ended.stderr.splitlines() if line.startswith("neuroanimator: ")]
+    assert ended.returncode == 3, ended.stderr
+    assert f"{raised.partition('(')[0]}: " in line
+    assert "spring.py, line " in line
+    assert not (tmp_path / "spring.toml").exists()
+
+
 def test_a_function_that_answers_batches_otherwise_is_refused(tmp_path: Path):
     with pytest.raises(NeuroAnimatorError, match="BATCHED"):
         system_from(

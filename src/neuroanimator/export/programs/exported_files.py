@@ -8,7 +8,7 @@ from pathlib import Path
 
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.export.programs.vectors import Vectors, vectors_text
-from neuroanimator.files.atomic import write_whole
+from neuroanimator.files.atomic import write_together
 
 VECTORS_SUFFIX = ".vectors.json"
 """Suffix of the file of test vectors, instead of the program's."""
@@ -63,13 +63,12 @@ def write_program(
     """Write a program to `path`, and beside it `callers`, by suffix, and test vectors (`fish.vectors.json`)."""
     path = Path(path)
     vectors = vectors_text(definition, program.functions).encode("ascii")
-    others = {**(callers or {}), VECTORS_SUFFIX: vectors}
-    for suffix, content in others.items():
-        write_whole(path.with_suffix(suffix), content)
-    write_whole(path, program.content)
+    suffixes = {**(callers or {}), VECTORS_SUFFIX: vectors}
+    others = {path.with_suffix(suffix): content for suffix, content in suffixes.items()}
+    write_together({**others, path: program.content})
     return ExportedFiles(
         path=path,
-        others=tuple(path.with_suffix(suffix) for suffix in others),
+        others=tuple(others),
         size=len(program.content),
         runtime=program.runtime,
         checked=program.functions[definition.name].count,

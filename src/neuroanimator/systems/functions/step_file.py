@@ -22,6 +22,7 @@ A step file looks like this; declarations after CONTROL may be left out:
 
 from __future__ import annotations
 
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -71,9 +72,9 @@ def run_file(digest: str, name: str) -> ModuleType:
         exec(compile(source, name, "exec"), module.__dict__)
     except SyntaxError as error:
         raise BadFileError(f"{name}, line {error.lineno}: {error.msg}.") from error
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and _raises_on_ctrl_c():
+            raise
         raise fault(error, name) from error
     if not callable(getattr(module, "step", None)):
         raise BadFileError(
@@ -98,15 +99,20 @@ def call_step(
         with np.errstate(all="ignore"):
             answer = function(state.copy(), control.copy(), dt, **arguments)
             following = _as_numbers(answer)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and _raises_on_ctrl_c():
+            raise
         raise fault(error, name) from error
     if following is None or following.shape != state.shape:
         raise BadFileError(
             f"{name}: step returned {_form(answer)}; wanted numbers of shape {state.shape}, like the state."
         )
     return following
+
+
+def _raises_on_ctrl_c() -> bool:
+    """Return whether Ctrl-C is a KeyboardInterrupt here, as in Python; to the command line and to workers it is a signal."""
+    return signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def _as_numbers(answer: object) -> Float[np.ndarray, " ..."] | None:

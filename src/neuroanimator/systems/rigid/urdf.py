@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.numbers import number_in
 from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.text import listed, quoted
 
@@ -86,7 +87,7 @@ def _effort(file: str, element: ET.Element) -> float:
     if limit is None or "effort" not in limit.attrib:
         return 0.0
     try:
-        value = float(limit.attrib["effort"])
+        value = number_in(limit.attrib["effort"])
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):

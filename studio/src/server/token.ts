@@ -1,0 +1,42 @@
+// The token that the server asks for. This tab alone keeps it: a cookie would go to every server of the machine.
+
+const KEY = "neuroanimator token";
+
+/** Take the token out of the page's address, where the server's own line has it; a page without a server has none. */
+export function takeToken(): void {
+  const found = /^#token=([0-9a-f]{32})$/.exec(location.hash);
+  if (found) {
+    sessionStorage.setItem(KEY, found[1]!);
+    history.replaceState(null, "", location.pathname + location.search);
+  }
+}
+
+/** Return the token of this tab, or an empty text. */
+function token(): string {
+  try {
+    return sessionStorage.getItem(KEY) ?? "";
+  } catch {
+    return ""; // a page in a file may have no storage
+  }
+}
+
+/** Fetch from the page's own server; the error is its line, or names the address. */
+export async function fetchOwn(address: string | URL, request: RequestInit = {}): Promise<Response> {
+  const said = token();
+  const headers = new Headers(request.headers);
+  if (said) {
+    headers.set("X-Token", said);
+  }
+  const response = await fetch(address, { ...request, headers });
+  if (!response.ok) {
+    const answer = (await response.json().catch(() => ({}))) as Record<string, unknown>;
+    const path = new URL(address, document.baseURI).pathname;
+    throw new Error(String(answer["error"] ?? `${path}: ${response.status} ${response.statusText}`));
+  }
+  return response;
+}
+
+/** Open a socket to the page's own server. */
+export function openSocket(address: URL): WebSocket {
+  return new WebSocket(address, [`token.${token()}`]);
+}
