@@ -7,7 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.appearance.shapes import MAX_NODES
+from neuroanimator.errors import BadFileError
 from neuroanimator.systems.soft.soft_body import tetrahedron_volumes
+
+BYTES_A_NODE = 60_000
+"""Memory for finding the shapes of a body [bytes per node]: snapshots of sixteen bodies."""
 
 SHOWN = 3
 """Maximum number of nodes or elements a message names."""
@@ -85,3 +90,13 @@ def named_lines(lines: Int[np.ndarray, " _"]) -> str:
     """Return the first few of `lines` of a file, each once."""
     distinct = np.unique(lines)
     return f"line {some(distinct)}" if len(distinct) == 1 else f"lines {some(distinct)}"
+
+
+def refuse_size(name: str, count: int) -> None:
+    """Raise BadFileError for a mesh of more than `MAX_NODES` nodes."""
+    if count > MAX_NODES:
+        gigabytes = count * BYTES_A_NODE / 1e9
+        raise BadFileError(
+            f"{name}: {count:,} nodes, for which {gigabytes:,.0f} GB would be needed; wanted at most {MAX_NODES:,}. "
+            "Make the mesh coarser."
+        )

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.definitions.soft import SOLID_ENDING, UNITS, MeshReading
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.soft.mesh import Mesh
-from neuroanimator.systems.soft.msh_file import nodes_of_msh, read_msh
+from neuroanimator.systems.soft.mesh import Mesh, refuse_size
+from neuroanimator.systems.soft.msh_file import read_msh
 from neuroanimator.systems.soft.obj_file import read_obj
 from neuroanimator.systems.soft.polygons import triangulated
 
@@ -22,17 +21,12 @@ MAX_LINES = 4_000_000
 MAX_COORDINATE = 1e6
 """Largest coordinate in a file."""
 
-BYTES_A_NODE = 60_000
-"""Memory for finding the shapes of a body [bytes per node]: snapshots of sixteen bodies."""
-
 AS_IT_IS = MeshReading()
 
 
 def read_mesh(name: str, content: bytes, reading: MeshReading = AS_IT_IS) -> Mesh:
     """Return the mesh in a file called `name`, in metres, Z up; BadFileError names the fault."""
     is_solid = name.endswith(SOLID_ENDING)
-    told = nodes_of_msh(content) if is_solid else content.count(b"\nv ")
-    _refuse_size(name, told)
     if content.count(b"\n") > MAX_LINES:
         raise BadFileError(f"{name}: more than {MAX_LINES:,} lines. Make the mesh coarser.")
     if is_solid:
@@ -42,7 +36,7 @@ def read_mesh(name: str, content: bytes, reading: MeshReading = AS_IT_IS) -> Mes
         vertices, faces, lines = read_obj(name, content)
         _refuse_far(name, vertices)
         mesh = triangulated(name, vertices, faces, lines)
-    _refuse_size(name, len(mesh.positions))
+    refuse_size(name, len(mesh.positions))
     positions = mesh.positions
     if reading.up == "y":
         x, y, z = positions.T
@@ -61,14 +55,4 @@ def _refuse_far(name: str, positions: Float[np.ndarray, "N 3"]) -> None:
     if largest > MAX_COORDINATE:
         raise BadFileError(
             f"{name}: a coordinate of {largest:.3g}; wanted at most {MAX_COORDINATE:,.0f}. Move the mesh to the origin."
-        )
-
-
-def _refuse_size(name: str, count: int) -> None:
-    """Raise BadFileError for a mesh of more than `MAX_NODES` nodes."""
-    if count > MAX_NODES:
-        gigabytes = count * BYTES_A_NODE / 1e9
-        raise BadFileError(
-            f"{name}: {count:,} nodes, for which {gigabytes:,.0f} GB would be needed; wanted at most {MAX_NODES:,}. "
-            "Make the mesh coarser."
         )

@@ -8,13 +8,14 @@ $Elements  2.2: count, then "tag type tags... nodes..." lines
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.soft.mesh import Mesh
+from neuroanimator.files.numbers import number_in, whole_in
+from neuroanimator.files.text_lines import text_lines
+from neuroanimator.systems.soft.mesh import Mesh, refuse_size
 from neuroanimator.text import quoted
 
 TETRAHEDRON = 4
@@ -35,7 +36,10 @@ class _Lines:
 
     def __init__(self, name: str, content: bytes):
         self.name = name
-        self._lines = content.decode("utf-8", errors="replace").split("\n")
+        try:
+            self._lines = [line for _, line in text_lines(content, "replace")]
+        except ValueError as error:
+            raise BadFileError(f"{name}: {error}. Save it again.") from error
         self._next = 0
 
     @property
@@ -68,14 +72,14 @@ class _Lines:
     def as_wholes(self, words: list[str]) -> list[int]:
         """Return words of the line as integers."""
         try:
-            return [int(word) for word in words]
+            return [whole_in(word) for word in words]
         except ValueError as error:
             raise self.fault("whole numbers") from error
 
     def point(self, words: list[str]) -> list[float]:
         """Return three of the line's words as coordinates."""
         try:
-            point = [float(word) for word in words[:3]]
+            point = [number_in(word) for word in words[:3]]
         except ValueError as error:
             raise self.fault("three coordinates") from error
         if not np.isfinite(point).all():
@@ -84,15 +88,6 @@ class _Lines:
 
     def fault(self, wanted: str) -> BadFileError:
         return BadFileError(f"{self.name}: line {self._next}: wanted {wanted}. Save it again.")
-
-
-def nodes_of_msh(content: bytes) -> int:
-    """Return the number of nodes a file declares; 0 if it does not."""
-    found = re.search(rb"\$Nodes\s+(\d{1,18})(?:[ \t]+(\d{1,18}))?", content)
-    if found is None:
-        return 0
-    of_blocks, of_nodes = found.groups()
-    return int(of_nodes or of_blocks)
 
 
 def read_msh(name: str, content: bytes) -> Mesh:
@@ -140,6 +135,7 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
     count = head[0] if is_old else head[1]
     if count < 1:
         raise lines.fault("a number of nodes above 0")
+    refuse_size(lines.name, count)
     tags: list[int] = []
     positions: list[list[float]] = []
     if is_old:

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.numbers import number_in, whole_in
+from neuroanimator.files.text_lines import TextError, text_lines
+from neuroanimator.systems.soft.mesh import refuse_size
 
 MAX_CORNERS = 256
 """Maximum number of corners of a face."""
+
+MAX_FACES = 1_000_000
+"""Maximum number of faces: a surface has about two for each node."""
+
+VERTEX = re.compile(rb"^\s*v\s", re.MULTILINE)
+"""Beginning of a line with a vertex."""
 
 
 def read_obj(
@@ -18,37 +29,50 @@ def read_obj(
 
     Raises BadFileError naming the file and the line.
     """
+    refuse_size(name, sum(1 for _ in VERTEX.finditer(content)))
     positions: list[list[float]] = []
     faces: list[list[int]] = []
     lines: list[int] = []
-    for number, line in enumerate(content.decode("utf-8", errors="replace").split("\n"), start=1):
-        kind, *values = line.split() or [""]
-        try:
+    number = 0
+    wanted = ""
+    try:
+        for number, line in text_lines(content, "replace"):
+            kind, *values = line.split(maxsplit=MAX_CORNERS + 1) or [""]
             if kind == "v":
-                position = [float(value) for value in values[:3]]
-                if len(position) < 3 or not np.isfinite(position).all():
-                    raise ValueError
-                positions.append(position)
+                wanted = "three numbers"
+                positions.append(_position(values))
             elif kind == "f":
-                corners = [_corner(value, len(positions)) for value in values[: MAX_CORNERS + 1]]
-                if not 3 <= len(corners) <= MAX_CORNERS:
-                    raise ValueError
-                faces.append(corners)
+                wanted = f"3 to {MAX_CORNERS} vertices of the file, in at most {MAX_FACES:,} faces"
+                faces.append(_corners(values, len(positions)))
                 lines.append(number)
-        except ValueError as error:
-            wanted = "three numbers" if kind == "v" else f"3 to {MAX_CORNERS} vertices of the file"
-            raise BadFileError(
-                f"{name}: line {number}: wanted {wanted}. Export it again."
-            ) from error
+                if len(faces) > MAX_FACES:
+                    raise ValueError
+    except TextError as error:
+        raise BadFileError(f"{name}: {error}. Export it again.") from error
+    except ValueError as error:
+        raise BadFileError(f"{name}: line {number}: wanted {wanted}. Export it again.") from error
     if not faces:
         raise BadFileError(f"{name}: no faces. Export a surface as OBJ.")
+    refuse_size(name, len(positions))
     return np.array(positions), faces, lines
 
 
-def _corner(text: str, count: int) -> int:
-    """Return the index of a vertex from 0: the file counts from 1, or backwards from the last one."""
-    index = int(text.split("/")[0])
-    number = index - 1 if index > 0 else count + index
-    if not 0 <= number < count:
+def _position(values: list[str]) -> list[float]:
+    position = [number_in(value) for value in values[:3]]
+    if len(position) < 3 or not np.isfinite(position).all():
         raise ValueError
-    return number
+    return position
+
+
+def _corners(values: list[str], count: int) -> list[int]:
+    """Return the indices of a face's vertices from 0: the file counts from 1, or backwards from the last one."""
+    if not 3 <= len(values) <= MAX_CORNERS:
+        raise ValueError
+    corners = []
+    for value in values:
+        index = whole_in(value.split("/")[0])
+        corner = index - 1 if index > 0 else count + index
+        if not 0 <= corner < count:
+            raise ValueError
+        corners.append(corner)
+    return corners
