@@ -207,6 +207,16 @@ def test_a_compiler_that_is_none_costs_one_line(
     assert not list(home.glob("neuroanimator/compiled/*"))
 
 
+AT_WORK = "i=0; while [ $i -lt 8 ]; do sleep 0.2; n=0; while [ $n -lt 20000 ]; do n=$((n+1)); done; i=$((i+1)); done"
+
+
+def test_patience_counts_the_compilers_own_time_and_not_that_of_a_busy_machine(tmp_path: Path):
+    assert build.succeeds(["sh", "-c", AT_WORK], tmp_path, 1.0)  # it takes twice as long
+    for endless in ("while :; do :; done", "sleep 600"):
+        with pytest.raises(build.NoCompilerError, match=r"did not end within 0\.3 s"):
+            build.succeeds(["sh", "-c", endless], tmp_path, 0.3)
+
+
 def test_arguments_of_the_compiler_are_heeded(home: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("CC", "cc -DNUMBER=12345")
     library = compiled_library("int it(void) { return NUMBER; }\n")

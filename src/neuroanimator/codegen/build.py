@@ -15,7 +15,10 @@ from neuroanimator.codegen.zig import zig_cc, zig_folders
 from neuroanimator.files.unfinished import temporary_folder
 
 PATIENCE = 120
-"""Maximum time of a compilation [s]: the largest program takes ten on one slow core."""
+"""Maximum processor time of a compilation [s]: the largest program takes ten on one slow core."""
+
+LEAST_SHARE = 0.01
+"""Minimum share of a core's time that a compiler at work gets, however busy the machine is; less is waiting for nothing."""
 
 VERSION_PATIENCE = 10
 """Maximum time for a compiler to print its version [s]."""
@@ -76,12 +79,38 @@ def succeeds(
 ) -> bool:
     """Return whether `command` succeeds in `work_folder`, with additional environment `variables`.
 
-    Raises NoCompilerError if it cannot be started, or does not end within `patience` [s].
+    Raises NoCompilerError if it cannot be started, or does not end within `patience` seconds of processor time.
     """
     # What a killed compiler leaves behind is in the temporary folder.
     surroundings = os.environ | {"TMPDIR": str(work_folder), "LC_ALL": "C"} | (variables or {})
     with _started(command, stdout=subprocess.DEVNULL, cwd=work_folder, env=surroundings) as process:
-        return process.wait(patience) == 0
+        return _ended(process, patience) == 0
+
+
+def _ended(process: subprocess.Popen[bytes], patience: float) -> int:
+    """Return the exit code; TimeoutExpired once all its processes have used `patience` [s], or none does anything."""
+    used = 0.0
+    while True:
+        wait = patience - used
+        try:
+            return process.wait(wait)
+        except subprocess.TimeoutExpired:
+            before = used
+            used = processor_time(process.pid)
+            if used >= patience or used - before < LEAST_SHARE * wait:
+                raise subprocess.TimeoutExpired(process.args, patience) from None
+
+
+def processor_time(group: int) -> float:
+    """Return the processor time of the processes of a group, and of those they waited for [s]; 0 where it is not told."""
+    ticks = 0
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            # After the name, which may contain anything: state, parent, group and, from the twelfth on, the times.
+            facts = path.read_text(errors="replace").rpartition(")")[2].split()
+            if int(facts[2]) == group:
+                ticks += sum(map(int, facts[11:15]))
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager

@@ -40,8 +40,9 @@ FLAGS = (
 )
 """Sets of flags; the first that the compiler knows is used."""
 
-_given_up: set[str] = set()
-"""Compilers that this process does not try again: one that hangs would do so for every program."""
+_given_up: dict[str, CompilerError | OSError] = {}
+"""The last fault of each compiler. After a `NoCompilerError` this process does not try it again: one that hangs would do so for
+every program."""
 
 PURPOSE = "compiled"
 """Name of the libraries' private folder."""
@@ -64,10 +65,20 @@ def compiled_library(text: str, flag_sets: FlagSets = FLAGS) -> ctypes.CDLL | No
     return _compiled(text, compiler, flag_sets)
 
 
+def obstacle() -> str | None:
+    """Return why `compiled_library` failed; None if the compiler rejected the program."""
+    fault = _given_up.get(find_compiler() or "")
+    return None if type(fault) is CompilerError else _reason(fault)
+
+
+def _reason(fault: CompilerError | OSError | None) -> str:
+    return str(getattr(fault, "strerror", None) or fault)
+
+
 def compiler_facts() -> str | None:
     """Return what compiled code depends on besides its text: compiler, version and processor; None without a compiler."""
     compiler = find_compiler()
-    if compiler is None or compiler in _given_up:
+    if compiler is None or isinstance(_given_up.get(compiler), NoCompilerError):
         return None
     try:
         version = compiler_version(*shlex.split(compiler))
@@ -110,24 +121,21 @@ def _zig() -> str | None:
 @cache
 def _compiled(text: str, compiler: str, flag_sets: FlagSets) -> ctypes.CDLL | None:
     """Return the library of the program `text`, made once per processor and compiler; None if that fails."""
-    command = shlex.split(compiler)
-    if compiler in _given_up:
+    facts = compiler_facts()
+    if facts is None:
         return None
+    key = hashlib.sha256("\n".join([text, facts, str(flag_sets)]).encode()).hexdigest()
     try:
-        about = [text, compiler, compiler_version(*command), _processor(), str(flag_sets)]
-        key = hashlib.sha256("\n".join(about).encode()).hexdigest()[:KEY_DIGITS]
-        return _found_or_made(text, command, flag_sets, key)
+        return _found_or_made(text, shlex.split(compiler), flag_sets, key[:KEY_DIGITS])
     except (CompilerError, OSError) as error:
         _give_up(compiler, error)
         return None
 
 
 def _give_up(compiler: str, error: CompilerError | OSError) -> None:
-    """Report once why nothing could be compiled; a command that is no compiler is not tried again."""
-    if isinstance(error, NoCompilerError):
-        _given_up.add(compiler)
-    reason = getattr(error, "strerror", None) or error
-    warn_once(f"Nothing could be compiled ({reason}). JAX is used instead of C.")
+    """Report once why nothing could be compiled."""
+    _given_up[compiler] = error
+    warn_once(f"Nothing could be compiled ({_reason(error)}). JAX is used instead of C.")
 
 
 def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str) -> ctypes.CDLL:

@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from neuroanimator.codegen.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
+from neuroanimator.codegen.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler, obstacle
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import BORDERLINE
@@ -154,6 +154,11 @@ def compiled_header(text: str, name: str) -> Call:
     compiler = _compiler()
     library = compiled_library(f"#define {name.upper()}_IMPLEMENTATION\n{text}", FLAGS)
     if library is None:
+        reason = obstacle()
+        if reason is not None:
+            raise ResourceError(
+                f"{name}.h: it could not be compiled to be checked, so nothing was written ({reason}). Try again later."
+            )
         raise NeuroAnimatorError(f"{compiler} does not compile {name}.h. Please report it.")
 
     def call(function: str, *arguments: np.ndarray | float) -> int | float | None:
