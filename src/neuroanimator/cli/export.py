@@ -12,9 +12,12 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.export.film.options import read_film
 from neuroanimator.export.formats import emulator_for, export_clip, is_clip
-from neuroanimator.export.programs.formats import export_programs
+from neuroanimator.export.programs.formats import POLICY_ENDING, export_programs
 from neuroanimator.terminal import phase, print_rows
-from neuroanimator.text import print_line
+from neuroanimator.text import print_line, quoted
+
+MODELS = ("emulator", "policy")
+"""Models that `--what` may ask for."""
 
 EXAMPLE = "neuroanimator export fish-50 --out fish.onnx"
 
@@ -39,6 +42,10 @@ def run(
             "--policy", help="If a name is both an emulator and a policy, export the policy."
         ),
     ] = False,
+    what: Annotated[
+        str | None,
+        typer.Option(help="policy (as --policy), or emulator: of a policy's file, the one inside."),
+    ] = None,
     emulator: Annotated[
         str | None, typer.Option(help="For a clip: file or name of the emulator it belongs to.")
     ] = None,
@@ -49,15 +56,20 @@ def run(
     if is_clip(source):
         _export_clip(Path(source), emulator, out, size, camera)
     else:
-        _export_programs(source, out, policy)
+        _export_programs(source, out, what or ("policy" if policy else None))
 
 
-def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
-
+def _export_programs(reference: str, out: list[Path], what: str | None) -> None:
+    if what not in (None, *MODELS):
+        raise ArgumentError(f"--what: wanted one of {', '.join(MODELS)}, got {quoted(what)}.")
     with phase("exporting"):
-        every = export_programs(reference, out, is_policy=is_policy)
+        every = export_programs(
+            reference, out, is_policy=what == "policy", is_emulator=what == "emulator"
+        )
     for written in every:
         print_line(written.summary())
+    if what is None and reference.endswith(POLICY_ENDING):
+        print_line("This is the policy. For the emulator inside it: --what emulator")
 
 
 def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, camera: str) -> None:

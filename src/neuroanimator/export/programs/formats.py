@@ -21,10 +21,13 @@ POLICY_ENDING = ".policy.safetensors"
 """Suffix of policies' files."""
 
 
-def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> list[ExportedFiles]:
+def export_programs(
+    reference: str, outs: list[Path], *, is_policy: bool, is_emulator: bool = False
+) -> list[ExportedFiles]:
     """Write the emulator or policy `reference`, a name or a file, to each path; nothing if one of them is refused.
 
-    A name means an emulator unless `is_policy`; a file `*.policy.safetensors` is a policy.
+    A name means an emulator unless `is_policy`; a file `*.policy.safetensors` is a policy, or with `is_emulator` the
+    emulator in it.
     """
     for path in outs:
         if path.suffix not in WRITERS:
@@ -35,7 +38,8 @@ def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> lis
     model: Model
     if is_policy or reference.endswith(POLICY_ENDING):
         source = find_policy(reference)
-        model = load_any_policy(source)
+        policy = load_any_policy(source)
+        model = policy.emulator if is_emulator else policy
     else:
         source = find_emulator(reference)
         model = Emulator.load(source)
