@@ -154,8 +154,8 @@ class _Part:
         for space in self._spaces():
             size = sizes.get(space, 0)
             if size:
-                lanes = "LANES * " if space & WIDE else ""
-                declared.append(f"NA_ALIGNED float {SPACES[space]}[{lanes}{size}];")
+                storage, lanes = ("NA_SCRATCH ", "LANES * ") if space & WIDE else ("", "")
+                declared.append(f"{storage}NA_ALIGNED float {SPACES[space]}[{lanes}{size}];")
                 scratch += FLOAT_BYTES * size * (WIDTH if space & WIDE else 1)
         if scratch > MAX_STACK:
             declared = [f"static __thread {array}" for array in declared]

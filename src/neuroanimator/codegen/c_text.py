@@ -540,10 +540,10 @@ class Writer:
             if first < last and present:
                 yield f"for (int q = {first}; q < {last}; q++) {{"
                 for part in range(present):
-                    yield f"const float x{part} = {_name(vector + part * long)} + q];"
+                    yield f"const float v{part} = {_name(vector + part * long)} + q];"
                     yield f"const na_wide *r{part} = (const na_wide *)(k + {panel.base + part * long * stride} + q * {stride});"
                     yield " ".join(
-                        f"NA_MULTIPLY_ADD(s{part}_{j}, r{part}[{j}], x{part});" for j in range(wide)
+                        f"NA_MULTIPLY_ADD(s{part}_{j}, r{part}[{j}], v{part});" for j in range(wide)
                     )
                 yield "}"
         for j in range(wide):

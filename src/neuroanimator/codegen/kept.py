@@ -21,6 +21,7 @@ from jaxtyping import Float
 
 from neuroanimator.codegen.compiler import compiled_library, compiler_facts
 from neuroanimator.codegen.program import ALIGNMENT
+from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.private_folder import kept_folder
@@ -90,22 +91,28 @@ class LoadedProgram:
 
 
 def load_program(
-    about: str,
+    about: Callable[[], list[str]],
     make: Callable[[], CProgram],
     refer: Callable[[], Reference],
     check: Callable[[Reference, LoadedProgram], None],
+    reported: str = "",
 ) -> LoadedProgram | None:
-    """Return the program identified by `about`, made by `make` and passed by `check` once on this machine.
+    """Return the program identified by the facts `about`, made by `make` and passed by `check` once on this machine.
 
-    None if nothing can be compiled. `refer` returns the reference values, which JAX computes while the
-    compiler works. `check` raises WrongProgramError for a program that differs: it is not kept, which
-    is reported once. Errors of `make`, such as UnsupportedError, are passed on.
+    None without facts, if nothing can be compiled, and for operations without C, which is reported as those of `reported`.
+    `refer` returns the reference values, which JAX computes while the compiler works. `check` raises WrongProgramError for a
+    program that differs: it is not kept, which is reported once.
     """
     try:
-        return _load(about, make, refer, check)
+        facts = about()
+        if facts:
+            return _load("\n".join(facts), make, refer, check)
     except WrongProgramError as error:
         warn_once(f"{error} JAX is used instead of C.")
-        return None
+    except UnsupportedError as error:
+        if reported:
+            warn_once(f"{reported}: {error} JAX is used instead of C, which is slower.")
+    return None
 
 
 def _load(

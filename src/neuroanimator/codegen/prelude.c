@@ -23,6 +23,11 @@
 #define NA_ALIGNED __attribute__((aligned(64)))
 #endif
 
+/* Storage of the arrays for sixteen lanes: the stack, unless defined as `static _Thread_local` (C++: `static thread_local`). */
+#if !defined(NA_SCRATCH)
+#define NA_SCRATCH
+#endif
+
 /* Sixteen floats: one register of AVX-512, two of AVX2, four of SSE, NEON and WASM, or none if the compiler has no vectors. */
 #if !defined(__GNUC__) || defined(NA_PLAIN)
 typedef struct { float lane[LANES]; } na_wide;
@@ -31,20 +36,23 @@ typedef struct { float lane[LANES]; } na_wide;
 #define NA_MULTIPLY_ADD(s, x, f) do { for (int l = 0; l < LANES; l++) (s).lane[l] += (x).lane[l] * (f); } while (0)
 #elif defined(__AVX512F__)
 typedef float na_part __attribute__((vector_size(64), may_alias));
+static const na_part na_zeros = {0}; /* C++ has no compound literals */
 typedef struct { na_part a; } na_wide;
-#define NA_ZERO(s) ((s).a = (na_part){0})
+#define NA_ZERO(s) ((s).a = na_zeros)
 #define NA_ADD(s, x) ((s).a += (x).a)
 #define NA_MULTIPLY_ADD(s, x, f) ((s).a += (x).a * (f))
 #elif defined(__AVX__)
 typedef float na_part __attribute__((vector_size(32), may_alias));
+static const na_part na_zeros = {0}; /* C++ has no compound literals */
 typedef struct { na_part a, b; } na_wide;
-#define NA_ZERO(s) ((s).a = (s).b = (na_part){0})
+#define NA_ZERO(s) ((s).a = (s).b = na_zeros)
 #define NA_ADD(s, x) ((s).a += (x).a, (s).b += (x).b)
 #define NA_MULTIPLY_ADD(s, x, f) ((s).a += (x).a * (f), (s).b += (x).b * (f))
 #else
 typedef float na_part __attribute__((vector_size(16), may_alias));
+static const na_part na_zeros = {0}; /* C++ has no compound literals */
 typedef struct { na_part a, b, c, d; } na_wide;
-#define NA_ZERO(s) ((s).a = (s).b = (s).c = (s).d = (na_part){0})
+#define NA_ZERO(s) ((s).a = (s).b = (s).c = (s).d = na_zeros)
 #define NA_ADD(s, x) ((s).a += (x).a, (s).b += (x).b, (s).c += (x).c, (s).d += (x).d)
 #define NA_MULTIPLY_ADD(s, x, f) \
     ((s).a += (x).a * (f), (s).b += (x).b * (f), (s).c += (x).c * (f), (s).d += (x).d * (f))

@@ -41,7 +41,6 @@ from neuroanimator.codegen.kept import (
     load_program,
 )
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.control.descent.defects import is_link_known, link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
@@ -55,7 +54,6 @@ from neuroanimator.control.objective.c_objective import (
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.remembered import UNKNOWN, Remembered
-from neuroanimator.terminal import warn_once
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
 """C files that call the maps of a problem."""
@@ -256,21 +254,16 @@ def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | 
     if known is not UNKNOWN:
         return known
     definition = controls_definition(parametrisation)
-    make = partial(program_of_maps, {CONTROLS: definition}, len(NO_NUMBERS))
-    try:
+
+    def about() -> list[str]:
         if _has_code_in_sources(parametrisation):
-            facts = facts_of(parametrisation)
-        else:
-            facts = facts_computed(definition, len(NO_NUMBERS))
-        about = "\n".join([CONTROLS, *facts])
-        program = load_program(about, make, partial(_controls_reference, definition), _check)
-    except UnsupportedError as error:
-        name = type(parametrisation).__name__
-        warn_once(f"{name}: {error} JAX is used instead of C, which is slower.")
-        program = None
-    if program is None:
-        return _known.keep(None, parametrisation)
-    in_c = CMap(program, CONTROLS, NO_NUMBERS)
+            return [CONTROLS, *facts_of(parametrisation)]
+        return [CONTROLS, *facts_computed(definition, len(NO_NUMBERS))]
+
+    make = partial(program_of_maps, {CONTROLS: definition}, len(NO_NUMBERS))
+    refer = partial(_controls_reference, definition)
+    program = load_program(about, make, refer, _check, type(parametrisation).__name__)
+    in_c = None if program is None else CMap(program, CONTROLS, NO_NUMBERS)
     return _known.keep(in_c, parametrisation)
 
 

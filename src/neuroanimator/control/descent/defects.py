@@ -153,9 +153,7 @@ def link_of(emulator: Emulator) -> CMap | None:
     if is_traced(emulator):
         return None
     program = load_checked(emulator, chain_program, LinkReference.of, LinkReference.check)
-    if program is None:
-        return _known.keep(None, emulator)
-    in_c = CMap(program, LINK, _no_defect(emulator))
+    in_c = None if program is None else CMap(program, LINK, _no_defect(emulator))
     return _known.keep(in_c, emulator)
 
 

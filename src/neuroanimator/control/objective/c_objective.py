@@ -40,7 +40,7 @@ from neuroanimator.codegen.kept import (
     load_program,
 )
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.trace import Input, UnsupportedError, trace
+from neuroanimator.codegen.trace import Input, trace
 from neuroanimator.control.objective.objective import (
     CostFunction,
     CostTerm,
@@ -54,7 +54,6 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.terminal import warn_once
 
 CALLER = ("neuroanimator.control.objective", "objective.c")
 """C file that calls the maps of an objective."""
@@ -273,8 +272,10 @@ class ObjectiveForm:
 
         return replace(self.objective, terms=jax.tree.map(placed, self.objective.terms))
 
-    def about(self) -> str:
-        """Return everything that the program depends on."""
+    def about(self) -> list[str]:
+        """Return everything that the program depends on; nothing without a cost that looks at states."""
+        if not self.views:
+            return []
         facts = ["objective", str(self.shape)]
         if is_known_by_name(self.objective):
             shapes = [np.shape(array) for array in numbers_of(self.objective)]
@@ -284,7 +285,7 @@ class ObjectiveForm:
                 facts += facts_computed(definition, sum(self.sizes))
         if self.encoding is not None:
             facts += facts_of(self.encoding)
-        return "\n".join(facts)
+        return facts
 
     def _costs(self, numbers: Float[AnyArray, " P"]) -> list[Cost]:
         """Return the costs of states, with these `numbers`."""
@@ -545,11 +546,6 @@ def c_objective(
 @lru_cache(maxsize=FORMS)
 def _prepared(form: ObjectiveForm) -> tuple[ObjectiveForm, LoadedProgram] | None:
     """Return (the first form equal to this one, its program); None if there is no program."""
-    try:
-        if not form.views:
-            return None
-        program = load_program(form.about(), form.write, form.refer, form.check)
-    except UnsupportedError as error:
-        warn_once(f"{form.objective}: {error} JAX is used instead of C, which is slower.")
-        return None
+    reported = str(form.objective)
+    program = load_program(form.about, form.write, form.refer, form.check, reported)
     return None if program is None else (form, program)
