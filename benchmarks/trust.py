@@ -307,12 +307,13 @@ def cost_of(emulator: Emulator) -> dict[str, float]:
         return {"step_us": float("nan"), "score_share": float("nan")}
     rng = np.random.default_rng(0)
     dt = emulator.dt
-    controls = np.float32(sample_control_runs(rng, 1, TIMED, dt, system_of(emulator))[0])
-    ways = (program.rollout, program.rollout_trusted)
+    controls = np.float32(sample_control_runs(rng, 1, TIMED, dt, system_of(emulator)))
+    start = np.float32(emulator.rest)[None]
+    ways = (program.rollouts, program.rollouts_trusted)
     seconds: list[list[float]] = [[], []]
     for turn in range(2 * TURNS):
         began = time.perf_counter()
-        ways[turn % 2](np.float32(emulator.rest), controls)
+        ways[turn % 2](start, controls)
         seconds[turn % 2].append((time.perf_counter() - began) / TIMED)
     plain, trusted = (np.array(turns) for turns in seconds)
     return {

@@ -5,7 +5,7 @@ using System.Runtime.InteropServices;
 internal static class Fish
 {
     public const int State = 150;
-    public const int Latent = 109;
+    public const int Latent = 112;
     public const int Control = 12;
     public const int Nose = 0;
     public const int TailUp = 63;

@@ -16,9 +16,9 @@ from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.emulator.verdict import Verdict
 from neuroanimator.export.morphs import CLOTH_RGBA
+from neuroanimator.export.programs.c_header import stored_latent_size
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.state.pose_entries import describe_root
@@ -57,7 +57,7 @@ def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
     facts = _describe(emulator.spec, emulator.state_structure, system)
     facts["model"] = "emulator"
     facts["title"] = _title(emulator)
-    facts["latent"] = latent_size(emulator)
+    facts["latent"] = stored_latent_size(emulator)
     facts["goals"] = describe_goals(emulator, system)
     if emulator.parameters:
         facts["parameters"] = describe_parameters(emulator)

@@ -35,6 +35,17 @@ def as_float32(numbers: ArrayLike) -> np.ndarray:
         return np.asarray(numbers, np.float32, order="C")
 
 
+def as_state(numbers: np.ndarray) -> np.ndarray:
+    """Return the numbers of a state in C order: float32 if they are, otherwise float64; not copied if they already are."""
+    return np.ascontiguousarray(numbers, state_type(numbers))
+
+
+def state_type(state: ArrayLike) -> type[np.floating[Any]]:
+    """Return the type of the states that follow `state` in NumPy: float32 after float32 or less, otherwise float64."""
+    is_single = isinstance(state, np.ndarray) and state.dtype in (np.float16, np.float32)
+    return np.float32 if is_single else np.float64
+
+
 def zeros(*shape: int) -> Float[np.ndarray, " ..."]:
     """Return read-only float32 zeros that take no memory, however many a hostile file may ask for."""
     return np.broadcast_to(np.float32(0), shape)

@@ -1,14 +1,14 @@
 """An emulator as a C program, generated from its definition in JAX and checked against it.
 
-Programs take and return float32 NumPy arrays, and compute the same as `emulator.step` and `rollout`; where JAX
-differentiates, compiles or transforms, JAX itself is used.
+Programs take controls in float32, and states in float32 or float64, which they return. They compute the same as
+`emulator.step` and `rollout`; where JAX differentiates, compiles or transforms, JAX itself is used.
 """
 
 from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache, partial
 from importlib import resources
@@ -21,10 +21,11 @@ from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, Reference, load_program
 from neuroanimator.codegen.program import WIDTH, Constants
-from neuroanimator.codegen.trace import Input, UnsupportedError
+from neuroanimator.codegen.trace import Input
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
+from neuroanimator.emulator.origin import GRID, Origin
 from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.super_step import SuperStep, latent_size
 from neuroanimator.emulator.tensors import emulator_tensors
@@ -102,17 +103,35 @@ def _library(emulator: SuperStep, functions: list[str], template: str) -> str:
     latent, control, state = _inputs(emulator, is_wide=False)
     sizes = {"STATE": state, "CONTROL": control, "LATENT": latent}
     defines = [f"#define {name} {entry.shape[0]}" for name, entry in sizes.items()]
-    defines.append(f"#define MAX_MAGNITUDE {MAX_MAGNITUDE:.1f}f")
+    defines.append(f"#define MAX_MAGNITUDE {MAX_MAGNITUDE:.1f}")
+    defines.append(f"#define GRID {GRID:.1f}")
+    defines.append(f"#define PARAMETERS {len(emulator.parameter_entries)}")
     folder = resources.files("neuroanimator.emulator")
-    calls = [(folder / name).read_text(encoding="utf-8") for name in ("sound.c", template)]
-    return "\n".join([prelude(), *defines, *functions, *calls])
+    calls = [(folder / name).read_text(encoding="utf-8") for name in ("origin.c", template)]
+    return "\n".join([prelude(), *defines, *tables(emulator.origin), *functions, *calls])
+
+
+def tables(origin: Origin, prefix: str = "") -> Iterator[str]:
+    """Yield the tables of `origin` in C: the first entry along each axis, and the entries that move, with their axes."""
+    yield f"#define {prefix.upper()}AXES {origin.state.size}"
+    for vector, axes in (("state", origin.state), ("latent", origin.latent)):
+        entries = axes.moved_entries
+        rows = {
+            "first": axes.firsts,
+            "entry": entries,
+            "axis": [axes.of_entries[entry] for entry in entries],
+        }
+        yield f"#define {prefix.upper()}MOVED_{vector.upper()} {len(entries)}"
+        for table, row in rows.items():
+            numbers = ", ".join(map(str, row or [0]))  # C has no empty arrays
+            yield f"static const int {prefix}{vector}_{table}[] = {{{numbers}}};"
 
 
 class CEmulator:
-    """An emulator's program, loaded. All arrays are float32 in C order; threads may share it.
+    """An emulator's program, loaded. Arrays are in C order: states float32 or float64, as their results, all else float32.
 
-    Results come with a flag for whether they are sound: the inputs are such as `Emulator` accepts, and a rollout's states
-    are finite.
+    Threads may share it. Results come with a flag for whether they are sound: the inputs are such as `Emulator` accepts, and
+    a rollout's states are finite.
     """
 
     def __init__(
@@ -128,10 +147,10 @@ class CEmulator:
         self._lanes = lanes
         self._state_size = state_size
         self._control_size = control_size
-        self._step = _function(program, "step", 4)
-        self._rollout = _function(program, "rollout", 5)
-        self._rollout_trusted = _function(program, "rollout_trusted", 6)
-        self._trust = _function(program, "trust", 3, ctypes.c_float)
+        self._step = _function(program, "step", 5)
+        self._rollout = _function(program, "rollout", 6)
+        self._rollout_trusted = _function(program, "rollout_trusted", 7)
+        self._trust = _function(program, "trust", 4, ctypes.c_float)
 
     def takes_step(self, state: np.ndarray, control: np.ndarray) -> bool:
         """Return whether these have the shapes that `step` takes."""
@@ -149,9 +168,13 @@ class CEmulator:
         self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]
     ) -> tuple[Float[np.ndarray, " S"], bool]:
         """Return (the state one super step later, whether it and the inputs are sound)."""
-        following = np.empty(self._state_size, np.float32)
+        following = np.empty(self._state_size, state.dtype)
         is_sound = self._step(
-            self._constants_at, address(state), address(control), address(following)
+            self._constants_at,
+            address(state),
+            address(control),
+            address(following),
+            state.dtype == float,
         )
         return following, bool(is_sound)
 
@@ -162,54 +185,50 @@ class CEmulator:
         if state.ndim == 2:
             return self.rollouts(state, controls)
         steps = len(controls)
-        states = np.empty((steps + 1, self._state_size), np.float32)
+        states = np.empty((steps + 1, self._state_size), state.dtype)
         is_sound = self._rollout(
-            self._constants_at, address(state), address(controls), steps, address(states)
-        )
-        return states, bool(is_sound)
-
-    def rollout_trusted(
-        self, state: Float[np.ndarray, " S"], controls: Float[np.ndarray, "T C"]
-    ) -> tuple[Float[np.ndarray, "T+1 S"], Float[np.ndarray, " T"], bool]:
-        """Return (the trajectory from `state`, the score of each super step, whether the trajectory is sound)."""
-        steps = len(controls)
-        states = np.empty((steps + 1, self._state_size), np.float32)
-        scores = np.empty(steps, np.float32)
-        is_sound = self._rollout_trusted(
             self._constants_at,
             address(state),
             address(controls),
             steps,
             address(states),
-            address(scores),
+            state.dtype == float,
         )
-        return states, scores, bool(is_sound)
+        return states, bool(is_sound)
 
     def rollouts(
         self, states: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "B T+1 S"], bool]:
         """Return (the trajectories from each of `states`, whether all are sound), sixteen at a time."""
         lanes = self._lanes() if len(states) >= FEWEST_LANES else None
-        if lanes is None:
-            motions = np.empty((len(states), controls.shape[1] + 1, self._state_size), np.float32)
-            are_sound = True
-            for row, (state, held) in enumerate(zip(states, controls, strict=True)):
-                motions[row], is_sound = self.rollout(state, held)
-                are_sound &= is_sound
-            return motions, are_sound
-        return _rollouts(lanes, states, controls)
+        if lanes is not None:
+            return _rollouts(lanes, states, controls)
+        motions = np.empty((len(states), controls.shape[1] + 1, self._state_size), states.dtype)
+        are_sound = True
+        for row, (state, held) in enumerate(zip(states, controls, strict=True)):
+            motions[row], is_sound = self.rollout(state, held)
+            are_sound &= is_sound
+        return motions, are_sound
 
     def rollouts_trusted(
         self, states: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "B T+1 S"], Float[np.ndarray, "B T"]]:
         """Return (the trajectory from each of `states`, the score of each super step), one motion after the other."""
         count, steps, _ = controls.shape
-        motions = np.empty((count, steps + 1, self._state_size), np.float32)
+        motions = np.empty((count, steps + 1, self._state_size), states.dtype)
         scores = np.empty((count, steps), np.float32)
 
         def run(rows: slice) -> None:
             for row in range(rows.start, rows.stop):
-                motions[row], scores[row], _ = self.rollout_trusted(states[row], controls[row])
+                self._rollout_trusted(
+                    self._constants_at,
+                    address(states[row]),
+                    address(controls[row]),
+                    steps,
+                    address(motions[row]),
+                    address(scores[row]),
+                    states.dtype == float,
+                )
 
         in_parts(run, count, smallest=max(1, STEPS_OF_THREAD // max(1, steps)))
         return motions, scores
@@ -218,8 +237,11 @@ class CEmulator:
         self, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
     ) -> Float[np.ndarray, " N"]:
         """Return the trust score of each state with its control."""
+        is_double = states.dtype == float
         pairs = zip(states, controls, strict=True)
-        scores = [self._trust(self._constants_at, address(s), address(c)) for s, c in pairs]
+        scores = [
+            self._trust(self._constants_at, address(s), address(c), is_double) for s, c in pairs
+        ]
         return np.array(scores, np.float32)
 
 
@@ -230,8 +252,8 @@ def _rollouts(
 ) -> tuple[Float[np.ndarray, "B T+1 S"], bool]:
     """Return (the trajectories by the program for sixteen parallel motions, whether all are sound)."""
     count, steps, _ = controls.shape
-    motions = np.empty((count, steps + 1, states.shape[1]), np.float32)
-    function = _function(lanes, "rollouts", 6)
+    motions = np.empty((count, steps + 1, states.shape[1]), states.dtype)
+    function = _function(lanes, "rollouts", 7)
 
     def run(rows: slice) -> int:
         return function(
@@ -241,6 +263,7 @@ def _rollouts(
             rows.stop - rows.start,
             steps,
             address(motions[rows]),
+            states.dtype == float,
         )
 
     smallest = max(WIDTH, STEPS_OF_THREAD // max(1, steps))
@@ -326,13 +349,11 @@ def load_checked(
     """
     if find_compiler() is None or emulator.normaliser.change_scale.dtype != np.float32:
         return None
-    facts = [write.__name__, *facts_of_emulator(emulator)]
-    try:
-        return load_program(
-            "\n".join(facts), partial(write, emulator), partial(refer, emulator), check
-        )
-    except UnsupportedError:
-        return None
+
+    def about() -> list[str]:
+        return [write.__name__, *facts_of_emulator(emulator)]
+
+    return load_program(about, partial(write, emulator), partial(refer, emulator), check)
 
 
 def _check(probes: Probes, program: LoadedProgram) -> None:

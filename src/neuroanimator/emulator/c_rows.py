@@ -23,7 +23,7 @@ from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
 from neuroanimator.codegen.program import Constants
-from neuroanimator.codegen.trace import Input, UnsupportedError
+from neuroanimator.codegen.trace import Input
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
 from neuroanimator.emulator.compiled import call_compiled, is_traced, of_rows
@@ -98,10 +98,7 @@ def c_rows(
     def refer() -> RowsReference:
         return RowsReference.of(function, module, inputs())
 
-    try:
-        program = load_program("\n".join([name, *about()]), make, refer, _check)
-    except UnsupportedError:
-        program = None
+    program = load_program(lambda: [name, *about()], make, refer, _check)
     return _known.keep(None if program is None else CRows(program), module, name)
 
 

@@ -56,7 +56,10 @@ class Emulator(SuperStep):
 
         A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, a motion that diverges is returned
         with numbers that are not finite. For JAX arrays the result is a JAX array; otherwise it is a
-        NumPy array, computed by the `backend`. Inside `jax.jit`, `jax.grad` and `jax.vmap` only shapes are checked.
+        NumPy array, computed by the `backend`, in float32 if `state` is, else in float64. Inside `jax.jit`, `jax.grad` and
+        `jax.vmap` only shapes are checked.
+
+        A motion far away is the same as at the origin: see `docs/decisions/0039-far-away.md`.
 
         Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
         for states from which no motion follows; DivergedError for a motion that ends in numbers that are not finite.

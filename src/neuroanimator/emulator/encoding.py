@@ -68,6 +68,10 @@ class Encoding(eqx.Module):
         """Return the states of `latent` (..., I)."""
 
     @abc.abstractmethod
+    def state_axes(self, latent_axes: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the axis along which each state entry moves with a latent state, as in `Origin`."""
+
+    @abc.abstractmethod
     def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
         """Return the latent controls of `control` (..., C)."""
 
@@ -140,6 +144,9 @@ class IdentityEncoding(Encoding):
 
     def decode(self, latent: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B S"]:
         return latent
+
+    def state_axes(self, latent_axes: tuple[int, ...]) -> tuple[int, ...]:
+        return latent_axes
 
     def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
         return control

@@ -50,25 +50,38 @@ static void rows_of_lanes(float *lanes, long stride, long present, long count, f
     }
 }
 
-/* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C).
-   Returns whether all states are small enough and all else is finite. */
-int rollouts(const float *k, const float *starts, const float *controls, long count, long steps, float *states) {
-    NA_ALIGNED float latent[LATENT * LANES], state[PADDED(STATE) * LANES];
+/* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C); doubles if
+   `is_double`, as `starts`, otherwise floats. Returns whether all states are small enough and all else is finite. */
+int rollouts(
+    const float *k, const void *starts, const float *controls, long count, long steps, void *states, long is_double
+) {
+    NA_ALIGNED float latent[LATENT * LANES], state[PADDED(STATE) * LANES], rows[LANES * STATE];
     NA_ALIGNED float control[PADDED(CONTROL > 0 ? CONTROL : 1) * LANES] = {0};
-    int are_sound = all_below(starts, count * STATE, MAX_MAGNITUDE);
+    double origin[LANES][AXES + 1] = {{0}};
+    const size_t size = bytes_of(STATE, is_double);
+    int are_sound = 1;
     for (long first = 0; first < count; first += LANES) {
         const long present = smaller(LANES, count - first);
-        float *rows = states + first * (steps + 1) * STATE;
-        for (long l = 0; l < present; l++)
-            memcpy(rows + l * (steps + 1) * STATE, starts + (first + l) * STATE, STATE * sizeof(float));
-        lanes_of_rows(starts + first * STATE, STATE, present, STATE, state);
+        for (long l = 0; l < present; l++) {
+            const char *start = (const char *)starts + (first + l) * size;
+            memcpy((char *)states + (first + l) * (steps + 1) * size, start, size);
+            are_sound &= take_apart(start, is_double, origin[l], rows + l * STATE);
+        }
+        lanes_of_rows(rows, STATE, present, STATE, state);
         encode(k, state, latent);
         for (long t = 0; t < steps; t++) {
             lanes_of_rows(controls + (first * steps + t) * CONTROL, steps * CONTROL, present, CONTROL, control);
             super_step_lanes(k, latent, control, latent, state);
             /* Here, while they are in the cache. */
-            are_sound &= all_finite(control, CONTROL * LANES) & all_below(state, STATE * LANES, MAX_MAGNITUDE);
-            rows_of_lanes(state, (steps + 1) * STATE, present, STATE, rows + (t + 1) * STATE);
+            are_sound &= all_finite(control, CONTROL * LANES);
+            rows_of_lanes(state, STATE, present, STATE, rows);
+            for (long l = 0; l < present; l++) {
+                const long row = (first + l) * (steps + 1) + t + 1;
+                const char *start = (const char *)starts + (first + l) * size;
+                are_sound &= put_together(origin[l], rows + l * STATE, start, is_double, states, row);
+                move_origin(origin[l], latent + l, LANES);
+            }
+            for (long l = present; l < LANES; l++) move_origin(origin[LANES - 1], latent + l, LANES);
         }
     }
     return are_sound;

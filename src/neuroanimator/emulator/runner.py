@@ -7,6 +7,7 @@ checked and run by the `backend`: in C if there is a program, otherwise in JAX.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -15,14 +16,29 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.codegen.backend import backend
-from neuroanimator.emulator.arrays import as_float32, as_jax, is_plain
+from neuroanimator.emulator.arrays import as_float32, as_jax, as_state, is_plain, state_type
 from neuroanimator.emulator.c_emulator import CEmulator, c_emulator
 from neuroanimator.emulator.checks import MAX_CONTROL, MAX_MAGNITUDE, check_motion, check_numbers
 from neuroanimator.emulator.compiled import as_numpy, call_compiled, is_traced, of_rows
-from neuroanimator.emulator.super_step import SuperStep, rollout, rollout_trusted, step, trust
+from neuroanimator.emulator.origin import on_grid
+from neuroanimator.emulator.super_step import (
+    RelativePath,
+    SuperStep,
+    joined,
+    rollout,
+    rollout_relative,
+    step,
+    trust,
+)
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.state.arrays import AnyArray, as_rows
 from neuroanimator.state.layout import Layout
+
+QUICK = partial(rollout, unroll=1)
+"""`rollout` without unrolling: a tenth slower, but compiled in a third of the time."""
+
+TRUSTED = partial(rollout_relative, is_trusted=True)
+"""`rollout_relative` with scores."""
 
 
 def program_of(emulator: SuperStep) -> CEmulator | None:
@@ -58,7 +74,8 @@ class Step:
     def __call__(self, state: ArrayLike, control: ArrayLike) -> Float[AnyArray, " S"]:
         """Return the state (S,) one super step after `state` (S,) under `control` (C,).
 
-        For JAX arrays it is a JAX array, and differentiable; otherwise a NumPy array, computed by the `backend`.
+        For JAX arrays it is a JAX array, and differentiable; otherwise a NumPy array, computed by the `backend`: float32 if
+        `state` is, else float64.
 
         Raises ArgumentError for wrong shapes, and for arrays other than JAX's for what `rollout` refuses.
         """
@@ -66,33 +83,29 @@ class Step:
         if is_plain(state) and is_plain(control):
             program = program_of(emulator)
             if program is not None and program.takes_step(state, control):
-                following, is_sound = program.step(as_float32(state), as_float32(control))
+                following, is_sound = program.step(as_state(state), as_float32(control))
                 if is_sound:
                     return following
-        is_for_jax = _is_any_jax(state, control)
-        begin = self._checked(state, emulator.state, "state", MAX_MAGNITUDE)
-        held = self._checked(control, emulator.control, "control", MAX_CONTROL)
-        if is_for_jax:
-            return call_compiled(step, emulator, begin, held)
-        program = program_of(emulator)
-        if program is None:
-            following = as_numpy(call_compiled(step, emulator, begin, held))
-        else:
-            following, _ = program.step(begin, held)
-        if not isinstance(following, jax.core.Tracer):
-            check_motion(np.stack([begin, following]), emulator.state)
-        return following
+        dtype = _dtype(emulator)
+        begin = _checked_vector(state, emulator.state, "state", MAX_MAGNITUDE, state_type(state))
+        held = _checked_vector(control, emulator.control, "control", MAX_CONTROL, dtype)
+        if _is_any_jax(begin, held):
+            return call_compiled(step, emulator, as_jax(begin, dtype), as_jax(held, dtype))
+        return _checked_trajectory(emulator, begin, held[None])[1]
 
-    def _checked(self, vector: ArrayLike, layout: Layout, label: str, most: float) -> Any:
-        shape = (layout.size,)
-        if isinstance(vector, jax.Array) and np.shape(vector) == shape:
-            return vector  # Checking its numbers would wait for them, and a tracer has none.
-        if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
-            raise ArgumentError(
-                f"{label}: wanted {shape[0]} numbers, got shape {np.shape(vector)}. "
-                "For many at once use jax.vmap(emulator.step), or rollout."
-            )
-        return check_numbers(vector, layout, label, most, _dtype(self._emulator))
+
+def _checked_vector(
+    vector: ArrayLike, layout: Layout, label: str, most: float, dtype: Any
+) -> Float[AnyArray, " S"]:
+    shape = (layout.size,)
+    if isinstance(vector, jax.Array) and np.shape(vector) == shape:
+        return vector  # Checking its numbers would wait for them, and a tracer has none.
+    if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
+        raise ArgumentError(
+            f"{label}: wanted {shape[0]} numbers, got shape {np.shape(vector)}. "
+            "For many at once use jax.vmap(emulator.step), or rollout."
+        )
+    return check_numbers(vector, layout, label, most, dtype)
 
 
 def run_rollout(
@@ -102,41 +115,68 @@ def run_rollout(
     if is_plain(state) and is_plain(controls):
         program = program_of(emulator)
         if program is not None and program.takes_rollout(state, controls):
-            trajectory, is_sound = program.rollout(as_float32(state), as_float32(controls))
+            trajectory, is_sound = program.rollout(as_state(state), as_float32(controls))
             if is_sound:
                 return trajectory
     if is_traced((state, controls)):
         _check_shapes(emulator, np.shape(state), np.shape(controls))
-        return _rollout(emulator, as_jax(state), as_jax(controls))
+        return _in_jax(emulator, state, controls)
     start, held = _checked(emulator, state, controls)
-    if _is_any_jax(state, controls):
-        start, held = as_jax(start, start.dtype), as_jax(held, held.dtype)
     if not held.shape[-2]:
         return start[..., None, :]
-    trajectory = _rollout(emulator, start, held)
+    if not _is_any_jax(state, controls):
+        return _checked_trajectory(emulator, start, held, may_diverge=may_diverge)
+    trajectory = _in_jax(emulator, start, held)
     if not may_diverge:
         check_motion(np.asarray(trajectory), emulator.state)
     return trajectory
 
 
-def _rollout(
-    emulator: SuperStep, start: Float[AnyArray, "*B S"], controls: Float[AnyArray, "*B T C"]
+def _in_jax(emulator: SuperStep, state: ArrayLike, controls: ArrayLike) -> Float[Array, "*B F S"]:
+    """Return the trajectory as a JAX array."""
+    dtype = _dtype(emulator)
+    function = of_rows(QUICK) if np.ndim(state) == 2 else QUICK
+    return call_compiled(function, emulator, as_jax(state, dtype), as_jax(controls, dtype))
+
+
+def _checked_trajectory(
+    emulator: SuperStep,
+    start: Float[np.ndarray, "*B S"],
+    controls: Float[np.ndarray, "*B T C"],
+    *,
+    may_diverge: bool = False,
 ) -> Float[AnyArray, "*B F S"]:
-    """Return the trajectory from checked inputs, in arrays of the same library."""
-    function = of_rows(quick_rollout) if start.ndim == 2 else quick_rollout
-    if isinstance(start, jax.Array):
-        return call_compiled(function, emulator, start, controls)
+    """Return the trajectory from checked inputs by the `backend`."""
     program = program_of(emulator)
     if program is None:
-        return as_numpy(call_compiled(function, emulator, start, controls))
-    return program.rollout(start, controls)[0]
+        trajectory, _ = _by_jax(emulator, rollout_relative, start, controls)
+    else:
+        trajectory, _ = program.rollout(start, controls)
+    if not may_diverge and not isinstance(trajectory, jax.core.Tracer):
+        check_motion(trajectory, emulator.state)
+    return trajectory
 
 
-def quick_rollout(
-    emulator: SuperStep, state: Float[Array, " S"], controls: Float[Array, "T C"]
-) -> Float[Array, "T+1 S"]:
-    """Return `rollout` without unrolling: a tenth slower, but compiled in a third of the time."""
-    return rollout(emulator, state, controls, unroll=1)
+def _by_jax(
+    emulator: SuperStep,
+    function: Callable[..., RelativePath],
+    start: Float[np.ndarray, "*B S"],
+    controls: Float[np.ndarray, "*B T C"],
+) -> tuple[Float[AnyArray, "*B F S"], Float[AnyArray, "*B T"]]:
+    """Return (the trajectory of the type of `start`, the scores): JAX computes, and double precision joins them."""
+    exact = start.astype(float)
+    origin = emulator.origin.state.origin(exact)
+    begin = emulator.origin.state.moved(exact, -origin).astype(_dtype(emulator))
+    run = of_rows(function) if start.ndim == 2 else function
+    path = RelativePath(*map(as_numpy, call_compiled(run, emulator, begin, controls)))
+    if is_traced(path):
+        return joined(emulator, start, path), path.scores
+    way = on_grid(path.high.astype(float) + path.low)
+    following = emulator.origin.together(origin[..., None, :] + way, path.states)
+    states = np.concatenate([start[..., None, :], following.astype(start.dtype)], axis=-2)
+    constant = list(emulator.parameter_entries)
+    states[..., constant] = start[..., None, constant]
+    return states, path.scores
 
 
 def run_rollout_trusted(
@@ -147,7 +187,11 @@ def run_rollout_trusted(
     batch = start.shape[:-1]
     starts = as_rows(start)
     rows = starts, held.reshape(len(starts), *held.shape[-2:])
-    trajectories, scores = _run_rows(emulator, CEmulator.rollouts_trusted, rollout_trusted, rows)
+    program = program_of(emulator)
+    if program is None:
+        trajectories, scores = _by_jax(emulator, TRUSTED, *rows)
+    else:
+        trajectories, scores = program.rollouts_trusted(*rows)
     trajectory = trajectories.reshape(*batch, *trajectories.shape[1:])
     if not may_diverge:
         check_motion(trajectory, emulator.state)
@@ -165,34 +209,26 @@ def run_trust(
         raise ArgumentError(
             f"state and control: wanted as many of one as of the other, got {states.shape} with {controls.shape}."
         )
-    rows = as_rows(as_float32(states)), as_rows(as_float32(controls))
-    scores = _run_rows(emulator, CEmulator.trust, trust, rows)
-    scores = np.asarray(scores).reshape(states.shape[:-1])
+    held = as_rows(as_float32(controls))
+    program = program_of(emulator)
+    if program is None:
+        axes = emulator.origin.state
+        relative = as_float32(axes.moved(states, -axes.origin(states)))
+        scores = as_numpy(call_compiled(of_rows(trust), emulator, as_rows(relative), held))
+    else:
+        scores = program.trust(np.ascontiguousarray(as_rows(states)), held)
+    scores = scores.reshape(states.shape[:-1])
     is_number = (np.abs(states) <= MAX_MAGNITUDE).all(axis=-1)
     is_number &= np.isfinite(controls).all(axis=-1) & np.isfinite(scores)
     return np.where(is_number, scores, np.inf)
 
 
-def _run_rows(
-    emulator: SuperStep,
-    in_c: Callable[..., Any],
-    in_jax: Callable[..., Any],
-    rows: tuple[Float[np.ndarray, "N ..."], ...],
-) -> Any:
-    """Return a function of each row, by the `backend`: a method of `CEmulator`, or a JAX function of one row."""
-    program = program_of(emulator)
-    if program is not None:
-        return in_c(program, *rows)
-    return jax.tree.map(as_numpy, call_compiled(of_rows(in_jax), emulator, *rows))
-
-
 def _checked(
     emulator: SuperStep, state: ArrayLike, controls: ArrayLike
 ) -> tuple[Float[np.ndarray, "*B S"], Float[np.ndarray, "*B T C"]]:
-    """Return both, checked, in the emulator's own number type."""
-    dtype = _dtype(emulator)
-    start = check_numbers(state, emulator.state, "state", MAX_MAGNITUDE, dtype)
-    held = check_numbers(controls, emulator.control, "controls", MAX_CONTROL, dtype)
+    """Return both, checked: the state in the type of the result, and controls in the emulator's own."""
+    start = check_numbers(state, emulator.state, "state", MAX_MAGNITUDE, state_type(state))
+    held = check_numbers(controls, emulator.control, "controls", MAX_CONTROL, _dtype(emulator))
     _check_shapes(emulator, start.shape, held.shape)
     return start, held
 

@@ -18,6 +18,7 @@ from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.origin import NOWHERE
 from neuroanimator.emulator.pca import mixing
 from neuroanimator.files.numbers import listed, number, whole
 from neuroanimator.state.arrays import AnyArray
@@ -183,6 +184,12 @@ class ShapeModes(Encoding):
         activations = self.decode_control(layout.part(latent, "activations"))
         moving = [flat_of(positions), flat_of(velocities)]
         return xp.concat([*moving, activations, parameters], axis=-1)
+
+    def state_axes(self, latent_axes: tuple[int, ...]) -> tuple[int, ...]:
+        # Mass points move with the frame, whose position comes first.
+        points = latent_axes[:3] * self.cloud.count
+        others = 3 * self.cloud.count + self.muscles + self.cloud.parameters
+        return (*points, *[NOWHERE] * others)
 
     def _mean_shape(self, parameters: Float[AnyArray, "*B Q"]) -> Float[AnyArray, "*#B D"]:
         """Return the mean shape of the bodies with these parameters."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,12 +11,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import KEPT_MARGIN, Encoding
 from neuroanimator.emulator.error_bounds import ErrorBounds
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks.network import Network, Units
 from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.emulator.origin import NOWHERE, Axes, LocatedLatent, Origin, two_sum
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.trust import TrustMeter
 from neuroanimator.emulator.verdict import ValidationErrors
@@ -139,6 +143,15 @@ class SuperStep(eqx.Module):
             )
             found.append(parameter)
         return tuple(found)
+
+    @property
+    def origin(self) -> Origin:
+        """Axes along which the system may be moved, without any change of its motion."""
+        axes = [NOWHERE] * self.encoding.layout.size
+        for axis, entries in enumerate(self.frame.free_axes(self.features.plain)):
+            for entry in entries:
+                axes[entry] = axis
+        return Origin(Axes(self.encoding.state_axes(tuple(axes))), Axes(tuple(axes)))
 
     @property
     def state_structure(self) -> Structure:
@@ -268,26 +281,40 @@ def step(
     emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
 ) -> Float[Array, " S"]:
     """Return the state one super step after `state`. For use inside jit, grad and vmap."""
-    latent = emulator.encode(state)
+    origin, latent = begin(emulator, state)
     following = emulator.step_latent(latent, emulator.encode_control(control))
-    return emulator.decode(following)
+    return emulator.origin.state.moved(emulator.decode(following), origin)
 
 
 def trust(
     emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
 ) -> Float[Array, ""]:
     """Return the score of `state` under `control`: see `Emulator.trust`. For use inside jit, grad and vmap."""
-    latent = emulator.encode(state)
-    return emulator.step_latent_trusted(latent, emulator.encode_control(control))[1]
+    return step_trusted(emulator, state, control)[1]
 
 
 def step_trusted(
     emulator: SuperStep, state: Float[Array, " S"], control: Float[Array, " C"]
 ) -> tuple[Float[Array, " S"], Float[Array, ""]]:
     """Return (`step`, `trust`) of `state` under `control`. For use inside jit, grad and vmap."""
-    latent = emulator.encode(state)
+    origin, latent = begin(emulator, state)
     following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
-    return emulator.decode(following), score
+    return emulator.origin.state.moved(emulator.decode(following), origin), score
+
+
+def begin(
+    emulator: SuperStep, state: Float[AnyArray, "*B S"]
+) -> tuple[Float[AnyArray, "*B A"], Float[AnyArray, "*B I"]]:
+    """Return (the origin of `state`, the latent state relative to it)."""
+    axes = emulator.origin.state
+    origin = axes.origin(state)
+    return origin, emulator.encode(axes.moved(state, -origin))
+
+
+def locate(emulator: SuperStep, states: Float[np.ndarray, "*B S"]) -> LocatedLatent:
+    """Return the latent states of `states` relative to their origins, computed in double precision."""
+    origin, latent = begin(emulator, np.asarray(states, float))
+    return LocatedLatent(as_float32(latent), origin)
 
 
 def rollout(
@@ -298,9 +325,57 @@ def rollout(
     unroll: int = UNROLL,
 ) -> Float[Array, "T+1 S"]:
     """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
-    start = emulator.encode(state)
-    latent = rollout_latent(emulator, start, emulator.encode_control(controls), unroll=unroll)
-    return jnp.concatenate([state[None], emulator.decode(latent)])
+    return joined(emulator, state, rollout_relative(emulator, state, controls, unroll=unroll))
+
+
+def joined(
+    emulator: SuperStep, state: Float[AnyArray, "*B S"], path: RelativePath
+) -> Float[Array, "*B F S"]:
+    """Return the trajectory from `state` along `path`."""
+    axes = emulator.origin.state
+    relative = axes.moved(path.states, path.low)
+    way = axes.origin(state)[..., None, :] + path.high
+    return jnp.concatenate([state[..., None, :], axes.moved(relative, way)], axis=-2)
+
+
+class RelativePath(NamedTuple):
+    """The T states after a start, each relative to an origin of its own."""
+
+    states: Float[AnyArray, "*B T S"]
+    high: Float[AnyArray, "*B T A"]
+    """Way of the origin from that of the start."""
+    low: Float[AnyArray, "*B T A"]
+    """What the rounding of `high` left."""
+    scores: Float[AnyArray, "*B T"]
+    """Score of each super step, or zero."""
+
+
+def rollout_relative(
+    emulator: SuperStep,
+    state: Float[Array, " S"],
+    controls: Float[Array, "T C"],
+    *,
+    is_trusted: bool = False,
+    unroll: int = 1,
+) -> RelativePath:
+    """Return the path from `state`: every super step begins at its own origin. For use inside jit, grad and vmap."""
+    axes = emulator.origin.latent
+
+    def super_step(carry: tuple[Array, ...], control: Array) -> tuple[tuple[Array, ...], Any]:
+        latent, high, low = carry
+        if is_trusted:
+            following, score = emulator.step_latent_trusted(latent, control)
+        else:
+            following, score = emulator.step_latent(latent, control), jnp.zeros((), latent.dtype)
+        way = axes.origin(following)
+        begun = axes.moved(following, -way), *two_sum(high, low, way)
+        return begun, (following, high, low, score)
+
+    _, latent = begin(emulator, state)
+    still = jnp.zeros(axes.size, latent.dtype)
+    held = emulator.encode_control(controls)
+    _, (path, *others) = jax.lax.scan(super_step, (latent, still, still), held, unroll=unroll)
+    return RelativePath(emulator.decode(path), *others)
 
 
 def rollout_latent(
@@ -322,20 +397,6 @@ def rollout_latent(
         return following, following
 
     return jax.lax.scan(super_step, latent, controls, unroll=unroll)[1]
-
-
-def rollout_trusted(
-    emulator: SuperStep, state: Float[Array, " S"], controls: Float[Array, "T C"]
-) -> tuple[Float[Array, "T+1 S"], Float[Array, " T"]]:
-    """Return (`rollout`, the score of each super step). For use inside jit, grad and vmap."""
-
-    def super_step(latent: Array, control: Array) -> tuple[Array, tuple[Array, Array]]:
-        following, score = emulator.step_latent_trusted(latent, control)
-        return following, (following, score)
-
-    start = emulator.encode(state)
-    _, (latent, scores) = jax.lax.scan(super_step, start, emulator.encode_control(controls))
-    return jnp.concatenate([state[None], emulator.decode(latent)]), scores
 
 
 def latent_size(emulator: SuperStep) -> int:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.super_step import locate
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.batched_step import step_rows
@@ -54,27 +55,29 @@ def emulator_stepper(emulator: Emulator, trust_limit: float, trust_penalty: floa
             "trust_limit and trust_penalty: wanted a score above 0 and a penalty of 0 or more, "
             f"got {trust_limit:g} and {trust_penalty:g}."
         )
+    axes = emulator.origin
     # Kept from step to step: decoding and encoding a latent state changes it slightly.
-    latent = np.zeros((0, 0), np.float32)
+    body = locate(emulator, emulator.rest[None])
 
     def leap(
         states: Float[np.ndarray, "B S"],
         controls: Float[np.ndarray, "B C"],
         is_new: Bool[np.ndarray, " B"],
     ) -> Leap:
-        nonlocal latent
+        nonlocal body
         if is_new.all():
-            latent = np.array(emulator.encode(states.astype(np.float32)), np.float32)
+            body = locate(emulator, states)
         elif is_new.any():
-            latent[is_new] = emulator.encode(states[is_new].astype(np.float32))
-        made = step_rows(emulator, latent, controls)
-        latent = made.latent
+            for kept, new in zip(body, locate(emulator, states[is_new]), strict=True):
+                kept[is_new] = new
+        made = step_rows(emulator, body.latent, controls)
+        body, following = body.moved_on(axes, made.latent, made.states)
         # NaN is beyond every limit.
         trust = np.nan_to_num(made.trust, nan=np.inf)
         beyond = np.clip(trust, EDGE, MAX_PENALISED) - EDGE
         is_lost = made.begins_far | made.ends_far | (trust > trust_limit)
         info = {"covered": trust <= EDGE, "trust": made.trust}
-        return Leap(made.states, is_lost, trust_penalty * beyond, info)
+        return Leap(following, is_lost, trust_penalty * beyond, info)
 
     return leap
 

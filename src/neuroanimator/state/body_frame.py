@@ -24,7 +24,9 @@ from neuroanimator.state.contacts import (
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import cross, rotate_back, rotated_by, upward
 from neuroanimator.state.segments import (
+    PlanarPosition,
     PlanarVelocity,
+    Points,
     Position,
     Quaternion,
     Segment,
@@ -132,6 +134,30 @@ class Frame(eqx.Module):
     def orientations(self) -> tuple[tuple[int, int], ...]:
         """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
         return orientations_of(self.segments)
+
+    def free_axes(self, plain: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Return the entries along each axis along which a state may be moved: nothing depends on where it is.
+
+        `plain` are the entries that are features themselves.
+        """
+        if self.contacts is not None:
+            axes = [(entry,) for entry in self.contacts.placeless]
+        elif self.shape_contacts is not None:
+            axes = self.shape_contacts.free_axes()
+        else:
+            axes = self._axes_of_segments()
+        return [axis for axis in axes if not set(axis) & set(plain)]
+
+    def _axes_of_segments(self) -> list[tuple[int, ...]]:
+        axes: list[tuple[int, ...]] = []
+        for placed in place_segments(self.segments):
+            entries = range(placed.entries.start, placed.entries.stop)
+            if isinstance(placed.segment, Points):
+                axes += [tuple(entries[axis::3]) for axis in range(3)]
+            elif isinstance(placed.segment, Position | PlanarPosition):
+                count = 2 if self._shows_probes else placed.segment.size  # probes show the height
+                axes += [(entry,) for entry in entries[:count]]
+        return axes
 
     @property
     def _has_root(self) -> bool:

@@ -191,6 +191,16 @@ class ShapeContacts:
         """Whether the body's own frame turns."""
         return self.anchor == FREE or (self.anchor >= 0 and self.turning[self.anchor])
 
+    def free_axes(self) -> list[tuple[int, ...]]:
+        """Return the state entries along each axis along which all may be moved together."""
+        if self.anchor == HELD:
+            return []
+        starts = [mover.entry for mover in self.movers]
+        if self.anchor == FREE:
+            starts.append(2 * self.mover_size)
+        count = 3 if self.ground is None else 2
+        return [tuple(start + axis for start in starts) for axis in range(count)]
+
     @cached_property
     def _facing(self) -> tuple[int, ...]:
         """Movers whose heading relative to the body changes and matters."""

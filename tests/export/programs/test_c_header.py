@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -33,6 +34,7 @@ from neuroanimator.export.programs.c_header import (
     c_header,
     identifier,
     part_names,
+    stored_latent_size,
 )
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.vectors import (
@@ -44,16 +46,25 @@ from neuroanimator.files.zoo import POLICIES, SHIPPED
 from neuroanimator.state.layout import Layout, Slice
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
-WARNINGS = ("-Wall", "-Wextra", "-Werror")
+WARNINGS = ("-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wshadow", "-Werror")
+
+STANDARDS = ("c99", "c11", "c++11", "c++14", "c++17", "c++20")
+
+ZIG = [sys.executable, "-m", "ziglang", "cc"]
 
 COMPILERS: dict[str, list[str]] = {
-    "gcc": ["gcc", "-std=c99", "-pedantic"],
-    "gcc without vectors, as MSVC has none": ["gcc", "-std=c99", "-pedantic", "-DNA_PLAIN"],
-    "clang": ["clang", "-std=c99"],
-    "zig": [sys.executable, "-m", "ziglang", "cc", "-std=c99"],
-    "C++": ["g++", "-x", "c++", "-std=c++11"],
-    "C++ of today": ["g++", "-x", "c++"],
-}
+    "gcc without vectors, as MSVC has none": ["gcc", "-std=c99", "-DNA_PLAIN"],
+    "gcc with wide vectors": ["gcc", "-std=c99", "-mavx512f"],
+    "g++ with vectors of AVX": ["g++", "-x", "c++", "-std=c++20", "-mavx2"],
+    "gcc with arrays of the thread": ["gcc", "-std=c11", "-DNA_SCRATCH=static _Thread_local"],
+    "g++ with arrays of the thread": ["g++", "-x", "c++", "-std=c++11", "-DNA_SCRATCH=static thread_local"],
+    "zig": [*ZIG, "-std=c99"],
+}  # fmt: skip
+for language, commands in (("c", ("gcc", "clang")), ("c++", ("g++", "clang++"))):
+    for command in commands:
+        for standard in STANDARDS:
+            if ("++" in standard) == ("++" in language):
+                COMPILERS[f"{command} {standard}"] = [command, "-x", language, f"-std={standard}"]
 
 
 def has(command: list[str]) -> bool:
@@ -81,7 +92,60 @@ def test_every_compiler_takes_it_without_a_warning(name: str, lander: Path, tmp_
     source.write_text(f'#define LANDER_IMPLEMENTATION\n#include "{lander}"\n')
     made = [*command, *WARNINGS, "-c", str(source), "-o", str(tmp_path / "lander.o")]
     result = subprocess.run(made, capture_output=True, text=True, cwd=tmp_path)
+    if "-mavx" in " ".join(command) and "unrecognized" in result.stderr:
+        pytest.skip("another processor")
     assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_some_compiler_reads_headers():
+    assert any(map(has, COMPILERS.values())), "no compiler: nothing was tried"
+
+
+@pytest.mark.endurance
+@needs_compiler
+@pytest.mark.parametrize("name", ["cape-40", "fish-50", "truck-50", "fish policy"])
+@pytest.mark.parametrize("compiler", ["gcc c99", "g++ c++11", "clang c11", "clang++ c++20"])
+def test_no_model_is_warned_about(compiler: str, name: str, tmp_path: Path):
+    command = COMPILERS[compiler]
+    if not has(command):
+        pytest.skip(f"no {command[0]}")
+    model = load_policy("fish") if "policy" in name else load_emulator(name)
+    text = c_header(model, definition_of(model), "it")
+    (tmp_path / "it.h").write_text(f"#define IT_IMPLEMENTATION\n{text}")
+    (tmp_path / "it.c").write_text('#include "it.h"\n')
+    made = [*command, *WARNINGS, "-c", "it.c", "-o", "it.o"]
+    result = subprocess.run(made, capture_output=True, text=True, cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@needs_compiler
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
+def test_the_head_says_what_the_stack_must_hold(lander: Path, tmp_path: Path):
+    (tmp_path / "use.c").write_text(f'#define LANDER_IMPLEMENTATION\n#include "{lander}"\n')
+    told = lander.read_text().partition("*/")[0]
+    batch, single = map(int, re.findall(r"(\d+) kB", told))
+    assert batch < 35
+    for scratch, room in (("", 1000 * batch), ("-DNA_SCRATCH=static _Thread_local", 1000 * single)):
+        made = [
+            "gcc",
+            "-O1",
+            *scratch.split(maxsplit=0),
+            "-fstack-usage",
+            "-c",
+            "use.c",
+            "-o",
+            "use.o",
+        ]
+        subprocess.run(made, cwd=tmp_path, check=True)
+        usage = (tmp_path / "use.su").read_text().splitlines()
+        sizes = {line.split("\t")[0].split(":")[-1]: int(line.split("\t")[1]) for line in usage}
+        called = [
+            sizes[f"lander_{name}"]
+            for name in ("super_step_lanes", "advance_lanes", "step_batch")
+            if f"lander_{name}" in sizes
+        ]
+        assert sum(called) <= room
+        assert max(sizes.values()) <= room
 
 
 @needs_compiler
@@ -159,7 +223,7 @@ def test_a_batch_of_any_size_may_be_stepped_in_place_and_latent_states_go_on():
         shares = rng.uniform(-1, 1, (3, count, 4))
         controls = (bounds.middle + shares * bounds.half).astype(np.float32)
         states = np.tile(emulator.rest.astype(np.float32), (count, 1))
-        latents = np.zeros((count, 13), np.float32)
+        latents = np.zeros((count, stored_latent_size(emulator)), np.float32)
         for state, latent in zip(states, latents, strict=True):
             call("encode", state, latent)
         advanced = states.copy()

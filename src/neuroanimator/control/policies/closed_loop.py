@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,8 @@ from neuroanimator.control.policies.policy import Policy, latent_structure
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
 from neuroanimator.control.policies.super_step import is_in_c, make_super_step
 from neuroanimator.emulator.arrays import as_float32, as_jax
+from neuroanimator.emulator.origin import two_sum
+from neuroanimator.emulator.super_step import begin, locate
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import read_pose
@@ -56,7 +60,7 @@ def rollout_on_emulator(
         )
     phase = jax.random.uniform(jax.random.key(seed), (len(checked),), maxval=2 * jnp.pi)
     if is_in_c(policy):
-        return _rollout_in_c(policy, behaviour, as_float32(checked), np.asarray(phase), steps)
+        return _rollout_in_c(policy, behaviour, checked, np.asarray(phase), steps)
     return _rollout_on_emulator(policy, behaviour, as_jax(checked), phase, steps)
 
 
@@ -71,16 +75,18 @@ def _rollout_in_c(
     structure = latent_structure(policy.emulator)
     tick = policy.tick
     times = np.arange(steps, dtype=np.float32) * np.float32(policy.dt)
-    latent = as_float32(policy.emulator.encode(starts))
+    axes = policy.emulator.origin
+    body = locate(policy.emulator, starts)
     path = [starts]
     for time in times:
-        wanted = _target(behaviour, structure, latent, time)
+        in_world = as_float32(axes.latent.moved(body.latent, body.origin))
+        wanted = _target(behaviour, structure, in_world, time)
         direction = np.broadcast_to(wanted.direction, (len(starts), 3))
         speed = np.broadcast_to(wanted.speed, (len(starts),))
-        made = make_super_step(policy, latent, phase, SteeringTarget(direction, speed))
-        latent = made.latent
+        made = make_super_step(policy, body.latent, phase, SteeringTarget(direction, speed))
+        body, states = body.moved_on(axes, made.latent, made.states)
         phase = ((phase + tick) % (2 * np.pi)).astype(np.float32)
-        path.append(made.states)
+        path.append(states)
     return as_jax(np.stack(path, axis=1))
 
 
@@ -104,17 +110,23 @@ def _rollout_on_emulator(
     steps: int,
 ) -> Float[Array, "B {steps}+1 S"]:
     emulator = policy.emulator
+    axes = emulator.origin
 
-    def advance(carry: tuple[Array, Array], time: Array) -> tuple[tuple[Array, Array], Array]:
-        latent, phase = carry
-        target = behaviour(policy.pose(latent), time)
+    def advance(carry: tuple[Array, ...], time: Array) -> tuple[tuple[Array, ...], Any]:
+        latent, high, low, phase = carry
+        target = behaviour(policy.pose(axes.latent.moved(latent, high)), time)
         controls = emulator.encode_control(choose_controls(policy, latent, phase, target))
         following = jax.vmap(emulator.step_latent)(latent, controls)
-        return (following, (phase + policy.tick) % (2 * jnp.pi)), following
+        way = axes.latent.origin(following)
+        begun = axes.latent.moved(following, -way), *two_sum(high, low, way)
+        return (*begun, (phase + policy.tick) % (2 * jnp.pi)), (following, high, low)
 
     times = jnp.arange(steps) * policy.dt
-    _, path = jax.lax.scan(advance, (emulator.encode(starts), phase), times)
-    states = jnp.swapaxes(emulator.decode(path), 0, 1)
+    origin, latent = begin(emulator, starts)
+    carry = (latent, origin, jnp.zeros_like(origin), phase)
+    _, path = jax.lax.scan(advance, carry, times)
+    following, high, low = (jnp.swapaxes(part, 0, 1) for part in path)
+    states = axes.state.moved(axes.state.moved(emulator.decode(following), low), high)
     return jnp.concatenate([starts[:, None], states], axis=1)
 
 
@@ -134,7 +146,7 @@ def rollout_on_physics(
     has_diverged = np.zeros(len(starts), bool)
     phase = np.zeros(len(starts))
     for _ in range(steps):
-        latent = policy.emulator.encode(states[-1])
+        latent = locate(policy.emulator, states[-1]).latent
         chosen = make_super_step(policy, latent, phase, target).controls
         held = system.bounds.clip(np.asarray(chosen, float))  # float32 may round beyond a bound
         runs = system.simulate_fastest(states[-1], held[:, None], policy.dt)

@@ -16,8 +16,8 @@ from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.control.policies.super_step import make_super_step
 from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.super_step import locate
 from neuroanimator.errors import ArgumentError, DivergedError
-from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import read_pose
 from neuroanimator.systems.system import System
 
@@ -77,6 +77,7 @@ class EmulatedMotion(PilotMotion):
         self.top_speed = policy.ranges.high[0]
         # Reading attributes of an equinox module takes longer than a super step.
         self._structure = policy.emulator.state_structure
+        self._axes = policy.emulator.origin
         self._super_step = policy.emulator.dt
         self._tick = policy.tick
 
@@ -84,13 +85,13 @@ class EmulatedMotion(PilotMotion):
         return np.array(self.policy.emulator.rest, float)
 
     def begin(self, state: Float[np.ndarray, " S"], phase: float) -> None:
-        self._latent: Float[AnyArray, " I"] = self._encoded(state)
+        self._body = locate(self.policy.emulator, state[None])
         self._phase = phase
         self._heading = self._heading_of(state)
 
     def go_on_from(self, state: Float[np.ndarray, " S"], passed: float) -> None:
         self._phase = (self._phase + self._tick * passed / self._super_step) % (2 * math.pi)
-        self._latent = self._encoded(state)
+        self._body = locate(self.policy.emulator, state[None])
 
     def turn(self, angle: float) -> None:
         self._heading += angle
@@ -107,18 +108,15 @@ class EmulatedMotion(PilotMotion):
         ]
         target = SteeringTarget(np.array([direction]), np.array([max(speed, 0.0)]))
         phase = np.array([self._phase])
-        made = make_super_step(self.policy, self._latent[None], phase, target)
-        self._next_latent = made.latent[0]
+        made = make_super_step(self.policy, self._body.latent, phase, target)
+        self._next_body, states = self._body.moved_on(self._axes, made.latent, made.states)
         # Single precision may round beyond a bound.
         controls = self.policy.emulator.bounds.clip(np.asarray(made.controls[0], float))
-        return Leap(np.asarray(made.states[0], float), controls)
+        return Leap(states[0], controls)
 
     def finish(self) -> None:
-        self._latent = self._next_latent
+        self._body = self._next_body
         self._phase = (self._phase + self._tick) % (2 * math.pi)
-
-    def _encoded(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " I"]:
-        return np.asarray(self.policy.emulator.encode(state), np.float32)
 
     def _heading_of(self, state: Float[np.ndarray, " S"]) -> float:
         return float(read_pose(self._structure, state).heading)

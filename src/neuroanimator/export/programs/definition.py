@@ -17,7 +17,7 @@ from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.super_step import step
+from neuroanimator.emulator.super_step import begin, step, step_trusted
 from neuroanimator.emulator.trust_summary import NO_METER
 from neuroanimator.state.layout import Layout, Slice
 
@@ -90,7 +90,7 @@ def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -
             return _commanded_definition(model, commands, licence)
         return Definition(
             name="control",
-            function=lambda state: (model.control_of(state),),
+            function=partial(_state_answer, model),
             inputs=(Port("state", model.emulator.state),),
             outputs=(Port("control", model.emulator.control),),
             facts=_facts("state-policy", model.emulator, licence),
@@ -131,11 +131,10 @@ def _super_step(
 def _trusted_step(
     emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]
 ) -> tuple[Float[Array, " S"], Float[Array, " 1"]]:
-    latent = emulator.encode(state)
-    following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
+    following, score = step_trusted(emulator, state, control)
     is_number = _are_below(state, MAX_MAGNITUDE) & _are_below(control, MAX_MAGNITUDE)
     is_number &= _are_below(score, LARGEST_SCORE)
-    return emulator.decode(following), jnp.where(is_number, score, jnp.inf)[None]
+    return following, jnp.where(is_number, score, jnp.inf)[None]
 
 
 def _are_below(numbers: Float[Array, " *N"], limit: float) -> Bool[Array, ""]:
@@ -169,8 +168,12 @@ def _answer(
     phase: Float[Array, " 1"],
     command: Float[Array, " 4"],
 ) -> tuple[Float[Array, " C"]]:
-    latent = policy.emulator.encode(state)
+    _, latent = begin(policy.emulator, state)
     return (policy.control(latent, jnp.reshape(phase, ()), command),)
+
+
+def _state_answer(policy: StatePolicy, state: Float[Array, " S"]) -> tuple[Float[Array, " C"]]:
+    return (policy.control_of(state),)
 
 
 def _commanded_definition(policy: StatePolicy, commands: Commands, licence: str) -> Definition:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import re
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +12,15 @@ import numpy as np
 from neuroanimator.codegen.build import CompilerError
 from neuroanimator.codegen.wasm import wasm_module
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_file import check_functions
-from neuroanimator.export.programs.c_header import about, c_header, identifier
+from neuroanimator.export.programs.c_header import (
+    about,
+    c_header,
+    filled,
+    identifier,
+    stored_latent_size,
+)
 from neuroanimator.export.programs.definition import (
     PHASE,
     Definition,
@@ -166,26 +169,23 @@ def _filled(suffix: str, model: Model, definition: Definition, name: str) -> str
     """Return the ES module, or its types, with names, sizes and facts filled in."""
     facts = definition.facts
     emulator = emulator_of(model)
-    folder = resources.files("neuroanimator.export.programs")
     kind = facts["kind"]
     if suffix == ".js" and not isinstance(model, Emulator):
         kind = "policy"  # the arguments of its function are filled in
-    text = (folder / f"{kind}{suffix}").read_text(encoding="utf-8")
-    loading = (folder / "loading.js").read_text(encoding="utf-8")
     values = {
         "about": about(definition),
         "generator": facts["generator"],
-        "loading": loading,
-        "measures": (folder / "measures.d.ts").read_text(encoding="utf-8").rstrip(),
+        "loading": filled("loading.js", {}),
+        "measures": filled("measures.d.ts", {}).rstrip(),
         "name": name,
         "facts": json.dumps(facts),
         "inputs": json.dumps([(port.name, _length(port)) for port in definition.inputs]),
         "outputs": json.dumps([(port.name, port.layout.size) for port in definition.outputs]),
         "state": str(emulator.state.size),
         "control": str(emulator.control.size),
-        "latent": str(latent_size(emulator)),
+        "latent": str(stored_latent_size(emulator)),
     }
-    return re.sub(r"@(\w+)@", lambda found: values[found[1]], text)
+    return filled(f"{kind}{suffix}", values)
 
 
 def _length(port: Port) -> int:
