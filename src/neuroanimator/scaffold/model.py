@@ -35,10 +35,12 @@ from neuroanimator.systems.rigid.ground import height_entry
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name
 from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
+from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.terminal import phase
+from neuroanimator.text import listed
 
 WARM_UP = 1.0
 """Time for which models with contacts are driven before recording [s]: random starts float in the air or overlap."""
@@ -81,7 +83,7 @@ def propose(
         "passive": passive,
         "keyframe": keyframe,
         "substeps": proposed_substeps(float(model.opt.timestep)),
-        "physics": _physics(model),
+        "physics": _physics(path.name, model),
         "control": bounds,
         "sampling": {"reset_share": RESET_SHARE, "reset_noise": reset_noise},
     }
@@ -119,11 +121,14 @@ def propose(
     )
 
 
-def _physics(model: mujoco.MjModel) -> dict[str, Any]:
+def _physics(file: str, model: mujoco.MjModel) -> dict[str, Any]:
     """Return the model's own step and integrator, which also teach until better ones are known."""
     names = {int(value): name for name, value in INTEGRATORS.items()}
     step = float(model.opt.timestep)
-    own = names[int(model.opt.integrator)]
+    own = names.get(model.opt.integrator)
+    if own is None:
+        known = f"this version knows {listed(INTEGRATORS)}. Write one of them"
+        refuse(file, f"option integrator (MuJoCo's number {model.opt.integrator})", known)
     return {
         "step": step,
         "integrator": own,

@@ -29,6 +29,7 @@ from neuroanimator.scaffold.root_invariance import (
     obstacle,
 )
 from neuroanimator.scaffold.trials import (
+    STIFF_INTEGRATORS,
     Trial,
     fastest_turning,
     occurring_range,
@@ -306,12 +307,13 @@ def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
         f"{values['model']}: most trial runs under random controls diverged at the model's own step of {step:g} s, "
         f"even with {SHARES[-1]:.3g} of the controls' range."
     )
-    for integrator in (values["physics"]["integrator"], "implicitfast"):
+    for integrator in (values["physics"]["integrator"], *STIFF_INTEGRATORS):
         for parts in SMALLER_STEPS:
             smaller = rounded(step / parts, 12)
             physics = values["physics"] | {"step": smaller, "integrator": integrator}
             system = system_of(values | {"physics": physics}, model)
-            if not run_trial(system, values["substeps"] * parts).diverged:
+            is_able = integrator in system.integrators
+            if is_able and not run_trial(system, values["substeps"] * parts).diverged:
                 option = f'<option timestep="{smaller:g}" integrator="{integrator}"/>'
                 if is_urdf(values):
                     option = f"<mujoco>{option}</mujoco>"
