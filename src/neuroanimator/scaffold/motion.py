@@ -22,10 +22,10 @@ from neuroanimator.scaffold.defaults import (
 from neuroanimator.scaffold.holding import Hold, Stance, are_upright, stance_of
 from neuroanimator.scaffold.root_invariance import (
     actuated_joint,
+    aims,
     has_free_root,
     has_servo,
     has_spring,
-    is_servo,
     obstacle,
 )
 from neuroanimator.scaffold.trials import (
@@ -37,6 +37,7 @@ from neuroanimator.scaffold.trials import (
     usual_velocities,
 )
 from neuroanimator.state.rotation import rotate_back
+from neuroanimator.systems.rigid.actuators import actuators_of_controls
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import JointView, joint_name
 from neuroanimator.systems.rigid.model_system import ModelSystem
@@ -220,17 +221,17 @@ def _narrowed(
     """
     may_fall = has_free_root(search.model)
     narrowed = {}
-    for actuator, (name, (low, high)) in enumerate(bounds.items()):
+    for control, (name, (low, high)) in enumerate(bounds.items()):
         center = (low + high) / 2
         half = (high - low) / 2
         reach = share * half
-        held = float(search.hold.controls[actuator])
+        held = float(search.hold.controls[control])
         is_off = bool(search.hold.source) and abs(held - center) > OFF_MIDDLE * half
         room = half - abs(held - center)
         if may_fall and is_off and room >= MIN_ROOM * half:
             center = held
             reach = min(reach, room)
-        elif not may_fall and is_servo(search.model, actuator):
+        elif not may_fall and aims(search.model, control):
             reach = half
         narrowed[name] = (low, high)
         if reach < half:
@@ -368,7 +369,9 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
 def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
     """Return whether an actuator drives a joint of the same tree of bodies; one without a joint counts for all."""
     tree_of = model.body_rootid[model.jnt_bodyid]
-    driven = np.array([actuated_joint(model, actuator) for actuator in range(model.nu)])
+    driven = np.array(
+        [actuated_joint(model, actuator) for actuator in actuators_of_controls(model).tolist()]
+    )
     return bool(((driven < 0) | (tree_of[driven] == tree_of[joint])).any())
 
 
