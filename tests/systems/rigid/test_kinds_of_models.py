@@ -236,9 +236,6 @@ def test_new_spreads_several_bodies_over_the_floor_they_lie_on(tmp_path: Path):
 
 
 REFUSED = {
-    "models inside models are not supported. Write one model: python -c": model_with(
-        others='<asset><model name="x" file="x.xml"/></asset>'
-    ),
     "composites are not supported. Write a rope": model_with(
         others='<worldbody><body><composite type="cable"/></body></worldbody>'
     ),
