@@ -33,6 +33,7 @@ from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.ground import height_entry
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name
+from neuroanimator.systems.rigid.mesh_inertia import mesh_warnings
 from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.model_xml import refuse
@@ -65,7 +66,8 @@ def propose(
     folder `tree`; without it, in the model's own, or in its ROS package. Raises BadFileError with the reason for a model
     that cannot be emulated; ArgumentError for a missing keyframe or passive joint, and if every scheme diverges.
     """
-    model = compile_model(read_model_files(path, tree), base, passive)
+    files = read_model_files(path, tree)
+    model = compile_model(files, base, passive)
     if model.nflex:
         has_options = bool(keyframe or base != "fixed" or passive)
         return propose_flex(path, model, has_options=has_options)
@@ -115,7 +117,7 @@ def propose(
         check_table(values, path.name, Definition),
         comments_on(system, found),
         tuple(part.name for part in system.state.slices),
-        tuple(warnings_about(system, found)),
+        (*mesh_warnings(files, model), *warnings_about(system, found)),
         told_of(model, found),
         teacher.seconds,
     )
