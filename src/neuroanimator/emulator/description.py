@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -20,7 +21,7 @@ from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.shape_modes import ShapeModes
-from neuroanimator.emulator.spec import MAX_STRIDES, EmulatorSpec
+from neuroanimator.emulator.spec import MAX_GAIN, MAX_STRIDES, EmulatorSpec, Engine
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.trust import TrustMeter
 from neuroanimator.emulator.verdict import blank_errors
@@ -75,6 +76,10 @@ MAX_DISTANCE = 1e6
 """Maximum coordinate of a probe [m]."""
 
 
+RELEASE = r"[\w.+-]{1,40}"
+"""Pattern of the release of a physics engine."""
+
+
 def describe(emulator: SuperStep) -> dict[str, Any]:
     """Return the metadata that, together with the tensors, makes up the emulator.
 
@@ -98,6 +103,8 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
         described["shape_contacts"] = emulator.frame.shape_contacts.to_json()
     if emulator.spec.is_tied:
         described["tied"] = True
+    if emulator.spec.engine is not None:
+        described["engine"] = emulator.spec.engine._asdict()
     if emulator.strides > 1:
         described["strides"] = emulator.strides
     meter = emulator.meter
@@ -320,7 +327,15 @@ def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
     gait = None
     if metadata["gait"] is not None:
         gait = Gait.from_json(metadata["gait"], control.size)
+    engine = None
+    if "engine" in metadata:
+        release = metadata["engine"]["release"]
+        if not isinstance(release, str) or not re.fullmatch(RELEASE, release):
+            raise ValueError("engine.release: wanted numbers and dots")
+        gains = numbers(metadata["engine"]["gains"], "engine.gains", most=MAX_GAIN)
+        engine = Engine(release, gains)
     return EmulatorSpec(
+        engine=engine,
         system=system,
         state=state,
         control=control,

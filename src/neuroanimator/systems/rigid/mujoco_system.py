@@ -12,6 +12,7 @@ import numpy as np
 from mujoco import rollout
 
 from neuroanimator.definitions.model import Integrator
+from neuroanimator.emulator.spec import MAX_GAIN, Engine
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.rigid.model_parameters import Family
 from neuroanimator.systems.rigid.warnings import warnings_counted
@@ -68,6 +69,15 @@ class MujocoSystem(System):
     def _idle(self) -> list[mujoco.MjData]:
         """Working memory not in use: allocating it takes longer than stepping a few bodies."""
         return []
+
+    @property
+    def engine(self) -> Engine:
+        """MuJoCo's release, and the gains of the actuators as it has compiled them."""
+        model = self.model
+        feedback = model.actuator_biasprm[:, 1:3]
+        gains = np.column_stack([model.actuator_gainprm[:, 0], -feedback])
+        cut = np.clip(gains, -MAX_GAIN, MAX_GAIN).ravel()
+        return Engine(mujoco.__version__, tuple(cut.tolist()))
 
     @property
     def physical_size(self) -> int:
