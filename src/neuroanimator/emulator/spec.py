@@ -24,7 +24,8 @@ GAINS = ("gain", "stiffness", "damping")
 class Engine(NamedTuple):
     """The release of the physics engine, and the gains it compiled, under which a system was trained.
 
-    Another release may read other gains from the same file: a servo's `dampratio` is half as strong since MuJoCo 3.15.
+    Another release may read other gains from the same file: a servo's `dampratio` in a chain
+    of links damps less since MuJoCo 3.15.
     """
 
     release: str
