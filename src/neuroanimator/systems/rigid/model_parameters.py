@@ -169,10 +169,6 @@ def _of_option(field: str, unit: str, count: int, least: float = -np.inf) -> Att
     return Attribute(unit, least, count, 0 if count == 1 else None, read, write)
 
 
-def _read_mass(model: mujoco.MjModel, number: int, index: int) -> float:
-    return float(model.body_mass[number])
-
-
 def _write_mass(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
     """Set the mass of a body at the same shape: its moments of inertia scale with it."""
     model.body_inertia[number] *= value / model.body_mass[number]
@@ -219,10 +215,6 @@ def _write_pair_friction(model: mujoco.MjModel, number: int, index: int, value: 
     model.pair_friction[number, :2] = value
 
 
-def _read_pair_friction(model: mujoco.MjModel, number: int, index: int) -> float:
-    return float(model.pair_friction[number, 0])
-
-
 def _write_scale(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
     """Scale all lengths of a body and of those below it, at constant density."""
     below = _subtree(model, number)
@@ -252,7 +244,7 @@ def _subtree(model: mujoco.MjModel, body: int) -> list[int]:
 
 ATTRIBUTES: dict[str, dict[str, Attribute]] = {
     "body": {
-        "mass": Attribute("kg", LEAST, 1, 0, _read_mass, _write_mass),
+        "mass": _field("body_mass", "kg", LEAST)._replace(write=_write_mass),
         "scale": Attribute("1", LEAST, 1, 0, _read_factor, _write_scale),
         "pos": _field("body_pos", "m", count=3, default=None),
         "ipos": _field("body_ipos", "m", count=3, default=None),
@@ -291,7 +283,7 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "frictionloss": _field("tendon_frictionloss", "1", 0.0),
     },
     "pair": {
-        "friction": Attribute("1", 0.0, 1, 0, _read_pair_friction, _write_pair_friction),
+        "friction": _field("pair_friction", "1", 0.0)._replace(write=_write_pair_friction),
         "solref": _field("pair_solref", "1", count=2, default=None),
         "solimp": _field("pair_solimp", "1", count=5, default=None),
     },
