@@ -16,7 +16,7 @@ from typer.main import get_command
 
 from neuroanimator.cli.verbs import app
 from neuroanimator.files.sources import SOURCES
-from neuroanimator.scaffold.write_toml import PROPOSERS
+from neuroanimator.scaffold.write_toml import MESHES, PROPOSERS
 
 ROOT = Path(__file__).parents[1]
 
@@ -91,13 +91,11 @@ def test_what_messages_tell_to_install_or_make_is_there():
 
 
 def test_a_file_that_new_reads_is_told_from_one_that_is_damaged():
-    assert set(PROPOSERS) | {".xml", ".urdf"} == set(SOURCES)
+    assert {*PROPOSERS, *MESHES, ".xml", ".urdf"} == set(SOURCES)
 
 
 @pytest.mark.parametrize("verb", ["train", "generate", "policy", "evaluate", "info", "animate"])
-def test_a_model_leads_to_the_command_that_comes_first(
-    verb: str, cli: Cli, tmp_path: Path
-):
+def test_a_model_leads_to_the_command_that_comes_first(verb: str, cli: Cli, tmp_path: Path):
     (tmp_path / "my robot.xml").write_text(ROBOT)
     more = () if verb in ("evaluate", "info") else ("--out", "made.glb")
     asked = cli(verb, "my robot.xml", *more, cwd=tmp_path)
