@@ -103,8 +103,6 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
         described["shape_contacts"] = emulator.frame.shape_contacts.to_json()
     if emulator.spec.is_tied:
         described["tied"] = True
-    if emulator.spec.engine is not None:
-        described["engine"] = emulator.spec.engine._asdict()
     if emulator.strides > 1:
         described["strides"] = emulator.strides
     meter = emulator.meter
@@ -140,7 +138,7 @@ def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
     gait = None
     if spec.gait is not None:
         gait = spec.gait.to_json()
-    return {
+    described: dict[str, Any] = {
         "system": spec.system,
         "state": spec.state.to_json(),
         "control": spec.control.to_json(),
@@ -153,6 +151,9 @@ def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
         "skeleton": spec.skeleton.to_json(),
         "rates": [list(pair) for pair in spec.rates],
     }
+    if spec.engine is not None:
+        described["engine"] = spec.engine._asdict()
+    return described
 
 
 def _describe_frame(frame: Frame) -> dict[str, Any]:
