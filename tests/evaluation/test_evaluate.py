@@ -16,8 +16,8 @@ from neuroanimator.evaluation.accuracy import one_step_error, scheme_error
 from neuroanimator.evaluation.baselines import baselines
 from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.evaluation.held_out import held_out_runs
-from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
 from neuroanimator.evaluation.stability import count_diverged
+from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.system import Scheme
 
 
@@ -77,7 +77,7 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     assert found.row()["equal_error_speedup"] == found.speed.equal_error
     assert matchless.row()["equal_error_speedup"] == "none"
     assert matchless.equal_error_text.startswith("none: no physics")
-    assert {o.scheme.integrator for o in found.speed.opponents} == set(OPPONENT_INTEGRATORS)
+    assert {o.scheme.integrator for o in found.speed.opponents} == set(INTEGRATORS)
     assert found.rollout_errors[0] == pytest.approx(0, abs=1e-6)
     assert found.rollout_error_at(1.0) > found.rollout_error_at(0.1)
     write_report([found], tmp_path / "report.html")

@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, distribution, requires, ver
 
 import jax
 
+from neuroanimator.cli.studio import HOW_TO_GET_STUDIO
 from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.export.film.graphics import HOW_TO_GET_GL, graphics_backend
 from neuroanimator.terminal import print_rows
@@ -30,6 +31,9 @@ EXTRAS = {
 }
 """Purpose of each extra of the package, by name."""
 
+HOW_TO_GET = {"studio": HOW_TO_GET_STUDIO}
+"""How to install the extras that no package index has."""
+
 PACKAGES = ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
 """Packages whose versions are printed."""
 
@@ -49,7 +53,10 @@ def run() -> None:
         note = " (a dataset needs up to 1 GB: make room)"
     rows.append(("free disk", f"{free:.1f} GB{note}"))
     for extra, purpose in EXTRAS.items():
-        there = "yes" if _is_there(extra) else f"no: pip install 'neuroanimator[{extra}]'"
+        there = "yes"
+        if not _is_there(extra):
+            usual = f"pip install 'neuroanimator[{extra}]'"
+            there = f"no: {HOW_TO_GET.get(extra, usual)}"
         rows.append((f"extra {extra}", f"{there} ({purpose})"))
     print_rows(rows)
 

@@ -15,6 +15,7 @@ from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.executor import Executor
 from neuroanimator.files.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
+from neuroanimator.files.sources import refuse_source
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.terminal import phase, print_rows, progress_bar
@@ -108,6 +109,7 @@ def ensure_data(reference: str, emulator: Path, executor: Executor | None = None
     if Path(reference).is_dir():
         return Path(reference)
     if reference not in SYSTEMS and not reference.endswith(".toml"):
+        refuse_source(reference, "dataset, system or TOML file")
         raise BadFileError(
             f"{reference} is not a dataset folder, nor a system ({', '.join(SYSTEMS)}), nor a TOML file. "
             "Make a dataset with 'generate'."

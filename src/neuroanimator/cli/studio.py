@@ -17,6 +17,9 @@ EXAMPLE = "neuroanimator studio"
 GROUP = "neuroanimator"
 """Group of entry points by which other packages extend this one."""
 
+HOW_TO_GET_STUDIO = "In NeuroAnimator's repository: make wheels, then: pip install dist/*.whl"
+"""How to install the studio, which no package index has."""
+
 ENTRY_POINT = "studio"
 """Name of the entry point that serves the page."""
 
@@ -50,7 +53,6 @@ def installed_studio() -> Callable[..., None]:
     found = list(entry_points(group=GROUP, name=ENTRY_POINT))
     if not found:
         raise ResourceError(
-            "The studio is a package of its own, which is not installed. "
-            "Install it with: pip install 'neuroanimator[studio]'"
+            f"The studio is a package of its own, which is not installed. {HOW_TO_GET_STUDIO}."
         )
     return found[0].load()

@@ -24,8 +24,8 @@ from neuroanimator.definitions.task import TaskTable
 from neuroanimator.files.names import ModelPath, PartName, SystemName
 from neuroanimator.files.tables import Finite, Share, Step, Table
 
-Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
-"""Our names of MuJoCo's integrators."""
+Integrator = Literal["euler", "implicit", "implicitfast", "rk4", "discrete"]
+"""MuJoCo's names of its integrators, in small letters."""
 
 Feature = Literal["sine", "plain", "cyclic", "free", "placed", "ball", "planar"]
 """How a joint is represented to the network; `systems.rigid.joints.FEATURES` lists which suit it."""

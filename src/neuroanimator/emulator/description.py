@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -20,7 +21,7 @@ from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.shape_modes import ShapeModes
-from neuroanimator.emulator.spec import MAX_STRIDES, EmulatorSpec
+from neuroanimator.emulator.spec import MAX_GAIN, MAX_STRIDES, EmulatorSpec, Engine
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.trust import TrustMeter
 from neuroanimator.emulator.verdict import blank_errors
@@ -73,6 +74,10 @@ MAX_HORIZON = 4096
 
 MAX_DISTANCE = 1e6
 """Maximum coordinate of a probe [m]."""
+
+
+RELEASE = r"[\w.+-]{1,40}"
+"""Pattern of the release of a physics engine."""
 
 
 def describe(emulator: SuperStep) -> dict[str, Any]:
@@ -133,7 +138,7 @@ def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
     gait = None
     if spec.gait is not None:
         gait = spec.gait.to_json()
-    return {
+    described: dict[str, Any] = {
         "system": spec.system,
         "state": spec.state.to_json(),
         "control": spec.control.to_json(),
@@ -146,6 +151,9 @@ def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
         "skeleton": spec.skeleton.to_json(),
         "rates": [list(pair) for pair in spec.rates],
     }
+    if spec.engine is not None:
+        described["engine"] = spec.engine._asdict()
+    return described
 
 
 def _describe_frame(frame: Frame) -> dict[str, Any]:
@@ -320,7 +328,15 @@ def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
     gait = None
     if metadata["gait"] is not None:
         gait = Gait.from_json(metadata["gait"], control.size)
+    engine = None
+    if "engine" in metadata:
+        release = metadata["engine"]["release"]
+        if not isinstance(release, str) or not re.fullmatch(RELEASE, release):
+            raise ValueError("engine.release: wanted numbers and dots")
+        gains = numbers(metadata["engine"]["gains"], "engine.gains", most=MAX_GAIN)
+        engine = Engine(release, gains)
     return EmulatorSpec(
+        engine=engine,
         system=system,
         state=state,
         control=control,

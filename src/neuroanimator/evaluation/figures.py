@@ -41,6 +41,7 @@ COLOURS = {
     "semi-implicit": "#4fa3a0",
     "implicit": "#8a94a0",
     "rk4": "#7a4f9a",
+    "discrete": "#c2703d",
 }
 """Colour of each integrator; similar ones of MuJoCo and of mass-spring bodies share one."""
 

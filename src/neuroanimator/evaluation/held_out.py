@@ -13,6 +13,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE, varies
+from neuroanimator.emulator.spec import GAINS, EmulatorSpec
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.arrays import as_rows
@@ -20,6 +21,8 @@ from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import Scheme, System
+from neuroanimator.terminal import warn_once
+from neuroanimator.text import quoted
 
 HELD_OUT_SEED = 2**31
 """Seed of test runs, one above the largest a dataset may have."""
@@ -113,6 +116,10 @@ class HeldOut:
         return self.states[runs, steps], self.controls[runs, steps]
 
 
+GAIN_TOLERANCE = 1e-3
+"""Relative difference of an actuator's gain that counts as rounding."""
+
+
 def system_of(emulator: Emulator) -> System:
     """Return the physics `emulator` stands for; BadFileError if that has another state or control."""
     spec = emulator.spec
@@ -121,7 +128,29 @@ def system_of(emulator: Emulator) -> System:
         raise BadFileError(
             f"The emulator names the system {system.name}, whose state or control differs."
         )
+    _tell_other_gains(system, spec)
     return system
+
+
+def _tell_other_gains(system: System, spec: EmulatorSpec) -> None:
+    """Warn of physics whose actuators another release of MuJoCo compiles with other gains than were trained under."""
+    from neuroanimator.systems.rigid.actuators import actuator_name
+    from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+    now = system.engine
+    before = spec.engine
+    if now is None or before is None or len(now.gains) != len(before.gains):
+        return
+    pairs = enumerate(zip(before.gains, now.gains, strict=True))
+    other = [place for place, gains in pairs if not np.isclose(*gains, rtol=GAIN_TOLERANCE)]
+    if other and isinstance(system, MujocoSystem):
+        actuator, what = divmod(other[0], len(GAINS))
+        name = actuator_name(system.model, actuator)
+        warn_once(
+            f"{spec.system}: the {GAINS[what]} of the actuator {quoted(name)} is {now.gains[other[0]]:.4g} by MuJoCo "
+            f"{now.release}, and was {before.gains[other[0]]:.4g} by {before.release}, under which the emulator was trained, "
+            "so the physics differs. Write it into the model as kp and kv, or train again."
+        )
 
 
 def replayable_system(emulator: Emulator) -> System:

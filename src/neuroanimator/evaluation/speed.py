@@ -67,9 +67,6 @@ REPEATS = 9
 PIECES = 40
 """Number of fresh states that a timed run of the physics starts from: too few for the Python between them to count."""
 
-OPPONENT_INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4")
-"""MuJoCo's integrators, all of them timed."""
-
 OPPONENT_DIVISIONS = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 40, 50)
 """Numbers of physics steps per super step tried for each integrator, besides the system's own."""
 
@@ -142,9 +139,9 @@ def _timed_physics(test: HeldOut) -> _TimedPhysics:
         schemes = soft_schemes(system, test.dt)
         return _TimedPhysics(SOFT_NAMES[integrator], players, steps, schemes, scheme_error)
     assert isinstance(system, MujocoSystem)
-    players = {name: physics_player(system, test, name) for name in OPPONENT_INTEGRATORS}
+    players = {name: physics_player(system, test, name) for name in system.integrators}
     schemes = {system.scheme, system.truth}
-    for integrator in OPPONENT_INTEGRATORS:
+    for integrator in system.integrators:
         schemes |= {Scheme(integrator, test.dt / parts) for parts in OPPONENT_DIVISIONS}
     return _TimedPhysics("MuJoCo", players, PHYSICS_STEPS, schemes, scheme_error)
 

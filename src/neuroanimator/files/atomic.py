@@ -20,6 +20,7 @@ import safetensors.numpy
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.files.json_text import parse_json_object
 from neuroanimator.files.places import Place, UrlPath
+from neuroanimator.files.sources import refuse_source
 from neuroanimator.files.unfinished import refuse_other_than_file, replace_together
 
 METADATA_KEY = "na"
@@ -195,6 +196,7 @@ def read_tensors(
         tensors = _parse_tensors(raw)
         _check_payload(tensors, metadata, kinds)
     except (ValueError, safetensors.SafetensorError) as error:
+        refuse_source(str(path), f"{kinds[0]} file")
         raise BadFileError(
             f"{path} is not a usable {kinds[0]} file: {one_line(error)}. Make it again."
         ) from error

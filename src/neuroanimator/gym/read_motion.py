@@ -144,12 +144,13 @@ def _servoed(system: System) -> MujocoSystem:
     if not isinstance(system, MujocoSystem):
         raise ArgumentError("follow: wanted a MuJoCo model, whose servos can aim at a motion.")
     model = system.model
-    for actuator in range(model.nu):
+    for actuator in range(model.nactuator):
         is_of_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
         stiffness = model.actuator_gainprm[actuator, 0]
         # A servo's force is kp (u − q) − kv q̇.
+        is_proportional = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
         is_servo = stiffness > 0 and model.actuator_biasprm[actuator, 1] == -stiffness
-        if not (is_of_joint and is_servo):
+        if not (is_of_joint and is_proportional and is_servo):
             name = model.actuator(actuator).name
             raise ArgumentError(
                 f"follow: actuator '{name}' is no servo of a joint. Write it as <position joint=... kp=.../>, so that it "

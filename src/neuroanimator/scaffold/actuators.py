@@ -9,9 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.scaffold.defaults import rounded
-from neuroanimator.scaffold.root_invariance import is_servo
+from neuroanimator.scaffold.root_invariance import aims
 from neuroanimator.state.layout import Bounds
-from neuroanimator.systems.rigid.actuators import actuator_name, control_range
+from neuroanimator.systems.rigid.actuators import (
+    actuators_of_controls,
+    control_names,
+    control_range,
+)
 from neuroanimator.systems.rigid.touching import is_disabled
 
 GUESS = (-1.0, 1.0)
@@ -39,19 +43,19 @@ def actuator_faults(path: Path, model: mujoco.MjModel) -> str:
     return f"{path.name} has no actuators. {how}"
 
 
-def actuators_without_range(model: mujoco.MjModel) -> list[int]:
-    """Return the actuators without a range in the model."""
+def controls_without_range(model: mujoco.MjModel) -> list[int]:
+    """Return the controls without a range in the model."""
     return [i for i in range(model.nu) if control_range(model, i) is None]
 
 
 def proposed_bounds(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
-    """Return the smallest and the largest control of each actuator: the model's own, else a guess."""
+    """Return the least and the largest value of each control: the model's own, else a guess."""
     bounds = {}
-    for actuator in range(model.nu):
-        bound = control_range(model, actuator)
+    for control, name in enumerate(control_names(model)):
+        bound = control_range(model, control)
         if bound is None or not bound[0] < bound[1]:
-            bound = _guessed(model, actuator)
-        bounds[actuator_name(model, actuator)] = bound
+            bound = _guessed(model, control)
+        bounds[name] = bound
     return bounds
 
 
@@ -61,7 +65,7 @@ def possible_controls(
     """Return the smallest and the largest controls that might hold the model: `bounds`, or ±`ANY` where it gives no range."""
     low = np.array(bounds.low)
     high = np.array(bounds.high)
-    unlimited = actuators_without_range(model)
+    unlimited = controls_without_range(model)
     low[unlimited] = np.minimum(low[unlimited], -ANY)
     high[unlimited] = np.maximum(high[unlimited], ANY)
     return low, high
@@ -71,20 +75,21 @@ def widen_guesses(
     model: mujoco.MjModel, bounds: dict[str, tuple[float, float]], held: Float[np.ndarray, " C"]
 ) -> None:
     """Widen guessed bounds so that half of them covers the controls `held` that hold the model."""
-    for actuator in actuators_without_range(model):
-        if not is_servo(model, actuator):
-            name = actuator_name(model, actuator)
-            low, high = bounds[name]
-            needed = rounded(2 * abs(float(held[actuator])), 2)
-            bounds[name] = (min(low, -needed), max(high, needed))
+    names = control_names(model)
+    for control in controls_without_range(model):
+        if not aims(model, control):
+            low, high = bounds[names[control]]
+            needed = rounded(2 * abs(float(held[control])), 2)
+            bounds[names[control]] = (min(low, -needed), max(high, needed))
 
 
-def _guessed(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
-    """Return a range for an actuator without one: that of its joint for a servo, of its forces for a motor."""
+def _guessed(model: mujoco.MjModel, control: int) -> tuple[float, float]:
+    """Return a range for a control without one: that of its joint for a servo, of its forces for a motor."""
+    actuator = actuators_of_controls(model)[control]
     joint = -1
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         joint = int(model.actuator_trnid[actuator][0])
-    if is_servo(model, actuator) and joint >= 0:
+    if aims(model, control) and joint >= 0:
         if model.jnt_limited[joint]:
             return tuple(model.jnt_range[joint].tolist())
         is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
@@ -92,7 +97,7 @@ def _guessed(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
     gain = abs(float(model.actuator_gainprm[actuator][0]))
     if model.actuator_forcelimited[actuator] and gain > 0:
         return tuple((model.actuator_forcerange[actuator] / gain).tolist())
-    gain *= abs(float(model.actuator_gear[actuator][0]))
+    gain *= abs(float(model.actuator_gear[model.actuator_outadr[actuator]][0]))
     if joint >= 0 and model.jnt_actfrclimited[joint] and gain > 0:
         return tuple((model.jnt_actfrcrange[joint] / gain).tolist())
     return GUESS

@@ -10,7 +10,7 @@ import numpy as np
 
 from neuroanimator.data.config import USUAL_COUNT
 from neuroanimator.files.names import model_name
-from neuroanimator.scaffold.actuators import actuators_without_range
+from neuroanimator.scaffold.actuators import controls_without_range
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, is_urdf
 from neuroanimator.scaffold.root_invariance import (
@@ -20,7 +20,7 @@ from neuroanimator.scaffold.root_invariance import (
     why_root_is_placed,
 )
 from neuroanimator.scaffold.teacher import Teacher, data_row, in_words
-from neuroanimator.systems.rigid.actuators import actuator_name
+from neuroanimator.systems.rigid.actuators import actuators_of_controls, control_names
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name, sensor_name
 from neuroanimator.systems.rigid.limbs import acts_on
 from neuroanimator.systems.rigid.model_system import ModelSystem, keyframe_name
@@ -43,7 +43,7 @@ COMMENTS = {
     "contacts: what of the whole body may touch the ground, and joints that may reach their stops;\n"
     "symmetries: mirrors and like limbs, by which every example stands for several;\n"
     "planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
-    "control": "The least and the largest value of each actuator.",
+    "control": "The least and the largest value of each control.",
     "holding": "The control that holds the model at rest, to which controls return when they end.",
     "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
     "reset_share: of runs that begin just at rest or at a keyframe, but for reset_noise;\n"
@@ -85,10 +85,8 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
         "sampling.warm_up": _warm_up_note(system, found.motion),
     }
-    for actuator in range(model.nu):
-        comments[f"control.{actuator_name(model, actuator)}"] = _control_note(
-            model, found, actuator
-        )
+    for control, name in enumerate(control_names(model)):
+        comments[f"control.{name}"] = _control_note(model, found, control, name)
     root = system.views[0]
     if root.feature == "placed":
         why = why_root_is_placed(model)
@@ -108,15 +106,14 @@ def _substeps_note(found: Findings) -> str:
     return note
 
 
-def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
-    """Return the origin of an actuator's bounds."""
-    name = actuator_name(model, actuator)
+def _control_note(model: mujoco.MjModel, found: Findings, control: int, name: str) -> str:
+    """Return the origin of a control's bounds."""
     low, high = found.whole[name]
-    held = found.hold.controls[actuator]
+    held = found.hold.controls[control]
     notes = []
     if is_urdf(found.motion.values):
         notes.append(f"a motor of <limit effort>; new --passive {name} leaves it out")
-    if actuator in actuators_without_range(model):
+    if control in controls_without_range(model):
         notes.append("the model gives no range: set what your motor can do")
     if found.hold.source and abs(held) > OFF_MIDDLE * (high - low):
         notes.append(f"{held:.3g}: {found.hold.source}")
@@ -161,7 +158,7 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
     values = found.motion.values
     rows = []
     if is_urdf(values):
-        motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
+        motors = listed(control_names(model))
         added = (
             f"motors on {motors}, of <limit effort>; for a joint without a motor: --passive JOINT"
         )
@@ -178,7 +175,8 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
 def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
     """Yield warnings for the user, one line each."""
     model = system.model
-    unlimited = [actuator_name(model, i) for i in actuators_without_range(model)]
+    names = control_names(model)
+    unlimited = [names[i] for i in controls_without_range(model)]
     if unlimited:
         yield (
             f"control: the model gives no range for {listed(unlimited)}; the proposed ones are guesses. "
@@ -193,8 +191,8 @@ def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
         )
     # Those of bodies act on contacts, and there may be none now.
     is_idle = ~acts_on(model).any(axis=1)
-    is_idle &= model.actuator_trntype != mujoco.mjtTrn.mjTRN_BODY
-    idle = [actuator_name(model, i) for i in np.flatnonzero(is_idle).tolist()]
+    is_idle &= model.actuator_trntype[actuators_of_controls(model)] != mujoco.mjtTrn.mjTRN_BODY
+    idle = [names[i] for i in np.flatnonzero(is_idle).tolist()]
     if idle:
         yield f"control: {listed(idle)} move no joint. Check the joint, the site and the gear, or take them out."
     yield from _fall_warnings(model, found)

@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 from neuroanimator.scaffold.actuators import possible_controls
 from neuroanimator.scaffold.defaults import rounded
 from neuroanimator.scaffold.root_invariance import gravity_of, has_contacts
+from neuroanimator.systems.rigid.actuators import actuators_of_controls
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
@@ -40,8 +41,19 @@ STAND_SECONDS = 2.0
 NUDGE = 1e-6
 """Size of the finite differences that linearise the model at rest."""
 
+FOLLOWING = tuple(
+    int(kind)
+    for kind in (
+        mujoco.mjtDyn.mjDYN_FILTER,
+        mujoco.mjtDyn.mjDYN_FILTEREXACT,
+        mujoco.mjtDyn.mjDYN_MUSCLE,
+        mujoco.mjtDyn.mjDYN_USER,
+    )
+)
+"""Kinds of actuators whose activation settles at the control, as integers."""
+
 Controls = Float[np.ndarray, " C"]
-"""One control of each actuator."""
+"""Controls of all actuators."""
 
 
 class Hold(NamedTuple):
@@ -98,17 +110,17 @@ def _inverse_dynamics(system: ModelSystem, low: Controls, high: Controls) -> Con
     reach = PROBE * (high - low)
     base = at(model, system.rest, middle).qacc_smooth.copy()
     slopes = np.zeros((model.nv, model.nu))
-    for actuator in range(model.nu):
+    for control in range(model.nu):
         controls = middle.copy()
-        controls[actuator] += reach[actuator]
+        controls[control] += reach[control]
         change = at(model, system.rest, controls).qacc_smooth - base
-        slopes[:, actuator] = change / reach[actuator]
+        slopes[:, control] = change / reach[control]
     solution = lsq_linear(slopes, slopes @ middle - base, bounds=(low, high))
     return np.asarray(solution.x)
 
 
 def holding_table(bounds: Mapping[str, tuple[float, float]], hold: Hold) -> dict[str, float]:
-    """Return the control that holds the model by actuator name, within `bounds`; empty for no control."""
+    """Return the control that holds the model by name, within `bounds`; empty for no control."""
     table = {}
     is_worth_saying = False
     for (name, (low, high)), control in zip(bounds.items(), hold.controls, strict=True):
@@ -122,12 +134,10 @@ def at(model: mujoco.MjModel, rest: Float[np.ndarray, " P"], controls: Controls)
     data = mujoco.MjData(model)
     data.qpos[:] = rest[: model.nq]
     data.ctrl[:] = controls
-    for actuator in range(model.nu):
-        first = model.actuator_actadr[actuator]
-        follows = model.actuator_dyntype[actuator] != mujoco.mjtDyn.mjDYN_INTEGRATOR
-        if first >= 0 and follows:
-            count = model.actuator_actnum[actuator]
-            data.act[first : first + count] = controls[actuator]
+    for control, actuator in enumerate(actuators_of_controls(model)):
+        if int(model.actuator_dyntype[actuator]) in FOLLOWING:
+            first = model.actuator_actadr[actuator]
+            data.act[first : first + model.actuator_actnum[actuator]] = controls[control]
     mujoco.mj_forward(model, data)
     return data
 

@@ -33,12 +33,15 @@ from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.ground import height_entry
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name
+from neuroanimator.systems.rigid.mesh_inertia import mesh_warnings
 from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
+from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.terminal import phase
+from neuroanimator.text import listed
 
 WARM_UP = 1.0
 """Time for which models with contacts are driven before recording [s]: random starts float in the air or overlap."""
@@ -63,7 +66,8 @@ def propose(
     folder `tree`; without it, in the model's own, or in its ROS package. Raises BadFileError with the reason for a model
     that cannot be emulated; ArgumentError for a missing keyframe or passive joint, and if every scheme diverges.
     """
-    model = compile_model(read_model_files(path, tree), base, passive)
+    files = read_model_files(path, tree)
+    model = compile_model(files, base, passive)
     if model.nflex:
         has_options = bool(keyframe or base != "fixed" or passive)
         return propose_flex(path, model, has_options=has_options)
@@ -81,7 +85,7 @@ def propose(
         "passive": passive,
         "keyframe": keyframe,
         "substeps": proposed_substeps(float(model.opt.timestep)),
-        "physics": _physics(model),
+        "physics": _physics(path.name, model),
         "control": bounds,
         "sampling": {"reset_share": RESET_SHARE, "reset_noise": reset_noise},
     }
@@ -113,17 +117,20 @@ def propose(
         check_table(values, path.name, Definition),
         comments_on(system, found),
         tuple(part.name for part in system.state.slices),
-        tuple(warnings_about(system, found)),
+        (*mesh_warnings(files, model), *warnings_about(system, found)),
         told_of(model, found),
         teacher.seconds,
     )
 
 
-def _physics(model: mujoco.MjModel) -> dict[str, Any]:
+def _physics(file: str, model: mujoco.MjModel) -> dict[str, Any]:
     """Return the model's own step and integrator, which also teach until better ones are known."""
     names = {int(value): name for name, value in INTEGRATORS.items()}
     step = float(model.opt.timestep)
-    own = names[int(model.opt.integrator)]
+    own = names.get(model.opt.integrator)
+    if own is None:
+        known = f"this version knows {listed(INTEGRATORS)}. Write one of them"
+        refuse(file, f"option integrator (MuJoCo's number {model.opt.integrator})", known)
     return {
         "step": step,
         "integrator": own,

@@ -22,13 +22,14 @@ from neuroanimator.scaffold.defaults import (
 from neuroanimator.scaffold.holding import Hold, Stance, are_upright, stance_of
 from neuroanimator.scaffold.root_invariance import (
     actuated_joint,
+    aims,
     has_free_root,
     has_servo,
     has_spring,
-    is_servo,
     obstacle,
 )
 from neuroanimator.scaffold.trials import (
+    STIFF_INTEGRATORS,
     Trial,
     fastest_turning,
     occurring_range,
@@ -36,6 +37,7 @@ from neuroanimator.scaffold.trials import (
     usual_velocities,
 )
 from neuroanimator.state.rotation import rotate_back
+from neuroanimator.systems.rigid.actuators import actuators_of_controls
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import JointView, joint_name
 from neuroanimator.systems.rigid.model_system import ModelSystem
@@ -219,17 +221,17 @@ def _narrowed(
     """
     may_fall = has_free_root(search.model)
     narrowed = {}
-    for actuator, (name, (low, high)) in enumerate(bounds.items()):
+    for control, (name, (low, high)) in enumerate(bounds.items()):
         center = (low + high) / 2
         half = (high - low) / 2
         reach = share * half
-        held = float(search.hold.controls[actuator])
+        held = float(search.hold.controls[control])
         is_off = bool(search.hold.source) and abs(held - center) > OFF_MIDDLE * half
         room = half - abs(held - center)
         if may_fall and is_off and room >= MIN_ROOM * half:
             center = held
             reach = min(reach, room)
-        elif not may_fall and is_servo(search.model, actuator):
+        elif not may_fall and aims(search.model, control):
             reach = half
         narrowed[name] = (low, high)
         if reach < half:
@@ -306,12 +308,13 @@ def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
         f"{values['model']}: most trial runs under random controls diverged at the model's own step of {step:g} s, "
         f"even with {SHARES[-1]:.3g} of the controls' range."
     )
-    for integrator in (values["physics"]["integrator"], "implicitfast"):
+    for integrator in (values["physics"]["integrator"], *STIFF_INTEGRATORS):
         for parts in SMALLER_STEPS:
             smaller = rounded(step / parts, 12)
             physics = values["physics"] | {"step": smaller, "integrator": integrator}
             system = system_of(values | {"physics": physics}, model)
-            if not run_trial(system, values["substeps"] * parts).diverged:
+            is_able = integrator in system.integrators
+            if is_able and not run_trial(system, values["substeps"] * parts).diverged:
                 option = f'<option timestep="{smaller:g}" integrator="{integrator}"/>'
                 if is_urdf(values):
                     option = f"<mujoco>{option}</mujoco>"
@@ -366,7 +369,9 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
 def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
     """Return whether an actuator drives a joint of the same tree of bodies; one without a joint counts for all."""
     tree_of = model.body_rootid[model.jnt_bodyid]
-    driven = np.array([actuated_joint(model, actuator) for actuator in range(model.nu)])
+    driven = np.array(
+        [actuated_joint(model, actuator) for actuator in actuators_of_controls(model).tolist()]
+    )
     return bool(((driven < 0) | (tree_of[driven] == tree_of[joint])).any())
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.files.names import model_name
 from neuroanimator.state.rotation import facing, multiply, rotate_in_plane
+from neuroanimator.systems.rigid.actuators import actuators_of_controls, input_of
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import joint_name
 from neuroanimator.systems.rigid.touching import is_disabled, is_limited, touching_geoms
@@ -195,7 +196,7 @@ def has_servo(model: mujoco.MjModel, joint: int) -> bool:
     """Return whether an actuator drives the joint depending on its position: a servo, or a muscle."""
     return any(
         is_servo(model, actuator) and actuated_joint(model, actuator) == joint
-        for actuator in range(model.nu)
+        for actuator in range(model.nactuator)
     )
 
 
@@ -207,10 +208,17 @@ def is_servo(model: mujoco.MjModel, actuator: int) -> bool:
     return not is_without and (not is_affine or bool(model.actuator_biasprm[actuator][1]))
 
 
+def aims(model: mujoco.MjModel, control: int) -> bool:
+    """Return whether a control is where its actuator pulls to: the position of a servo, or the excitation of a muscle."""
+    is_other_input = input_of(model, control) in ("vel", "ff", "voltage", "pressure")
+    return is_servo(model, int(actuators_of_controls(model)[control])) and not is_other_input
+
+
 def actuated_joint(model: mujoco.MjModel, actuator: int) -> int:
     """Return the joint an actuator is on, -1 if it is on something else."""
     # As integers: MuJoCo's enumerations equal NumPy's numbers from one side only.
     kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    if int(model.actuator_trntype[actuator]) in kinds:
-        return int(model.actuator_trnid[actuator][0])
-    return -1
+    kind = int(model.actuator_trntype[actuator])
+    first, second = model.actuator_trnid[actuator].tolist()
+    is_orientation = kind == int(mujoco.mjtTrn.mjTRN_SO3) and second < 0  # else of two sites
+    return first if kind in kinds or is_orientation else -1

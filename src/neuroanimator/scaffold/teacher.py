@@ -10,7 +10,7 @@ from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_
 from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.scaffold.defaults import MAX_TEACHER_ERROR, MIN_CHANGE, rounded
-from neuroanimator.scaffold.trials import EVALUATIONS, Trial, step_cost
+from neuroanimator.scaffold.trials import EVALUATIONS, STIFF_INTEGRATORS, Trial, step_cost
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.system import Scheme
@@ -111,10 +111,11 @@ def _measured_errors(
     controls = trial.controls.reshape(-1, 1, system.control.size)[rows]
     with phase("simulating finely"):
         exact = system.simulate_fastest(starts, controls, trial.dt, scheme=fine)
-        if exact.has_diverged.any():
+        for integrator in STIFF_INTEGRATORS:
             # Explicit schemes blow up on stiff, damped models at any step.
-            fine = Scheme("implicitfast", fine.dt)
-            exact = system.simulate_fastest(starts, controls, trial.dt, scheme=fine)
+            if exact.has_diverged.any() and integrator in system.integrators:
+                fine = Scheme(integrator, fine.dt)
+                exact = system.simulate_fastest(starts, controls, trial.dt, scheme=fine)
     goal = exact.states[:, 1]
     frame = Frame.of(system.structure, trial.dt)
     unit = np.maximum(frame.difference(starts, goal).std(axis=0), MIN_CHANGE)

@@ -29,6 +29,9 @@ USUAL_CONTACTS = 4.0
 EVALUATIONS = {"rk4": 4}
 """Number of force evaluations in a step of an integrator; one for any other."""
 
+STIFF_INTEGRATORS = ("implicitfast", "discrete")
+"""Integrators tried where the wanted one diverges: one for stiff damping, one for stiff springs, too."""
+
 TRIAL_SEED = 0
 """Seed of trial runs, so that a proposal is the same every time."""
 

@@ -31,6 +31,7 @@ from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import canonical_json
+from neuroanimator.files.sources import refuse_source
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.files.zoo import SOFT, shipped_path
 from neuroanimator.state.shape_contacts import place_movers
@@ -345,6 +346,7 @@ def resolve(reference: str) -> tuple[str, str, int]:
     system. Raises ArgumentError or BadFileError for a wrong definition.
     """
     if not reference.endswith(".toml"):
+        refuse_source(reference, "system or TOML file")
         return reference, "", dict(SOFT).get(reference, USUAL_SUBSTEPS)
     path = Path(reference)
     loader, definition = _read_definition(path)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.emulator.spec import Engine
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.executor.cores import core_count
 from neuroanimator.state.gait import Gait
@@ -150,6 +151,11 @@ class System(abc.ABC):
         fixed.rest = self.rest.copy()
         fixed.rest[self.parameter_entries] = nominal_values(fixed.parameters)
         return fixed
+
+    @property
+    def engine(self) -> Engine | None:
+        """MuJoCo's release, and the gains it compiled; None for any other physics."""
+        return None
 
     @property
     def physics_dt(self) -> float:

@@ -280,6 +280,7 @@ def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
         rest=tuple(float(value) for value in system.rest),
         definition=system.definition_text,
         is_tied=system.is_tied,
+        engine=system.engine,
         gait=system.gait,
     )
 

@@ -64,6 +64,9 @@ PULL = '<motor name="m" tendon="t" ctrlrange="-3 0" ctrllimited="true"/>'
 ROPE = '<tendon><spatial name="t" limited="true" range="0 0.5"><site site="a"/><site site="b"/></spatial></tendon>'
 PUSH = '<motor name="m" site="a" gear="1 0 0 0 0 0" ctrlrange="-1 1" ctrllimited="true"/>'
 
+ON_BALL = """<body pos="0 0 1"><joint name="shoulder" type="ball" damping="0.1"/>
+  <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/></body>"""
+
 KINDS = {
     "position servo": model_with(actuators=on_shoulder("position", 'kp="20" ctrlrange="-1 1"')),
     "velocity servo": model_with(actuators=on_shoulder("velocity", 'kv="2" ctrlrange="-3 3"')),
@@ -79,6 +82,29 @@ KINDS = {
     ),
     "filtered motor": model_with(
         actuators=on_shoulder("general", 'dyntype="filter" dynprm="0.05" ctrlrange="-1 1"')
+    ),
+    "PID servo": model_with(
+        actuators=on_shoulder(
+            "pid",
+            'kp="20" kv="1" ki="2" imax="1" input="pos vel ff" posrange="-1 1" velrange="-2 2" ffrange="-1 1"',
+        )
+    ),
+    "DC motor with a controller": model_with(
+        actuators=on_shoulder(
+            "dcmotor",
+            'motorconst="0.05" resistance="1" controller="4 0 0.1" input="pos voltage" ctrlrange="-1 1"',
+        )
+    ),
+    "DC motor without inputs": model_with(
+        actuators='<dcmotor name="brake" joint="elbow" motorconst="0.05" resistance="1" input="none"/>'
+        + MOTOR
+    ),
+    "orientation by a quaternion": model_with(
+        ON_BALL,
+        '<orientation name="o" joint="shoulder" input="quat" kp="2" kv="0.1" ctrlrange="-1 1"/>',
+    ),
+    "orientation by a rotation vector": model_with(
+        ON_BALL, '<orientation name="o" joint="shoulder" kp="2" kv="0.1" ctrlrange="-1 1"/>'
     ),
     "fixed tendon": model_with(actuators=PULL, others=tendon(FIXED_TENDON)),
     "spatial tendon": model_with(
@@ -97,8 +123,7 @@ KINDS = {
     ),
     "sensors": model_with(others='<sensor><touch name="s" site="tip"/><gyro site="tip"/></sensor>'),
     "ball joint": model_with(
-        '<body pos="0 0 1"><joint name="shoulder" type="ball" damping="0.1"/><geom type="capsule" '
-        'fromto="0 0 0 0.3 0 0" size="0.03"/></body>',
+        ON_BALL,
         '<motor name="m" joint="shoulder" gear="0 1 0" ctrlrange="-0.5 0.5"/>',
     ),
     "two free bodies": model_with(FLOOR + BALL.format("a", 0) + BALL.format("b", 0.4), PUSH, ROPE),
@@ -211,9 +236,6 @@ def test_new_spreads_several_bodies_over_the_floor_they_lie_on(tmp_path: Path):
 
 
 REFUSED = {
-    "models inside models are not supported. Write one model: python -c": model_with(
-        others='<asset><model name="x" file="x.xml"/></asset>'
-    ),
     "composites are not supported. Write a rope": model_with(
         others='<worldbody><body><composite type="cable"/></body></worldbody>'
     ),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import struct
 import subprocess
@@ -22,6 +23,7 @@ from neuroanimator.systems.rigid.model_xml import Documents
 
 BODY = '<worldbody><body name="b"><joint name="j"/><geom size="1"/></body></worldbody>'
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+DEFAULTS = '<mujocoinclude><default><default class="stiff"/></default></mujocoinclude>'
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 
 
@@ -308,6 +310,73 @@ def test_circles_and_repeats_of_includes_are_refused(tmp_path):
     assert "already included" in refusal(twice)
 
 
+def attaching(name: str, child: str, meshdir: str, included: str) -> str:
+    """Return a body with a mesh of its own that attaches the model in the file `child`, if there is one."""
+    asset = '<mesh name="m" file="m.stl"/>'
+    attach = ""
+    if child:
+        asset += f'<model name="child" file="{child}"/>'
+        attach = '<frame pos="0 0 -1"><attach model="child" body="body" prefix="of_"/></frame>'
+    motor = f'<actuator><motor name="{name}" joint="j" ctrlrange="-1 1"/></actuator>'
+    body = (
+        '<worldbody><body name="body"><joint name="j" class="stiff" axis="0 1 0"/>'
+        f'<geom type="mesh" mesh="m"/>{attach}</body></worldbody>'
+    )
+    return (
+        f'<mujoco model="{name}"><compiler meshdir="{meshdir}"/><include file="{included}"/>'
+        f"<asset>{asset}</asset>{body}{motor}</mujoco>"
+    )
+
+
+def test_models_inside_models_are_read_as_mujoco_reads_them_wherever_their_files_lie(tmp_path):
+    rng = np.random.default_rng(0)
+    places = ["", "arm/", "arm/hand/", "parts/"]
+    for number in range(12):
+        folder = tmp_path / str(number)
+        depth = int(rng.integers(2, 4))
+        of_model = ["", *rng.choice(places, depth - 1).tolist()]
+        files: dict[str, str | bytes] = {}
+        for level, place in enumerate(of_model):
+            child = ""
+            if level + 1 < depth:
+                there = f"{of_model[level + 1]}{level + 1}.xml"
+                child = os.path.relpath(there, place or ".")
+            meshdir = str(rng.choice(["", "meshes", "meshes/fine"]))
+            included = f"defaults{level}.xml"
+            files[f"{place}{level}.xml"] = attaching(f"m{level}", child, meshdir, included)
+            stiffness = f'<joint stiffness="{level + 1}"/>'
+            defaults = f'<default><default class="stiff">{stiffness}</default></default>'
+            files[f"{place}{included}"] = f"<mujocoinclude>{defaults}</mujocoinclude>"
+            mesh = os.path.normpath(f"{place}{meshdir}/m.stl") if place or meshdir else "m.stl"
+            files[mesh] = stl(1 + level)
+        main = write(folder, files)
+        read = read_model_files(main)
+        assert {name for name, _ in read.files} == set(files)
+        request = compiled_model.ModelRequest(read.main, read.documents())
+        content = compiled_model.compile_here(request)
+        ours = mujoco.MjModel.from_binary_path("m.mjb", {"m.mjb": content})
+        own = mujoco.MjModel.from_xml_path(str(main))
+        assert (ours.nmesh, ours.nu, ours.names) == (own.nmesh, own.nu, own.names)
+        np.testing.assert_array_equal(ours.body_mass, own.body_mass)
+        np.testing.assert_array_equal(ours.jnt_stiffness, own.jnt_stiffness)
+
+
+def test_a_model_that_attaches_itself_is_refused(tmp_path):
+    files = {f"{me}.xml": attaching(me, f"{other}.xml", "", "d.xml") for me, other in ("ab", "ba")}
+    main = write(tmp_path, files | {"m.stl": stl(1), "d.xml": "<mujocoinclude/>"})
+    assert "a.xml attaches b.xml attaches a.xml: no model may attach itself" in refusal(main)
+
+
+def test_a_model_attached_from_another_folder_is_read_as_the_message_says(tmp_path, monkeypatch):
+    hand = {"hand/hand.xml": attaching("hand", "", "assets", "d.xml"), "hand/assets/m.stl": stl(1)}
+    arm = {"arm/arm.xml": attaching("arm", "../hand/hand.xml", "assets", "d.xml")}
+    shared = {"hand/d.xml": DEFAULTS, "arm/d.xml": DEFAULTS, "arm/assets/m.stl": stl(2)}
+    main = write(tmp_path, arm | hand | shared)
+    told = re.search(r"use 'new --tree (\S+)'", refusal(main))
+    assert told is not None
+    assert compile_model(read_model_files(main, Path(told[1]))).nmesh == 2
+
+
 @pytest.mark.parametrize(
     "declaration",
     [
@@ -350,7 +419,7 @@ REFUSALS = {
     "composite: composites are not supported": '<worldbody><body><composite type="cable" count="999 1 1"/></body></worldbody>',
     "flexcomp 'f' count='99 99 99': 970,299 nodes": '<worldbody><flexcomp name="f" count="99 99 99"/></worldbody>',
     "plugin: plugins run": '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>',
-    "model: models inside": '<asset><model file="m.xml"/></asset>',
+    "no model may attach itself": '<asset><model file="m.xml"/></asset>',
     "takes more than 2 GB": SKY,
     "bomb": PICTURE,
     "size (800,": '<size nuserdata="100000000"/>',

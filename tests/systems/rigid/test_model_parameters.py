@@ -93,13 +93,26 @@ def test_a_scaled_part_is_the_part_with_all_lengths_scaled() -> None:
         )
 
 
-def test_every_attribute_is_read_as_it_was_set() -> None:
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<position name="b" joint="b" kp="3" kv="0.2"/>',
+        '<pid name="b" joint="b" kp="3" kv="0.2" ki="0.5" imax="1" input="pos vel"/>',
+    ],
+)
+def test_every_attribute_is_read_as_it_was_set(actuator: str) -> None:
     text = """<mujoco><worldbody><body name="b" simple="false"><joint name="b" axis="0 1 0" damping="1" armature="0.1"
       frictionloss="0.1" stiffness="1" limited="true" range="-1 1"/>
       <geom name="b" type="box" size=".3 .3 .3" mass="6.67"/></body><geom name="floor" type="plane" size="1 1 1"/></worldbody>
       <contact><pair name="b" geom1="b" geom2="floor"/></contact>
       <tendon><fixed name="b" stiffness="1" damping="1"><joint joint="b" coef="1"/></fixed></tendon>
-      <actuator><position name="b" joint="b" kp="3" kv="0.2"/></actuator></mujoco>"""
+      <actuator>OTHER</actuator></mujoco>"""
+    # An actuator before it has several controls and forces.
+    several = '<orientation joint="ball" kp="1" input="quat"/>'
+    text = text.replace("OTHER", several + actuator)
+    text = text.replace(
+        "<worldbody>", '<worldbody><body><joint name="ball" type="ball"/><geom size="1"/></body>'
+    )
     model = mujoco.MjModel.from_xml_string(text, {})
     for element, attributes in ATTRIBUTES.items():
         for name, attribute in attributes.items():

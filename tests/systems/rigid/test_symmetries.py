@@ -45,6 +45,14 @@ CRAB = """<mujoco><option timestep="0.002"/>
       <geom type="capsule" fromto="0 0 0 0 0 0.1" size="0.02"/></body></body></worldbody>
   <actuator><position joint="left_knee"/><position joint="right_knee"/></actuator></mujoco>"""
 
+CONTROLLED_CRAB = CRAB.replace(
+    '<position joint="left_knee"/><position joint="right_knee"/>',
+    """<pid joint="left_knee" kp="20" kv="1" ki="1" imax="1" input="pos vel" posrange="-1 0.7" velrange="-2 2"/>
+    <dcmotor joint="left_knee" motorconst="0.1" resistance="1" input="none"/>
+    <pid joint="right_knee" kp="20" kv="1" ki="1" imax="1" input="pos vel" posrange="-1 0.7" velrange="-2 2"/>
+    <dcmotor joint="right_knee" motorconst="0.1" resistance="1" input="none"/>""",
+)
+
 DRONE = """<mujoco><option timestep="0.005"/><worldbody>
   <body name="frame" pos="0 0 1"><freejoint name="root"/><geom type="box" size="0.1 0.1 0.02" mass="0.5"/>
     <site name="a" pos="0.1 0.1 0"/><site name="b" pos="-0.1 0.1 0"/>
@@ -95,8 +103,8 @@ def some(system: System, count: int = 48) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("model", "count"),
-    [(walker(), 1), (CRAB, 1), (DRONE, 3)],
-    ids=["walker", "crab", "drone"],
+    [(walker(), 1), (CRAB, 1), (CONTROLLED_CRAB, 1), (DRONE, 3)],
+    ids=["walker", "crab", "crab of several controls", "drone"],
 )
 def test_every_symmetry_found_makes_true_motions_of_true_ones(
     tmp_path: Path, model: str, count: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, load_system
+from neuroanimator.errors import BadFileError
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import from_text
 from neuroanimator.systems.rigid.compiled_model import compile_model
@@ -133,7 +135,41 @@ def test_a_base_that_is_joined_to_the_world_cannot_be_free(tmp_path: Path):
         model = compiled(tmp_path, ROBOT.replace("</robot>", world.format(kind)), "fixed")
         assert model.nu == 2
     with pytest.raises(NeuroAnimatorError, match="no root link that could be free"):
-        compiled(tmp_path, ROBOT.replace("</robot>", world.format("floating")), "free")
+        compiled(tmp_path, ROBOT.replace("</robot>", world.format("revolute")), "free")
+
+
+PUCK = """<robot name="puck">{before}<link name="{root}"/>
+  <link name="puck"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="slide" type="{kind}"><parent link="{root}"/><child link="puck"/><axis xyz="0 0 1"/></joint></robot>"""
+
+FIXED_BELOW = """<link name="base"/><joint name="fixed" type="fixed"><parent link="base"/><child link="{}"/></joint>"""
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+@pytest.mark.parametrize("root", ["world", "ground", "fixed below"])
+def test_what_moves_already_needs_no_free_base(tmp_path: Path, root: str, kind: str):
+    before = FIXED_BELOW.format(root) if root == "fixed below" else ""
+    path = tmp_path / "puck.urdf"
+    path.write_text(PUCK.format(root=root, kind=kind, before=before))
+    files = read_model_files(path)
+    message = f"moves already by the {kind} joint 'slide'. Use base = fixed."
+    with pytest.raises(BadFileError, match=message):
+        compile_model(files, "free")
+    assert compile_model(files, "fixed").nv == {"planar": 3, "floating": 6}[kind]
+
+
+def test_a_root_without_mass_is_free_as_the_message_says(tmp_path: Path):
+    path = tmp_path / "puck.urdf"
+    text = PUCK.format(root="ground", kind="continuous", before="")
+    path.write_text(text)
+    with pytest.raises(BadFileError) as caught:
+        compile_model(read_model_files(path), "free")
+    told = re.search(
+        "or add (<compiler .*?/>) \\(in a URDF inside of <mujoco>\\)", str(caught.value)
+    )
+    assert told is not None
+    path.write_text(text.replace("<link", f"<mujoco>{told[1]}</mujoco><link", 1))
+    assert compile_model(read_model_files(path), "free").nv == 7
 
 
 def test_a_mimicking_joint_follows_and_has_no_motor(tmp_path: Path):

@@ -91,8 +91,8 @@ def _compiled(files: ModelFiles, base: Literal["fixed", "free"], passive: tuple[
 
 def compile_here(request: ModelRequest) -> bytes:
     """Return the compiled model in MuJoCo's format, made in this process."""
-    with _faults_named(request.name):
-        model = _compiled_spec(request)
+    with _faults_named(request.name), quiet():
+        model = spec_of(request).compile()
     check_model(request.name, model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     try:
@@ -125,32 +125,31 @@ def _faults_named(main: str) -> Iterator[None]:
         raise BadFileError(f"{main}: {message.rstrip('. ')}. {advice}.") from error
 
 
-def _compiled_spec(request: ModelRequest) -> mujoco.MjModel:
-    """Return the model MuJoCo compiles from a request."""
+def spec_of(request: ModelRequest) -> mujoco.MjSpec:
+    """Return what MuJoCo reads of a request, with what it does not read of a URDF."""
     documents = request.documents
-    with _quiet():
-        # The mesh of a flexcomp is read with the XML, all others when the model is compiled.
-        spec = mujoco.MjSpec.from_string(
-            documents.main,
-            include=documents.includes | documents.assets,
-            assets=documents.assets,
+    # The mesh of a flexcomp is read with the XML, all others when the model is compiled.
+    spec = mujoco.MjSpec.from_string(
+        documents.main,
+        include=documents.includes | documents.assets,
+        assets=documents.assets,
+    )
+    spec.memory = MEMORY_LIMIT
+    # Threads, or the cache, would wait for ever for the lock of a thread without memory.
+    spec.compiler.usethread = False
+    mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
+    if documents.is_urdf:
+        robot = ET.fromstring(documents.main)
+        add_what_moves(spec, request.name, robot, request.base, request.passive)
+    elif request.passive:
+        raise ArgumentError(
+            "passive: joints of a URDF may be passive. In an MJCF model take their actuators out."
         )
-        spec.memory = MEMORY_LIMIT
-        # Threads, or the cache, would wait for ever for the lock of a thread without memory.
-        spec.compiler.usethread = False
-        mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
-        if documents.is_urdf:
-            robot = ET.fromstring(documents.main)
-            add_what_moves(spec, request.name, robot, request.base, request.passive)
-        elif request.passive:
-            raise ArgumentError(
-                "passive: joints of a URDF may be passive. In an MJCF model take their actuators out."
-            )
-        return spec.compile()
+    return spec
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep MuJoCo's warnings off the console and out of a MUJOCO_LOG.TXT in the current folder."""
     before = mujoco.MjLogConfig.get()
     quiet = mujoco.MjLogConfig.get()

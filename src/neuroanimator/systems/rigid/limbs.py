@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import Group
 from neuroanimator.systems.groups import check_groups
-from neuroanimator.systems.rigid.actuators import moment_arms
+from neuroanimator.systems.rigid.actuators import actuators_of_controls, moment_arms
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.text import listed
@@ -59,7 +59,7 @@ def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
 
 
 def _group(
-    model: mujoco.MjModel, name: str, views: list[JointView], moved: Bool[np.ndarray, "A V"]
+    model: mujoco.MjModel, name: str, views: list[JointView], moved: Bool[np.ndarray, "C V"]
 ) -> Group:
     """Return the group of the joints `views`: its state entries, and the controls that drive any of them."""
     entries: list[int] = []
@@ -70,15 +70,20 @@ def _group(
         entries += range(view.position_entry, view.position_entry + position_count)
         entries += range(view.velocity_entry, view.velocity_entry + velocity_count)
         dofs += range(first_dof, first_dof + velocity_count)
-    controls = [int(actuator) for actuator in np.flatnonzero(moved[:, dofs].any(axis=1))]
+    controls = np.flatnonzero(moved[:, dofs].any(axis=1)).tolist()
     return Group(name, tuple(sorted(entries)), tuple(controls))
 
 
-def acts_on(model: mujoco.MjModel) -> Bool[np.ndarray, "A V"]:
-    """Return which actuator drives which degree of freedom, directly or through a tendon or a site."""
+def acts_on(model: mujoco.MjModel) -> Bool[np.ndarray, "C V"]:
+    """Return which control drives which degree of freedom, directly or through a tendon or a site."""
     data = mujoco.MjData(model)
     rng = np.random.default_rng(POSE_SEED)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), POSE_SPREAD)
     with warnings_counted:
         mujoco.mj_forward(model, data)
-    return moment_arms(model, data) != 0
+    of_forces = moment_arms(model, data) != 0
+    of_actuators = np.zeros((model.nactuator, model.nv), bool)
+    np.logical_or.at(
+        of_actuators, np.repeat(np.arange(model.nactuator), model.actuator_outnum), of_forces
+    )
+    return of_actuators[actuators_of_controls(model)]

@@ -44,7 +44,7 @@ COUNTS = {
     "body": "nbody",
     "joint": "njnt",
     "geom": "ngeom",
-    "actuator": "nu",
+    "actuator": "nactuator",
     "tendon": "ntendon",
     "pair": "npair",
 }
@@ -123,31 +123,35 @@ class Target(NamedTuple):
 
 
 def _field(
-    field: str, unit: str, least: float = -np.inf, count: int = 1, default: int | None = 0
+    field: str,
+    unit: str,
+    least: float = -np.inf,
+    count: int = 1,
+    default: int | None = 0,
+    rows: Callable[[mujoco.MjModel, int], slice] = lambda _, number: slice(number, number + 1),
 ) -> Attribute:
-    """Return the attribute that is a row of `field`, an array of the model."""
+    """Return the attribute that is one or more equal `rows` of `field`, an array of the model."""
 
     def read(model: mujoco.MjModel, number: int, index: int) -> float:
-        return float(getattr(model, field)[number].flat[index])
+        return float(getattr(model, field)[rows(model, number)].flat[index])
 
     def write(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
-        getattr(model, field)[number : number + 1].flat[index] = value
+        chosen = getattr(model, field)[rows(model, number)]
+        chosen.reshape(len(chosen), -1)[:, index] = value
 
     return Attribute(unit, least, count, default, read, write)
 
 
-def _of_joint(field: str, unit: str, sliding_unit: str) -> Attribute:
-    """Return the attribute of a joint that `field` holds for each of its degrees of freedom, the same for all."""
+def _freedoms(model: mujoco.MjModel, joint: int) -> slice:
+    """Return the degrees of freedom of a joint."""
+    first = int(model.jnt_dofadr[joint])
+    return slice(first, first + int(np.count_nonzero(model.dof_jntid == joint)))
 
-    def read(model: mujoco.MjModel, number: int, index: int) -> float:
-        return float(getattr(model, field)[model.jnt_dofadr[number]])
 
-    def write(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
-        first = int(model.jnt_dofadr[number])
-        freedoms = int(np.count_nonzero(model.dof_jntid == number))
-        getattr(model, field)[first : first + freedoms] = value
-
-    return Attribute(unit, 0.0, 1, 0, read, write, sliding_unit)
+def _forces(model: mujoco.MjModel, actuator: int) -> slice:
+    """Return the forces of an actuator."""
+    first = int(model.actuator_outadr[actuator])
+    return slice(first, first + int(model.actuator_outnum[actuator]))
 
 
 def _of_option(field: str, unit: str, count: int, least: float = -np.inf) -> Attribute:
@@ -165,10 +169,6 @@ def _of_option(field: str, unit: str, count: int, least: float = -np.inf) -> Att
     return Attribute(unit, least, count, 0 if count == 1 else None, read, write)
 
 
-def _read_mass(model: mujoco.MjModel, number: int, index: int) -> float:
-    return float(model.body_mass[number])
-
-
 def _write_mass(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
     """Set the mass of a body at the same shape: its moments of inertia scale with it."""
     model.body_inertia[number] *= value / model.body_mass[number]
@@ -183,15 +183,23 @@ def _write_inertia_factor(model: mujoco.MjModel, number: int, index: int, value:
     model.body_inertia[number] *= value
 
 
+def _is_pid(model: mujoco.MjModel, actuator: int) -> bool:
+    return bool(model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_PID)
+
+
 def _read_kp(model: mujoco.MjModel, number: int, index: int) -> float:
+    if _is_pid(model, number):
+        return -float(model.actuator_biasprm[number, 1])
     return float(model.actuator_gainprm[number, 0])
 
 
 def _write_kp(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
-    """Set the gain; for a position servo that of its feedback, too."""
-    if model.actuator_biasprm[number, 1] == -model.actuator_gainprm[number, 0]:
+    """Set the gain; for a position servo that of its feedback, too, and of a PID servo that alone."""
+    is_pid = _is_pid(model, number)
+    if is_pid or model.actuator_biasprm[number, 1] == -model.actuator_gainprm[number, 0]:
         model.actuator_biasprm[number, 1] = -value
-    model.actuator_gainprm[number, 0] = value
+    if not is_pid:
+        model.actuator_gainprm[number, 0] = value
 
 
 def _read_kv(model: mujoco.MjModel, number: int, index: int) -> float:
@@ -205,10 +213,6 @@ def _write_kv(model: mujoco.MjModel, number: int, index: int, value: float) -> N
 def _write_pair_friction(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
     """Set a pair's sliding friction in both directions."""
     model.pair_friction[number, :2] = value
-
-
-def _read_pair_friction(model: mujoco.MjModel, number: int, index: int) -> float:
-    return float(model.pair_friction[number, 0])
 
 
 def _write_scale(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
@@ -240,7 +244,7 @@ def _subtree(model: mujoco.MjModel, body: int) -> list[int]:
 
 ATTRIBUTES: dict[str, dict[str, Attribute]] = {
     "body": {
-        "mass": Attribute("kg", LEAST, 1, 0, _read_mass, _write_mass),
+        "mass": _field("body_mass", "kg", LEAST)._replace(write=_write_mass),
         "scale": Attribute("1", LEAST, 1, 0, _read_factor, _write_scale),
         "pos": _field("body_pos", "m", count=3, default=None),
         "ipos": _field("body_ipos", "m", count=3, default=None),
@@ -249,9 +253,15 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "gravcomp": _field("body_gravcomp", "1"),
     },
     "joint": {
-        "damping": _of_joint("dof_damping", "N·m·s/rad", "N·s/m"),
-        "frictionloss": _of_joint("dof_frictionloss", "N·m", "N"),
-        "armature": _of_joint("dof_armature", "kg·m²", "kg"),
+        "damping": _field("dof_damping", "N·m·s/rad", 0.0, rows=_freedoms)._replace(
+            sliding_unit="N·s/m"
+        ),
+        "frictionloss": _field("dof_frictionloss", "N·m", 0.0, rows=_freedoms)._replace(
+            sliding_unit="N"
+        ),
+        "armature": _field("dof_armature", "kg·m²", 0.0, rows=_freedoms)._replace(
+            sliding_unit="kg"
+        ),
         "stiffness": _field("jnt_stiffness", "N·m/rad", 0.0)._replace(sliding_unit="N/m"),
         "range": _field("jnt_range", "rad", count=2, default=None)._replace(sliding_unit="m"),
     },
@@ -262,7 +272,7 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "solimp": _field("geom_solimp", "1", count=5, default=None),
     },
     "actuator": {
-        "gear": _field("actuator_gear", "1", count=6),
+        "gear": _field("actuator_gear", "1", count=6, rows=_forces),
         "gain": Attribute("1", -np.inf, 1, 0, _read_kp, _write_kp),
         "kp": Attribute("1", 0.0, 1, 0, _read_kp, _write_kp),
         "kv": Attribute("1", 0.0, 1, 0, _read_kv, _write_kv),
@@ -273,7 +283,7 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "frictionloss": _field("tendon_frictionloss", "1", 0.0),
     },
     "pair": {
-        "friction": Attribute("1", 0.0, 1, 0, _read_pair_friction, _write_pair_friction),
+        "friction": _field("pair_friction", "1", 0.0)._replace(write=_write_pair_friction),
         "solref": _field("pair_solref", "1", count=2, default=None),
         "solimp": _field("pair_solimp", "1", count=5, default=None),
     },

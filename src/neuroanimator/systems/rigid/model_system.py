@@ -19,7 +19,7 @@ from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.goal import Goal, goal_at
-from neuroanimator.systems.rigid.actuators import bounds_of_actuators, layout_of_actuators
+from neuroanimator.systems.rigid.actuators import bounds_of_controls, layout_of_controls
 from neuroanimator.systems.rigid.bones import skeleton_of
 from neuroanimator.systems.rigid.contacts import contacts_of
 from neuroanimator.systems.rigid.equalities import (
@@ -81,8 +81,8 @@ class ModelSystem(MujocoSystem):
             self.family = Family(model, definition.parameters)
             self.parameters = self.family.parameters
         self.state = state_layout(model, self.views, definition.sensors, self.parameters)
-        self.control = layout_of_actuators(model)
-        self.bounds = bounds_of_actuators(model, definition.control, definition.holding)
+        self.control = layout_of_controls(model)
+        self.bounds = bounds_of_controls(model, definition.control, definition.holding)
         structure = structure_of(
             model,
             self.views,

@@ -7,6 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 from pathlib import PurePosixPath
 from shlex import quote
 from typing import Any, NoReturn, cast
@@ -62,15 +63,11 @@ URDF_PARTS = {"link", "joint", "material", "mujoco"}
 FOLDER_SETTINGS = ("assetdir", "meshdir", "texturedir", "strippath")
 """Attributes of <compiler> that define where files lie."""
 
-FLATTEN = (
-    'models inside models are not supported. Write one model: python -c "import mujoco; s = mujoco.MjSpec.from_file('
-    "'ROBOT.xml'); s.compile(); open('FLAT.xml', 'w').write(s.to_xml())\", then name FLAT.xml"
-)
-"""Advice on a model that attaches others."""
+MODEL = "model"
+"""Tag of a model that others attach."""
 
 REFUSED = {
     "composite": "composites are not supported. Write a rope, a cloth or a solid as a <flexcomp>",
-    **dict.fromkeys(("attach", "model"), FLATTEN),
     "plugin": "plugins run foreign code. Remove it",
 }
 """Elements that are not supported, and why."""
@@ -273,12 +270,41 @@ def gather(main: str, source: Source) -> Documents:
     """Return the model in the file `main` and every file it names, all from `source`.
 
     Raises BadFileError naming the file and the element: a path out of the model's folder, a missing file, a document
-    type, or more than the limits.
+    type, a model that attaches itself, or more than the limits.
     """
     content = source.take(main)
     if content is None:
         refuse(main, "", "no such file. Check the path")
-    roots = {main: parse(source, main, content)}
+    root = parse(source, main, content)
+    includes: dict[str, bytes] = {}
+    assets: dict[str, bytes] = {}
+    attached: dict[str, list[str]] = {}
+    waiting = [(main, root)]
+    while waiting:
+        name, of_model = waiting.pop()
+        if name in attached:
+            continue
+        found, files = _gather_model(source, name, of_model, includes)
+        assets |= files
+        attached[name] = list(found)
+        waiting += found.items()
+    try:
+        TopologicalSorter(attached).prepare()
+    except CycleError as error:
+        circle = " attaches ".join(error.args[1])
+        refuse(main, "model", f"{circle}: no model may attach itself. Remove one of them")
+    text = includes[_key(source, main, main)].decode()
+    return Documents(text, root.tag == "robot", includes, assets)
+
+
+def _gather_model(
+    source: Source, main: str, root: Element, texts: dict[str, bytes]
+) -> tuple[dict[str, Element], dict[str, bytes]]:
+    """Return the models that the model in `main` attaches, and the meshes and pictures it names.
+
+    Its XML files, with these under new names, are put into `texts`.
+    """
+    roots = {main: root}
     waiting = [main]
     while waiting:
         name = waiting.pop()
@@ -287,21 +313,25 @@ def gather(main: str, source: Source) -> Documents:
                 roots[included] = parse(source, included, text)
                 waiting.append(included)
     settings = _take_settings(list(roots.values()))
-    if roots[main].tag == "robot":
-        _trim_urdf(roots[main], settings)
-    assets: dict[str, bytes] = {}
-    includes: dict[str, bytes] = {}
-    for name, root in roots.items():
-        assets |= _attach_files(source, main, root, settings)
-        includes[_key(source, name)] = ET.tostring(root, encoding="utf-8")
-    text = includes[_key(source, main)].decode()
-    return Documents(text, roots[main].tag == "robot", includes, assets)
+    if root.tag == "robot":
+        _trim_urdf(root, settings)
+    attached: dict[str, Element] = {}
+    files: dict[str, bytes] = {}
+    for name, of_file in roots.items():
+        models, assets = _attach_files(source, main, of_file, settings)
+        for model, text in models.items():
+            if model not in attached:
+                attached[model] = parse(source, model, text)
+        files |= assets
+        texts[_key(source, main, name)] = ET.tostring(of_file, encoding="utf-8")
+    return attached, files
 
 
-def _key(source: Source, name: str) -> str:
-    """Return a unique name of a file for MuJoCo: two folders may hold files of one name."""
-    number = list(source.taken).index(name)
-    return f"{number}-{PurePosixPath(name).name}"
+def _key(source: Source, *names: str) -> str:
+    """Return a unique name for MuJoCo of a file, or of one in a model: two folders may hold files of one name."""
+    order = list(source.taken)
+    numbers = [str(order.index(name)) for name in names]
+    return "-".join([*numbers, PurePosixPath(names[-1]).name])
 
 
 def _includes(source: Source, root: Element, main: str) -> list[tuple[str, bytes]]:
@@ -314,7 +344,7 @@ def _includes(source: Source, root: Element, main: str) -> list[tuple[str, bytes
             refuse_at(element, "", "no file attribute. Name the file to include")
         folders = [str(PurePosixPath(file).parent) for file in (main, element.origin[0])]
         name, content = source.find(element, "file", folders)
-        element.set("file", _key(source, name))
+        element.set("file", _key(source, main, name))
         found.append((name, content))
     return found
 
@@ -332,11 +362,12 @@ def _take_settings(roots: list[Element]) -> dict[str, str]:
 
 def _attach_files(
     source: Source, main: str, root: Element, settings: dict[str, str]
-) -> dict[str, bytes]:
-    """Return the meshes and pictures named in the XML, and point its attributes to their new names.
+) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """Return the models, and the meshes and pictures, named in the XML, and point its attributes to their new names.
 
-    Paths begin at the folder of the file `main`, or at that of the attribute's file.
+    Models have their paths as names. Paths begin at the folder of the file `main`, or at that of the attribute's file.
     """
+    models: dict[str, bytes] = {}
     files: dict[str, bytes] = {}
     for element in root.descendants():
         if element.tag == "include":
@@ -348,11 +379,15 @@ def _attach_files(
         for attribute in element.file_attributes():
             folders = _folders(element, attribute, settings, main)
             name, content = source.find(element, attribute, folders)
+            if element.tag == MODEL:
+                models[name] = content
+                element.set(attribute, _key(source, name, name))
+                continue
             if attribute == "file" and "name" not in element.attrib:
                 element.set("name", PurePosixPath(name).stem)
             element.set(attribute, _key(source, name))
             files[_key(source, name)] = content
-    return files
+    return models, files
 
 
 def _check_count(element: Element) -> None:
@@ -376,6 +411,8 @@ def _folders(element: Element, attribute: str, settings: dict[str, str], main: s
     if element.tag == "texture":
         setting = "texturedir"
     folder = settings.get(setting, settings.get("assetdir", ""))
+    if element.tag == MODEL:
+        folder = ""
     beside_main = PurePosixPath(main).parent
     beside_file = PurePosixPath(element.origin[0]).parent
     # Older models have the opposite order.

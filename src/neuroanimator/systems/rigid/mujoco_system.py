@@ -5,21 +5,23 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from importlib import resources
+from typing import get_args
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 
+from neuroanimator.definitions.model import Integrator
+from neuroanimator.emulator.spec import MAX_GAIN, Engine
+from neuroanimator.errors import BadFileError
 from neuroanimator.systems.rigid.model_parameters import Family
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 INTEGRATORS = {
-    "euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
+    name: getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}") for name in get_args(Integrator)
 }
+"""MuJoCo's integrators by their names in definitions."""
 
 DIVERGED_VELOCITY = 1e3
 """Joint velocity above which a motion has diverged [rad/s or m/s]: a hundred times that of starts and motors."""
@@ -69,9 +71,32 @@ class MujocoSystem(System):
         return []
 
     @property
+    def engine(self) -> Engine:
+        """MuJoCo's release, and the gains of the actuators as it has compiled them."""
+        model = self.model
+        feedback = model.actuator_biasprm[:, 1:3]
+        gains = np.column_stack([model.actuator_gainprm[:, 0], -feedback])
+        cut = np.clip(gains, -MAX_GAIN, MAX_GAIN).ravel()
+        return Engine(mujoco.__version__, tuple(cut.tolist()))
+
+    @property
     def physical_size(self) -> int:
         """Number of state entries of positions, velocities and activations: all but the sensors and parameters."""
         return self.model.nq + self.model.nv + self.model.na
+
+    @cached_property
+    def integrators(self) -> tuple[str, ...]:
+        """The integrators that can step this model: MuJoCo refuses some under some of its flags."""
+        return tuple(name for name in INTEGRATORS if self._can_step(name))
+
+    def _can_step(self, integrator: str) -> bool:
+        model = self.model_with(Scheme(integrator, self.physics_dt))
+        try:
+            with warnings_counted:
+                mujoco.mj_step(model, mujoco.MjData(model))
+        except BadFileError:
+            return False
+        return True
 
     def model_of(self, state: np.ndarray, like: mujoco.MjModel | None = None) -> mujoco.MjModel:
         """Return the model, or a copy of one `like` it, with the parameters in the `state` (S,)."""

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.state.symmetry import Symmetry
-from neuroanimator.systems.rigid.actuators import moment_arms
+from neuroanimator.systems.rigid.actuators import actuators_of_controls, moment_arms
 from neuroanimator.systems.rigid.bones import JOINT_NAMES, joints_of_body
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
@@ -196,18 +196,18 @@ class _Likeness:
         velocities = slice(model.nq, model.nq + model.nv)
         rates = np.array(state.sources[velocities]) - model.nq
         mirrored = moments[:, rates] * state.signs[velocities]
-        controls = _Places(model.nu)
-        for actuator in range(model.nu):
-            if not _pair_actuators(model, controls, actuator, mirrored[actuator], moments):
+        actuators = _Places(model.nactuator)
+        for actuator in range(model.nactuator):
+            if not _pair_actuators(model, actuators, actuator, mirrored, moments):
                 return None
-        for actuator, source in enumerate(controls.sources):
-            place = int(model.actuator_actadr[actuator])
-            if place >= 0:
-                state.put(
-                    model.nq + model.nv + place,
-                    model.nq + model.nv + int(model.actuator_actadr[source]),
-                    controls.signs[actuator],
-                )
+        controls = _Places(model.nu)
+        first = model.nq + model.nv
+        for actuator, source in enumerate(actuators.sources):
+            sign = float(actuators.signs[actuator])
+            place, other = model.actuator_ctrladr[[actuator, source]].tolist()
+            controls.put_all(place, other, np.full(model.actuator_ctrlnum[actuator], sign))
+            place, other = (first + model.actuator_actadr[[actuator, source]]).tolist()
+            state.put_all(place, other, np.full(model.actuator_actnum[actuator], sign))
         if not (state.is_full and controls.is_full):
             return None
         return Symmetry(
@@ -276,16 +276,23 @@ class _Places:
 
 def _pair_actuators(
     model: mujoco.MjModel,
-    controls: _Places,
+    actuators: _Places,
     actuator: int,
-    mirrored: Float[np.ndarray, " V"],
-    moments: Float[np.ndarray, "U V"],
+    mirrored: Float[np.ndarray, "F V"],
+    moments: Float[np.ndarray, "F V"],
 ) -> bool:
-    """Pair `actuator` with a free one that has its `mirrored` moment; False if there is none."""
-    for other in range(model.nu):
-        sign = _sign(mirrored, moments[other])
-        if controls.sources[other] < 0 and sign and _is_like_actuator(model, actuator, other, sign):
-            controls.put(other, actuator, sign)
+    """Pair `actuator` with a free one that has its `mirrored` moment; False if there is none, or if it has several forces."""
+    if model.actuator_outnum[actuator] != 1:
+        return False
+    moment = mirrored[model.actuator_outadr[actuator]]
+    for other in range(model.nactuator):
+        sign = _sign(moment, moments[model.actuator_outadr[other]])
+        if (
+            actuators.sources[other] < 0
+            and sign
+            and _is_like_actuator(model, actuator, other, sign)
+        ):
+            actuators.put(other, actuator, sign)
             return True
     return False
 
@@ -296,14 +303,18 @@ def _is_like_actuator(model: mujoco.MjModel, actuator: int, other: int, sign: in
         model.actuator_gaintype,
         model.actuator_biastype,
         model.actuator_dyntype,
+        model.actuator_ctrlspec,
+        model.actuator_outnum,
+        model.actuator_actnum,
         model.actuator_gainprm,
         model.actuator_biasprm,
         model.actuator_dynprm,
     )
     if not all(_is_close(number[actuator], number[other]) for number in numbers):
         return False
-    bounds = np.sort(sign * model.actuator_ctrlrange[actuator])
-    return _is_close(bounds, model.actuator_ctrlrange[other])
+    owners = actuators_of_controls(model)
+    bounds = np.sort(sign * model.actuator_ctrlrange[owners == actuator])
+    return _is_close(bounds, model.actuator_ctrlrange[owners == other])
 
 
 def _sign(one: Float[np.ndarray, " K"], other: Float[np.ndarray, " K"]) -> int:

@@ -22,6 +22,9 @@ FLOOR_SIZE = (5.0, 5.0, 0.1)
 ROOT = "root"
 """Name of the free joint of a base."""
 
+MOVERS = ("planar", "floating")
+"""Types of joints by which a robot as a whole moves."""
+
 MAX_SHOWN = 40
 """Maximum number of characters of a joint's name shown in an error."""
 
@@ -53,7 +56,7 @@ def add_what_moves(
             _add_motor(spec, file, joint, element)
         _check_mimic(spec, file, joint, element)
     if base == "free":
-        _free_base(spec, file)
+        _free_base(spec, file, robot)
 
 
 def _add_motor(spec: mujoco.MjSpec, file: str, joint: mujoco.MjsJoint, element: ET.Element) -> None:
@@ -96,8 +99,13 @@ def _effort(file: str, element: ET.Element) -> float:
     return value
 
 
-def _free_base(spec: mujoco.MjSpec, file: str) -> None:
+def _free_base(spec: mujoco.MjSpec, file: str, robot: ET.Element) -> None:
     """Let the root move freely, just above a floor; BadFileError if there is no root, or if the file joins it to the world."""
+    mover = _mover(robot)
+    if mover is not None:
+        name = quoted(mover.get("name", "")[:MAX_SHOWN])
+        fault = f"moves already by the {mover.get('type')} joint {name}. Use base = fixed"
+        refuse(file, "robot", fault)
     root = spec.worldbody.first_body()
     if root is None or root.joints:
         refuse(
@@ -109,6 +117,28 @@ def _free_base(spec: mujoco.MjSpec, file: str) -> None:
     spec.worldbody.add_geom(name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=list(FLOOR_SIZE))
     model = spec.compile()
     root.pos = np.array(root.pos) - [0.0, 0.0, lowest_point(model)]
+
+
+def _mover(robot: ET.Element) -> ET.Element | None:
+    """Return the planar or floating joint right below the root, by which the whole robot moves; None without one."""
+    joints = {_link(joint, "child"): joint for joint in robot.iter("joint")}
+    fixed = {link: joint for link, joint in joints.items() if joint.get("type") == "fixed"}
+    for joint in joints.values():
+        if joint.get("type") not in MOVERS:
+            continue
+        parent = _link(joint, "parent")
+        for _ in fixed:
+            if parent in fixed:
+                parent = _link(fixed[parent], "parent")
+        if parent not in joints:
+            return joint
+    return None
+
+
+def _link(joint: ET.Element, end: str) -> str:
+    """Return the link at one end of a joint; empty if it is missing."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
 
 
 def lowest_point(model: mujoco.MjModel) -> float:
