@@ -210,7 +210,7 @@ class SuperStep(eqx.Module):
             score = jnp.maximum(score, self._score(units, beyond))
         return self._bounded(latent, following), score
 
-    def max_speed(self) -> Float[AnyArray, ""] | None:
+    def max_speed(self) -> Float[AnyArray, ""] | float | None:
         """Return the maximum speed of a freely moving body in training [m/s]; None if nothing moves freely."""
         if not self.encoding.is_identity:
             return self.encoding.max_speed  # that its encoding keeps to
