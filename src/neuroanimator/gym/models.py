@@ -7,11 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.errors import ArgumentError
 
 MUJOCO = Path(gymnasium.__file__).parent / "envs" / "mujoco"
 """Folder of Gymnasium's MuJoCo environments; their models lie in its `assets`."""
+
+RESETS = 256
+"""Number of resets of an environment, which show where its episodes begin."""
 
 
 def mjcf_of(env_id: str) -> Path:
@@ -48,6 +53,23 @@ def default_of(env_id: str, argument: str) -> Any:
             if default is not None:
                 return ast.literal_eval(_Infinities().visit(default))
     return None
+
+
+def reset_positions(env_id: str) -> Float[np.ndarray, "B Q"] | None:
+    """Return the positions (qpos) after `RESETS` resets of Gymnasium's MuJoCo environment `env_id`.
+
+    None if it cannot be made: some need an imaging library.
+    """
+    try:
+        env: Any = gymnasium.make(env_id).unwrapped
+    except (ImportError, gymnasium.error.Error):
+        return None
+    positions = []
+    for seed in range(RESETS):
+        env.reset(seed=seed)
+        positions.append(env.data.qpos.copy())
+    env.close()
+    return np.array(positions)
 
 
 class _Infinities(ast.NodeTransformer):

@@ -30,6 +30,12 @@ from neuroanimator.text import listed
 SLOW = 0.05
 """Growth exponent of a fall over one super step below which it is not mentioned."""
 
+STILL = 0.01
+"""Motion in a run up to which a joint hardly moves: of a hinge [rad], and of a slide as a share of the model's extent."""
+
+MANY = 90
+"""Percentile of the runs in which it must hardly move for that to be told."""
+
 COMMENTS = {
     "base": "of a URDF: fixed to the world, or free to move over a floor",
     "passive": "joints with an effort limit but without a motor",
@@ -52,7 +58,8 @@ COMMENTS = {
     "hold: physics steps a control is held; steps: controls in an episode.",
     "sampling.above_ground": "lifts starts that would lie in the ground",
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
-    "or as far as one number to either side of rest: over a joint's range, all the way round, or as in trial runs.",
+    "or as far as one number to either side of rest: over a joint's range, all the way round, or as in trial runs;\n"
+    "an environment's own resets lie within.",
     "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
 }
 """Titles of tables, and comments on values that are the same for every model."""
@@ -195,6 +202,12 @@ def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
     idle = [names[i] for i in np.flatnonzero(is_idle).tolist()]
     if idle:
         yield f"control: {listed(idle)} move no joint. Check the joint, the site and the gear, or take them out."
+    still = still_joints(system, found.motion)
+    if still:
+        yield (
+            f"state: {listed(still)} hardly move in trial runs, so an emulator learns little of how they do. Start them within "
+            "reach of what moves them ([sampling.position]), or widen [control]; leave it so if they should stay."
+        )
     yield from _fall_warnings(model, found)
     for view in system.views:
         if view.kind != "slide" or view.feature == "planar" or is_limited(model, view.index):
@@ -216,6 +229,18 @@ def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
             f"{trial.diverged} of {trial.runs} trial runs diverged. Such runs are dropped from the data; a "
             "smaller timestep in the model, or narrower control bounds, would keep them."
         )
+
+
+def still_joints(system: ModelSystem, motion: Motion) -> list[str]:
+    """Return the names of the hinges and slides that hardly move in nine of ten trial runs."""
+    still = []
+    for view in system.views:
+        if view.kind in ("hinge", "slide"):
+            moves = np.ptp(motion.trial.states[..., view.position_entry], axis=1)
+            unit = 1.0 if view.kind == "hinge" else float(system.model.stat.extent)
+            if np.percentile(moves, MANY) < STILL * unit:
+                still.append(view.name)
+    return still
 
 
 def _fall_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:

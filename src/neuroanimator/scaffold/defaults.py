@@ -28,6 +28,15 @@ ANGLE_SPREAD = 3.1416
 MAX_TURN = 0.5
 """Largest angle by which something should turn in a super step [rad], except in a twentieth of the time."""
 
+SHORT_SUPER_STEP = 0.02
+"""Shortest super step proposed for fast motions [s], unless they turn too far in it."""
+
+BEARABLE = 1.5
+"""Factor by which angles may turn too far in the shortest super step before controls are narrowed."""
+
+SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Shares of their range over which controls are tried, the largest first."""
+
 FASTEST = 95
 """Percentile of the velocities that counts as the fastest."""
 

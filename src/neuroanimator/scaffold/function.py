@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,12 +17,15 @@ from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.declarations import Declarations, read_declarations
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
+    BEARABLE,
     FASTEST,
     FINE_PARTS,
     MAX_TEACHER_ERROR,
     MAX_TURN,
     MIN_CHANGE,
     PART_TITLES,
+    SHARES,
+    SHORT_SUPER_STEP,
     WANTED_SUPER_STEP,
     proposed_substeps,
     rounded,
@@ -47,6 +50,7 @@ from neuroanimator.systems.functions.step_file import run_file
 from neuroanimator.systems.recorded.rates import rate_entries
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
+from neuroanimator.terminal import progress_bar
 from neuroanimator.text import listed
 
 TEACHER_PARTS = (1, 2, 5, 10)
@@ -138,7 +142,9 @@ def propose_function(path: Path) -> Proposal:
     _refuse_memory(trial)
     refuse_large(path.name, trial.system.state.names, trial.states)
     _fill_structure(values["state"], trial, declared)
-    trial = _run_trial(system())
+    trial, told = _slow_enough(values, system)
+    if told:
+        comments["control.low"] = told
     if not declared.SPREAD:
         _fill_spread(values["state"], trial)
         comments["state.spread"] = "as far as trial runs went; SPREAD in the file is better"
@@ -155,6 +161,8 @@ def propose_function(path: Path) -> Proposal:
             f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
         )
     warnings = tuple(_warnings(trial, values))
+    if told:
+        warnings = (f"control: {told}.", *warnings)
     definition = check_table(values, path.name, PythonDefinition)
     return Proposal(definition, comments, tuple(declared.STATE), warnings)
 
@@ -212,6 +220,59 @@ def _entries(part: slice) -> range:
     return range(part.start, part.stop)
 
 
+def _slow_enough(values: dict[str, Any], system: Callable[[], PythonSystem]) -> tuple[Trial, str]:
+    """Narrow the controls until angles turn no faster than is learnt, and return (trial runs, what to tell of it).
+
+    If the smallest share does not do, they keep their range.
+    """
+    whole = values["control"]
+    first = _run_trial(system())
+    name, speed = _fastest_turning(first)
+    fast = f"{name} turns at {speed:.2g} rad/s in trial runs, too fast to learn well"
+    if _is_slow(first):
+        return first, ""
+    with progress_bar("shares of the controls tried", len(SHARES)) as bar:
+        for number, share in enumerate(SHARES[1:], 1):
+            bar.advance_to(number)
+            values["control"] = [_narrowed(part, share) for part in whole]
+            trial = _run_trial(system())
+            if _is_slow(trial):
+                return (
+                    trial,
+                    f"at full range {fast}; {share:.3g} of it is proposed, widen it if needed",
+                )
+    values["control"] = whole
+    return (
+        first,
+        f"{fast}, even with {SHARES[-1]:.3g} of the range. Add damping, or use a smaller SPREAD",
+    )
+
+
+def _is_slow(trial: Trial) -> bool:
+    """Return whether angles turn slowly enough for a short super step."""
+    _, speed = _fastest_turning(trial)
+    return speed * max(trial.dt, SHORT_SUPER_STEP) <= BEARABLE * MAX_TURN
+
+
+def _narrowed(part: dict[str, Any], share: float) -> dict[str, Any]:
+    """Return a part of the control with `share` of its range, around the middle."""
+    low = np.array(part["low"])
+    high = np.array(part["high"])
+    room = (1 - share) / 2 * (high - low)
+    return part | {"low": tuple((low + room).tolist()), "high": tuple((high - room).tolist())}
+
+
+def _fastest_turning(trial: Trial) -> tuple[str, float]:
+    """Return (name of the angle that turns fastest, its speed [rad/s]); an empty name and 0 if none turns."""
+    entries = [row.index(1) for row in trial.system.structure.angles]
+    if not entries:
+        return "", 0.0
+    turns = np.abs(wrapped((trial.after(trial.states) - trial.states)[:, entries]))
+    speeds = np.percentile(turns, FASTEST, axis=0) / trial.dt
+    fastest = int(np.argmax(speeds))
+    return trial.system.state.names[entries[fastest]], float(speeds[fastest])
+
+
 def _fill_spread(parts: list[dict[str, Any]], trial: Trial) -> None:
     """Fill in unknown spreads by the distances of trial runs from rest: twice the rms, two digits."""
     system = trial.system
@@ -232,11 +293,10 @@ def _substeps(trial: Trial) -> tuple[int, str]:
         substeps = 1
         if rate > 0:
             substeps = int(np.clip(MAX_CHANGE / (rate * trial.dt), 1, MAX_SUBSTEPS))
-    entries = [row.index(1) for row in trial.system.structure.angles]
-    if not entries:
+    name, speed = _fastest_turning(trial)
+    if not name:
         return substeps, f"a super step of {substeps * trial.dt:g} s"
-    turns = np.abs(wrapped((trial.after(trial.states) - trial.states)[:, entries]))
-    turn = float(np.percentile(turns, FASTEST, axis=0).max())
+    turn = speed * trial.dt
     if turn > 0:
         substeps = max(1, min(substeps, int(MAX_TURN / turn)))
     return substeps, (

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.definitions.model import Definition
@@ -40,6 +41,7 @@ from neuroanimator.systems.rigid.model_xml import refuse
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.touching import is_limited
+from neuroanimator.systems.rigid.warnings import forget_other_than, warnings_heard
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed
 
@@ -58,11 +60,13 @@ def propose(
     passive: tuple[str, ...] = (),
     tree: Path | None = None,
     reset_noise: float = 0.0,
+    resets: Float[np.ndarray, "B Q"] | None = None,
 ) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`; one with a soft body is `propose_flex`'s.
 
     `keyframe` names the state of rest; `base` says whether the root of a URDF is fixed or free. No motor drives its
-    `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`. Includes and meshes may lie in the
+    `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`; random starts cover the positions
+    `resets`. Includes and meshes may lie in the
     folder `tree`; without it, in the model's own, or in its ROS package. Raises BadFileError with the reason for a model
     that cannot be emulated; ArgumentError for a missing keyframe or passive joint, and if every scheme diverges.
     """
@@ -90,12 +94,13 @@ def propose(
         "sampling": {"reset_share": RESET_SHARE, "reset_noise": reset_noise},
     }
     _read_structure(values, model)
+    before = warnings_heard()
     system = system_of(values, model)
     hold = holding_controls(system, keyframes.index(keyframe) if keyframe else -1)
     widen_guesses(model, bounds, hold.controls)
     growth = growth_at_rest(system, hold.controls)
     with phase("simulating"):
-        motion = choose_motion(values, model, hold, growth)
+        motion = choose_motion(values, model, hold, growth, resets)
     values = motion.values
     values["holding"] = holding_table(values["control"], hold)
     system = system_of(values, model)
@@ -111,6 +116,7 @@ def propose(
         "fine_step": teacher.fine.dt,
         "fine_integrator": teacher.fine.integrator,
     }
+    forget_other_than(before + trial.warnings)
     lost = _resets_that_diverge(system, trial.dt)
     found = Findings(motion, hold, growth, bounds, teacher, lost)
     return Proposal(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,8 +15,11 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.files.tables import check_table
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
+    BEARABLE,
     FASTEST,
     MAX_TURN,
+    SHARES,
+    SHORT_SUPER_STEP,
     WANTED_SUPER_STEP,
     rounded,
 )
@@ -29,6 +33,7 @@ from neuroanimator.scaffold.root_invariance import (
     obstacle,
 )
 from neuroanimator.scaffold.trials import (
+    ROOM,
     STIFF_INTEGRATORS,
     Trial,
     fastest_turning,
@@ -40,13 +45,13 @@ from neuroanimator.state.rotation import rotate_back
 from neuroanimator.systems.rigid.actuators import actuators_of_controls
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import JointView, joint_name
-from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.systems.rigid.model_system import RATE_SIZES, ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import DIVERGED_VELOCITY
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.terminal import progress_bar
 
-SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
+SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, SHORT_SUPER_STEP)
 """Approximate lengths of the super steps tried, the longest first [s]."""
 
 MAX_GROWTH = 0.5
@@ -57,12 +62,6 @@ HOPEFUL = 2.5
 
 ENOUGH = 0.04
 """Length of the super step [s] up to which the controls of a model that only they hold are narrowed."""
-
-BEARABLE = 1.5
-"""Minimum factor by which angles turn too far, even in the shortest super step, for controls of other models to be narrowed."""
-
-SHARES = (1.0, 0.5, 0.25, 0.125)
-"""Shares of their range over which controls are tried, the largest first."""
 
 MOST = 0.5
 """Minimum share of the time that a root should be upright in the data."""
@@ -93,6 +92,12 @@ UNDRIVEN_REACH = 1.0
 
 FAR = 10.0
 """Distance [m] at which a slide counts as run away in a trial run."""
+
+TURNS = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+"""Angles to which a hinge or a ball is turned to see whether something is in its way [rad]."""
+
+MIN_DEPTH = 1e-3
+"""Overlap of geoms that counts as being in the way, as a share of the model's extent."""
 
 SMALLER_STEPS = (2, 5, 10)
 """Numbers of parts into which the step of an exploding model is divided, so that the error can name one that works."""
@@ -130,6 +135,8 @@ class Search:
     longest: float
     """Maximum length of a super step [s]."""
     stance: Stance | None
+    resets: Float[np.ndarray, "B Q"] | None
+    """Positions after an environment's resets, which random starts cover; None if there are none."""
 
     def is_good(self, motion: Motion) -> bool:
         """Return whether the controls need not be narrowed further.
@@ -142,33 +149,43 @@ class Search:
 
 
 def choose_motion(
-    values: dict[str, Any], model: mujoco.MjModel, hold: Hold, growth: float
+    values: dict[str, Any],
+    model: mujoco.MjModel,
+    hold: Hold,
+    growth: float,
+    resets: Float[np.ndarray, "B Q"] | None = None,
 ) -> Motion:
     """Return controls, sampling and super step that make the model's motions learnable.
 
     Controls keep their full range if the super step need not become too short, and if a root that may fall is then upright
     most of the time; else a smaller share. A root that falls is not driven before recording, and starts higher if it
-    hovers. `growth` is the rate of a fall from rest [1/s]. Raises BadFileError if the model always explodes.
+    hovers. `growth` is the rate of a fall from rest [1/s]; starts cover the positions `resets`. Raises BadFileError if the model
+    always explodes.
     """
     longest = WANTED_SUPER_STEP
     if growth > 0:
         longest = max(SUPER_STEPS[-1], min(longest, MAX_GROWTH / growth))
     stance = stance_of(system_of(values, model), hold)
-    search = Search(model, hold, longest, stance)
+    search = Search(model, hold, longest, stance, resets)
     tried: list[Motion] = []
-    with progress_bar("shares of the controls tried", len(SHARES)) as bar:
+    lengths = len(SUPER_STEPS)
+    with progress_bar("controls and super steps tried, at most", len(SHARES) * lengths) as bar:
         for number, share in enumerate(SHARES):
-            motion = _motion_under(search, values, share)
+
+            def on_try(tries: int, before: int = number * lengths) -> None:
+                bar.advance_to(before + tries)
+
+            motion = _motion_under(search, values, share, on_try)
             if stance is not None and motion is not None and motion.upright < MOST:
                 tried.append(motion)
                 values = _before_it_falls(values, stance)
-                motion = _motion_under(search, values, share)
+                motion = _motion_under(search, values, share, on_try)
             if motion is not None:
                 tried.append(motion)
                 is_upright = motion.upright >= MOST or not stance or not stance.is_held
                 if is_upright and search.is_good(motion):
                     return motion
-            bar.advance_to(number + 1)
+            on_try(lengths)
     if not tried:
         raise BadFileError(_explosion(values, model))
     upright = [motion for motion in tried if motion.upright >= MOST]
@@ -187,16 +204,19 @@ def _before_it_falls(values: dict[str, Any], stance: Stance) -> dict[str, Any]:
     return values | {"sampling": sampling}
 
 
-def _motion_under(search: Search, values: dict[str, Any], share: float) -> Motion | None:
+def _motion_under(
+    search: Search, values: dict[str, Any], share: float, on_try: Callable[[int], None]
+) -> Motion | None:
     """Return the motion under a share of the controls, in the longest super step in which nothing turns too far.
 
-    None if half the trial runs diverge.
+    None if half the trial runs diverge. `on_try` is called with the number of lengths tried.
     """
     step = float(search.model.opt.timestep)
     counts = [max(1, round(min(dt, search.longest) / step)) for dt in SUPER_STEPS]
     controls = _narrowed(search, values["control"], share)
     motion = None
-    for substeps in dict.fromkeys(counts):
+    for number, substeps in enumerate(dict.fromkeys(counts)):
+        on_try(number)
         if motion is not None and motion.speed * substeps * step > HOPEFUL * MAX_TURN:
             continue
         draft = values | {"control": controls, "substeps": substeps}
@@ -258,6 +278,8 @@ def _fill_sampling(values: dict[str, Any], search: Search) -> Trial | None:
         trial = trial._replace(states=trial.states[is_upright][None])
     for view in system.views:
         _fill_joint(sampling, system, trial, view)
+        if search.resets is not None and view.name in sampling["position"]:
+            _cover(sampling["position"], system, search.resets, view)
     sampling["velocity"] = usual_velocities(system, trial)
     trial = run_trial(system_of(values, search.model), values["substeps"])
     return None if 2 * trial.diverged >= trial.runs else trial
@@ -289,6 +311,26 @@ def _fill_joint(
         ends = occurring_range(trial, first, limits)
         is_all_round = view.feature == "sine" and ends[1] - ends[0] > 2 * np.pi
         position[view.name] = ANGLE_SPREAD if is_all_round else ends
+
+
+def _cover(
+    position: dict[str, Any], system: ModelSystem, resets: Float[np.ndarray, "B Q"], view: JointView
+) -> None:
+    """Widen the spread of a hinge's or a slide's random starts so that it covers `resets`."""
+    if view.kind not in ("hinge", "slide"):
+        return
+    entry = view.position_entry
+    ends = position[view.name]
+    if not isinstance(ends, tuple):
+        ends = (system.rest[entry] - ends, system.rest[entry] + ends)
+    first = resets[:, entry].min()
+    last = resets[:, entry].max()
+    if first < ends[0] or last > ends[1]:
+        room = ROOM * (last - first)
+        position[view.name] = (
+            round(float(min(ends[0], first - room)), 4),
+            round(float(max(ends[1], last + room)), 4),
+        )
 
 
 def _usual_tilt(orientations: Float[np.ndarray, "B T 4"], rest: Float[np.ndarray, " 4"]) -> float:
@@ -347,9 +389,11 @@ def is_urdf(values: dict[str, Any]) -> bool:
 def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float] | None:
     """Return the spread of a joint's random starts, as in `Sampling.position`; None if trial runs should show it.
 
-    Springs, servos and the ground decide the positions of a joint; else it is its range, or a whole turn.
+    Springs, servos and what a joint hits decide its positions; else it is its range, or a whole turn.
     """
     kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    if kind in ("hinge", "ball") and turns_freely(model, joint):
+        return ANGLE_SPREAD
     # No plane is invariant along all three axes.
     is_decided = obstacle(model, joint, np.eye(3)) or has_spring(model, joint)
     if kind == "free" or is_decided or has_servo(model, joint):
@@ -363,7 +407,36 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
             low = max(low, rest - UNDRIVEN_REACH)
             high = min(high, rest + UNDRIVEN_REACH)
         return round(float(low), 4), round(float(high), 4)
-    return ANGLE_SPREAD if kind == "hinge" else None
+    return None
+
+
+def turns_freely(model: mujoco.MjModel, joint: int) -> bool:
+    """Return whether a hinge or a ball may turn all the way round: no stop, spring, servo or other body is in its way.
+
+    Tried from the reference pose, about every axis of its own.
+    """
+    if is_limited(model, joint) or has_spring(model, joint) or has_servo(model, joint):
+        return False
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    usual = _depth(data)
+    speed = int(model.jnt_dofadr[joint])
+    size = RATE_SIZES.get(JOINT_NAMES[int(model.jnt_type[joint])], 1)
+    for axis in range(speed, speed + size):
+        for angle in TURNS:
+            turn = np.zeros(model.nv)
+            turn[axis] = angle
+            data.qpos[:] = model.qpos0
+            mujoco.mj_integratePos(model, data.qpos, turn, 1.0)
+            mujoco.mj_fwdPosition(model, data)
+            if _depth(data) < usual - MIN_DEPTH * model.stat.extent:
+                return False
+    return True
+
+
+def _depth(data: mujoco.MjData) -> float:
+    """Return the smallest distance at a contact [m], negative if geoms overlap; 0 without any."""
+    return float(data.contact.dist.min(initial=0.0))
 
 
 def _is_driven(model: mujoco.MjModel, joint: int) -> bool:

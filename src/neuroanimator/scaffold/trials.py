@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from neuroanimator.scaffold.defaults import FASTEST, rounded
 from neuroanimator.state.rotation import rotate_back
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.model_system import RATE_SIZES, ModelSystem
+from neuroanimator.systems.rigid.warnings import warnings_heard
 
 TRIAL_RUNS = 16
 """Maximum number of trial runs; each starts elsewhere, and lasts as long as a run of a dataset."""
@@ -53,6 +55,8 @@ class Trial(NamedTuple):
     """Time one super step covers [s]."""
     diverged: int
     """Number of runs that diverged."""
+    warnings: Counter[str]
+    """MuJoCo's warnings in them."""
 
     @property
     def runs(self) -> int:
@@ -68,11 +72,13 @@ def run_trial(system: ModelSystem, substeps: int) -> Trial:
     cost = step_cost(system, contacts) * EVALUATIONS.get(system.scheme.integrator, 1)
     seconds = (system.warm_up + RUN_STEPS * dt) / system.physics_dt * cost
     count = int(np.clip(TRIAL_SECONDS / seconds, MIN_RUNS, TRIAL_RUNS))
+    before = warnings_heard()
     starts = sample_starts(system, rng, count)
     controls = sample_control_runs(rng, count, RUN_STEPS, dt, system)
     runs = system.simulate_fastest(starts, controls, dt, scheme=system.scheme)
     is_whole = ~runs.has_diverged
-    return Trial(runs.states[is_whole], controls[is_whole], dt, int(runs.has_diverged.sum()))
+    heard = warnings_heard() - before
+    return Trial(runs.states[is_whole], controls[is_whole], dt, int(runs.has_diverged.sum()), heard)
 
 
 def step_cost(system: ModelSystem, contacts: float) -> float:

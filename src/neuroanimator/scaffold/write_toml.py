@@ -9,6 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from jaxtyping import Float
+
 from neuroanimator.definitions.soft import SOLID_ENDING, MeshReading
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -69,8 +72,9 @@ def write_definition(
     path = out or source.with_suffix(".toml")
     reset_noise = 0.0
     task = None
+    resets = None
     if not source.suffix:
-        source, task, reset_noise = _copy_from_gymnasium(model, path.parent)
+        source, task, reset_noise, resets = _copy_from_gymnasium(model, path.parent)
         name = name or usual_name(Path(model))
     if path.exists() and not force:
         raise ArgumentError(
@@ -93,6 +97,7 @@ def write_definition(
             passive=passive,
             tree=tree,
             reset_noise=reset_noise,
+            resets=resets,
         )
         changes["model"] = _seen_from(path, source)
         if tree is not None:
@@ -172,11 +177,13 @@ def _propose_without_model(
     return propose_file(source)
 
 
-def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, TaskTable | None, float]:
-    """Copy the MJCF of the environment `name` into `folder`; return its path there, its task, and its reset noise."""
+def _copy_from_gymnasium(
+    name: str, folder: Path
+) -> tuple[Path, TaskTable | None, float, Float[np.ndarray, "B Q"] | None]:
+    """Copy the MJCF of the environment `name` into `folder`; return its path there, its task, reset noise, and resets."""
     from neuroanimator.gym import mjcf_of
     from neuroanimator.gym.locomotion import gymnasium_task
-    from neuroanimator.gym.models import default_of
+    from neuroanimator.gym.models import default_of, reset_positions
 
     original = mjcf_of(name)
     target = folder / original.name
@@ -186,4 +193,4 @@ def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, TaskTable | Non
     task = None
     if default_of(name, "forward_reward_weight") is not None:
         task = gymnasium_task(name)
-    return target, task, default_of(name, "reset_noise_scale") or 0.0
+    return target, task, default_of(name, "reset_noise_scale") or 0.0, reset_positions(name)

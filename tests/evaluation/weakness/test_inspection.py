@@ -109,7 +109,7 @@ def test_what_lies_beyond_training_is_counted_with_how_much_worse_it_is():
     relative = np.where(is_covered, 1.0, 7.0)[:, None] * np.ones((1, 6))
     found = outside_of_training(is_covered, relative)
     assert (found.samples, found.share, found.ratio) == (25, 0.25, 7)
-    assert "25 samples (0.25 of all) lie outside the training data" in str(found)
+    assert "25 samples (25 % of all) lie outside the training data" in str(found)
     nowhere = outside_of_training(np.ones(100, bool), relative)
     assert (nowhere.samples, nowhere.share, nowhere.ratio) == (0, 0, 0)
 

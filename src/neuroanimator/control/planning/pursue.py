@@ -198,6 +198,8 @@ def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
     if len(motion.plan_seconds):
         plan_ms = np.median(motion.plan_seconds) * 1e3
         took = f"{plan_ms:.1f} ms; 99 of 100 at most {motion.p99_ms:.1f} ms"
+        if plan_ms > pursuit.dt * 1e3:
+            took += f"; slower than real time, as a super step lasts {pursuit.dt * 1e3:.3g} ms"
         rows.append(("a plan takes", took))
     if pursuit.way_steps:
         played = pursuit.way_steps * pursuit.dt

@@ -69,8 +69,8 @@ class Extrapolation:
         if not self.samples:
             return "all unseen runs stay within what training showed"
         return (
-            f"{self.samples:,} samples ({self.share:.2g} of all) lie outside the training data, and the error there is "
-            f"{short_number(self.ratio)} times that inside: generate more, so that the data cover what occurs in use"
+            f"{self.samples:,} samples ({short_number(100 * self.share)} % of all) lie outside the training data, and the error "
+            f"there is {short_number(self.ratio)} times that inside: generate more, so that the data cover what occurs in use"
         )
 
 

@@ -85,7 +85,12 @@ def coverage_facts(found: Coverage) -> list[tuple[str, object]]:
     facts: list[tuple[str, object]] = [("there are", there)]
     diverged = found.diverged
     if diverged.runs:
-        facts.append(("diverged", f"{diverged.runs:,} runs, dropped: {diverged.share:.2g} of all"))
+        facts.append(
+            (
+                "diverged",
+                f"{diverged.runs:,} runs, dropped: {short_number(100 * diverged.share)} % of all",
+            )
+        )
         facts += [("", condition) for condition in diverged.conditions]
         facts.append(("what to do", diverged.advice))
     else:

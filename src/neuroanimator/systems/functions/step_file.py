@@ -22,11 +22,14 @@ A step file looks like this; declarations after CONTROL may be left out:
 
 from __future__ import annotations
 
+import ctypes
+import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
+from functools import lru_cache, partial
 from types import MappingProxyType, ModuleType
 from typing import Any
 
@@ -67,9 +70,11 @@ def run_file(digest: str, name: str) -> ModuleType:
     )
     module = ModuleType(f"neuroanimator_step_{digest[:DIGEST_SHOWN]}")
     module.__file__ = name
+    module.__dict__["print"] = partial(print, file=sys.stderr)  # results alone go to stdout
     sys.modules[module.__name__] = module  # dataclasses look up their module there
     try:
-        exec(compile(source, name, "exec"), module.__dict__)
+        with _stdout_on_stderr():
+            exec(compile(source, name, "exec"), module.__dict__)
     except SyntaxError as error:
         raise BadFileError(f"{name}, line {error.lineno}: {error.msg}.") from error
     except BaseException as error:
@@ -81,6 +86,28 @@ def run_file(digest: str, name: str) -> ModuleType:
             f"{name}: wanted a function `def step(state, control, dt): return next_state`. Add one."
         )
     return module
+
+
+@contextmanager
+def _stdout_on_stderr() -> Iterator[None]:
+    """Send what is printed meanwhile, by C libraries too, to stderr: results alone go to stdout."""
+    sys.stdout.flush()
+    _flush_c()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _flush_c()
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+def _flush_c() -> None:
+    """Print what C libraries have written to stdout, and hold back if it is no terminal."""
+    if os.name == "posix":
+        ctypes.CDLL(None).fflush(None)
 
 
 def call_step(

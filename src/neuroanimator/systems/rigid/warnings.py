@@ -88,6 +88,12 @@ def also_heard(warnings: Counter[str]) -> None:
     _heard.update(warnings)
 
 
+def forget_other_than(warnings: Counter[str]) -> None:
+    """Count only `warnings` from now on: the others were of what was merely tried."""
+    _heard.clear()
+    _heard.update(warnings)
+
+
 def warning_line() -> str:
     """Return one line on MuJoCo's warnings in this process: their number, subject and consequence; empty if none."""
     if not _heard:

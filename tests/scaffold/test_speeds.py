@@ -1,0 +1,70 @@
+"""Controls of a step function are narrowed until its angles turn at speeds that are learnt, and that is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuroanimator import load_system
+from neuroanimator.scaffold.defaults import BEARABLE, MAX_TURN, SHORT_SUPER_STEP
+from neuroanimator.scaffold.function import _fastest_turning, _run_trial
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.functions.function_system import PythonSystem
+
+WHEEL = """\
+import numpy as np
+STEP = 0.005
+STATE = {{"angle": "rad", "spin": "rad/s"}}
+CONTROL = {{"torque": ("N·m", -{torque}, {torque})}}
+
+def step(state, control, dt):
+    spin = state[1] + dt * ({gain} * control[0] - {drag} * state[1] - np.sin(state[0]))
+    return np.array([state[0] + dt * spin, spin])
+"""
+
+
+@pytest.mark.parametrize("torque", [0.5, 2.0, 30.0])
+@pytest.mark.parametrize("gain", [5.0, 40.0])
+def test_what_turns_too_fast_is_driven_less(torque: float, gain: float, tmp_path: Path):
+    path = tmp_path / "wheel.py"
+    path.write_text(WHEEL.format(torque=torque, gain=gain, drag=2.0))
+    toml, proposal = write_definition(str(path))
+    system = load_system(str(toml))
+    assert isinstance(system, PythonSystem)
+    _, speed = _fastest_turning(_run_trial(system))
+    told = [line for line in proposal.warnings if "rad/s in trial runs, too fast" in line]
+    is_slow = speed * SHORT_SUPER_STEP <= 1.1 * BEARABLE * MAX_TURN
+    assert is_slow or any("even with 0.125" in line for line in told)
+    is_narrowed = float(system.bounds.half[0]) < torque
+    assert is_narrowed == any("of it is proposed" in line for line in told)
+    assert np.allclose(system.bounds.middle, 0)
+
+
+BANNER = """\
+import ctypes, os
+import numpy as np
+if os.name == "posix":
+    ctypes.CDLL(None).puts(b"build time: today")
+print("a banner")
+STEP = 0.1
+STATE = {"x": "m"}
+CONTROL = {"push": ("N", -1.0, 1.0)}
+
+def step(state, control, dt):
+    print("a step")
+    return np.array([0.9 * state[0] + dt * control[0]])
+"""
+
+
+def test_what_a_step_file_prints_is_kept_out_of_the_results(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    path = tmp_path / "loud.py"
+    path.write_text(BANNER)
+    write_definition(str(path))
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "a banner" in err
+    assert "a step" in err
