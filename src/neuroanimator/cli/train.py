@@ -17,13 +17,13 @@ from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.departures import departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
-from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE
+from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE, missing_rates
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.fleets.fleet_file import is_fleet, read_fleet
 from neuroanimator.evaluation.fleets.train_fleet import TABLE, train_fleet
 from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.files.tables import read_toml
-from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
+from neuroanimator.terminal import phase, print_rows, print_table, progress_bar, tell
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.train import METRICS, Report, run_folder, train
@@ -131,6 +131,10 @@ def run(
     with chosen_executor(executor, workers) as spread:
         place = ensure_data(data, out, spread)
     transitions = open_transitions(place, memory_limit)
+    system_of_data = transitions.system
+    missing = missing_rates([part.unit for part in system_of_data.state.slices])
+    if system_of_data.recordings is not None and missing:
+        tell(f"{missing}.")
     checked = TrainingConfig.usual(transitions.system.structure, **settings)
     emulator, last = _train_with_bar(transitions, checked, out)
     rows = _rows(emulator, last, out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -240,6 +241,16 @@ def judge(
     if rollouts:
         merits.append(on_divergence)
     return Verdict(GOOD, tuple(merits))
+
+
+def missing_rates(units: Collection[str]) -> str:
+    """Return half a sentence on a state of these units that holds angles and no angular velocity; empty for others."""
+    if "rad" in units and "rad/s" not in units:
+        return (
+            "the state holds angles without their velocities, and angles alone do not say where a limb is going: add them "
+            "(new --velocities estimates those of recordings)"
+        )
+    return ""
 
 
 def beyond_noise(error: float, noise: float) -> float:

@@ -11,7 +11,14 @@ from jaxtyping import Float
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.departures import Departure, departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.verdict import NOISE_TOLD, Verdict, WindowErrors, beyond_noise, judge
+from neuroanimator.emulator.verdict import (
+    GOOD,
+    NOISE_TOLD,
+    Verdict,
+    WindowErrors,
+    beyond_noise,
+    judge,
+)
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
     emulate,
@@ -162,7 +169,9 @@ class Evaluation:
         if self.window is not None:
             verdict = self.window.judged(verdict)
         if self.departures:
-            return verdict.with_flaw(str(self.departures[0]))
+            verdict = verdict.with_flaw(str(self.departures[0]))
+        if self.inspection is not None and verdict.word != GOOD:
+            verdict = replace(verdict, reasons=(*verdict.reasons, *self.inspection.causes))
         return verdict
 
     @property

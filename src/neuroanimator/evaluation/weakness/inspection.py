@@ -12,6 +12,7 @@ from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
+from neuroanimator.emulator.verdict import missing_rates
 from neuroanimator.evaluation.accuracy import bounded, next_states, step_errors
 from neuroanimator.evaluation.component_errors import (
     ComponentError,
@@ -52,6 +53,16 @@ MAX_READINGS = 256
 
 CONTACTS_CHANGE = "contacts made or lost"
 """Name of the reading that counts the contacts made or lost between the ends of a super step."""
+
+
+LARGE_PART = 0.5
+"""Share of the squared error in one number of the state above which a verdict names it."""
+
+MANY_OUTSIDE = 0.05
+"""Share of unseen samples outside the training data above which a verdict may say so."""
+
+MUCH_WORSE = 2.0
+"""Ratio of the error there to that inside above which it does."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +113,28 @@ class Inspection:
     """Whether `coverage` is that of given data."""
     is_recorded: bool = False
     """Whether the reference is recordings, which hold noise, instead of the teaching physics."""
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Half sentences on why it errs: without velocities, in one number of the state, or outside the training data."""
+        causes = []
+        missing = missing_rates([part.unit for part in self.components])
+        # A function's or a model's state says all; a recording's may not.
+        if self.is_recorded and missing:
+            causes.append(missing)
+        squares = [(part.relative or 0.0) ** 2 for part in self.components]
+        total = sum(squares)
+        if len(squares) > 1 and 0 < total < np.inf and max(squares) > LARGE_PART * total:
+            most = int(np.argmax(squares))
+            causes.append(
+                f"{squares[most] / total:.0%} of the error is in {self.components[most].name}"
+            )
+        if self.outside.share > MANY_OUTSIDE and self.outside.ratio > MUCH_WORSE:
+            causes.append(
+                f"{self.outside.share:.0%} of the unseen samples are outside the training data, with "
+                f"{short_number(self.outside.ratio)} times the error"
+            )
+        return tuple(causes)
 
     @property
     def truth_name(self) -> str:
