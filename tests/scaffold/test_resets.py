@@ -23,7 +23,13 @@ TURNTABLE = """<mujoco><worldbody><geom type="plane" size="2 2 1" pos="0 0 {floo
 
 
 @pytest.mark.parametrize(
-    "env_id", ["Pusher-v5", "Reacher-v5", "InvertedPendulum-v5", "InvertedDoublePendulum-v5"]
+    "env_id",
+    [
+        "Pusher-v5",
+        "Reacher-v5",
+        "InvertedPendulum-v5",
+        pytest.param("Hopper-v5", marks=pytest.mark.endurance),
+    ],
 )
 def test_random_starts_cover_the_environments_resets(env_id: str, tmp_path: Path):
     toml, _ = write_definition(env_id, tmp_path / "env.toml")
