@@ -132,9 +132,9 @@ def test_a_soft_body_is_judged_by_where_its_nodes_are_after_a_while(
 
 def test_what_never_moves_stands_still_whatever_the_network_says(with_target):
     emulator, _, _ = with_target
-    start = np.array([0.5, 0.1, -0.2, 1.0, 0.0, 0.0])
-    path = np.asarray(emulator.rollout(start, np.ones((500, 1))))
-    np.testing.assert_array_equal(path[:, 1:3], np.tile(np.float32(start[1:3]), (501, 1)))
+    start = np.array([0.5, 0.1, -0.2, 1.0, 0.0, 0.0], np.float32)
+    path = np.asarray(emulator.rollout(start, np.ones((500, 1), np.float32)))
+    np.testing.assert_array_equal(path[:, 1:3], np.tile(start[1:3], (501, 1)))
     np.testing.assert_array_equal(path[:, 4:], 0)
     assert np.ptp(path[:, 0]) > 0.1
 
