@@ -109,6 +109,8 @@ def test_the_file_says_what_it_is_of(tmp_path: Path):
         "system": "cube",
         "seconds": pytest.approx(1 / 3),
         "source": "physics",
+        "units": "m",
+        "rate": pytest.approx(30),
     }
 
 

@@ -102,7 +102,7 @@ class _Scene:
         # Names of joints are identifiers, as engines want.
         named = self._own if body.skin is None else self._identifier
         name = named(f"{body.title} root")
-        nodes.append({"name": name, "rotation": Y_UP, "extras": _extras(body.clip)})
+        nodes.append({"name": name, "rotation": Y_UP, "extras": self._extras(body.clip)})
         for bone, positions, orientations, shapes in body.nodes:
             node: dict[str, Any] = {
                 "name": named(body.prefix + bone.name),
@@ -113,9 +113,10 @@ class _Scene:
                 node["mesh"] = self._mesh_of(body, bone, shapes)
             nodes.append(node)
         _add_children(nodes, root, body.nodes)
-        self._add_tracks(body, root)
+        times = self.buffer.add(as_float32(body.clip.times), "SCALAR", has_bounds=True)
+        self._add_tracks(body, root, times)
         if body.surface is not None:
-            self._add_surface(body, body.surface, root)
+            self._add_surface(body, body.surface, root, times)
         if body.skin is not None:
             self._add_skin(body, body.skin, root)
 
@@ -125,6 +126,13 @@ class _Scene:
         # The format allows no empty lists.
         filled = {key: value for key, value in self.document.items() if value != []}
         return glb_bytes(filled, bytes(self.buffer.content))
+
+    def _extras(self, clip: Clip) -> dict[str, Any]:
+        """Return the description of a motion, with what `asset` says: some readers drop that one."""
+        extras = {"system": clip.name, "seconds": round(float(clip.times[-1]), 6)}
+        if clip.source:
+            extras["source"] = clip.source
+        return extras | self.document["asset"]["extras"]
 
     def _own(self, name: str) -> str:
         """Return `name`, numbered if another node has it."""
@@ -155,9 +163,8 @@ class _Scene:
             for paint, primitive in skin_primitives(skin, self.buffer).items():
                 if body.is_ghost:
                     primitive["attributes"].pop("COLOR_0", None)
-                    primitives.append(primitive | {"material": self._material(GHOST)})
-                else:
-                    primitives.append(primitive | {"material": self._material(paint)})
+                shown = GHOST if body.is_ghost else paint
+                primitives.append(primitive | {"material": self._material(shown)})
             name = GHOST_PREFIX + "skin" if body.is_ghost else "skin"
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         title = self._own(f"{body.prefix}skin")
@@ -172,8 +179,8 @@ class _Scene:
         node = self._append("nodes", {"name": title, "mesh": self._meshes[key], "skin": bones})
         self.document["scenes"][0]["nodes"].append(node)
 
-    def _add_surface(self, body: Body, surface: SurfaceNode, root: int) -> None:
-        """Add a node with a surface below the node `root`, and the track of its morph targets."""
+    def _add_surface(self, body: Body, surface: SurfaceNode, root: int, times: int) -> None:
+        """Add a node with a surface below the node `root`, and the track of its targets at `times`."""
         morphs = surface.morphs
         key = (morphs, body.is_ghost)
         if key not in self._meshes:
@@ -191,7 +198,6 @@ class _Scene:
             "translation": surface.positions[0].tolist(),
             "scale": [morphs.scale] * 3,
         }
-        times = self.buffer.add(as_float32(body.clip.times), "SCALAR", has_bounds=True)
         number = self._append("nodes", node)
         self.document["nodes"][root].setdefault("children", []).append(number)
         translations = self.buffer.add(as_float32(surface.positions), "VEC3")
@@ -221,9 +227,8 @@ class _Scene:
         self.document[group].append(described)
         return len(self.document[group]) - 1
 
-    def _add_tracks(self, body: Body, root: int) -> None:
-        """Add the tracks of the bones that move, whose nodes come after the node `root`."""
-        times = self.buffer.add(as_float32(body.clip.times), "SCALAR", has_bounds=True)
+    def _add_tracks(self, body: Body, root: int, times: int) -> None:
+        """Add the tracks at `times` of the bones that move, whose nodes come after the node `root`."""
         for index, node in enumerate(body.nodes, start=root + 1):
             if not node.bone.is_moving:
                 continue
@@ -246,11 +251,3 @@ def _add_children(nodes: list[dict[str, Any]], root: int, bones: Sequence[BoneNo
     """Set the children of each node; bones follow the node `root` in order, which is the parent -1."""
     for child, node in enumerate(bones, start=root + 1):
         nodes[root + 1 + node.bone.parent].setdefault("children", []).append(child)
-
-
-def _extras(clip: Clip) -> dict[str, Any]:
-    """Return the description of a motion, for readers of the file."""
-    extras = {"system": clip.name, "seconds": round(float(clip.times[-1]), 6)}
-    if clip.source:
-        extras["source"] = clip.source
-    return extras
