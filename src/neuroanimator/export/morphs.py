@@ -60,7 +60,7 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Morphs:
-    """A mesh and its targets, whose weights are between 0 and 1: Blender clips others."""
+    """A mesh and its targets. Weights of those that move nodes are between 0 and 1: Blender and gltfpack clip others."""
 
     points: Float[np.ndarray, "N 3"]
     """Nodes at zero weights, in the anchor's frame [m]."""
