@@ -108,7 +108,7 @@ def swing(emulator: na.Emulator, system: na.System) -> Drive:
 
 def park(emulator: na.Emulator, system: na.System) -> Drive:
     """Return a truck that drives past a bay and backs into it."""
-    steps = round(11.0 / emulator.dt)
+    steps = round(12.0 / emulator.dt)
     start = np.array(system.rest)
     start[:2] = [-4.5, -0.5]
     # It turns well before the post ahead, which else seems to stand on its bonnet.
