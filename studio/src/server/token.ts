@@ -2,12 +2,15 @@
 
 const KEY = "neuroanimator token";
 
-/** Take the token out of the page's address, where the server's own line has it; a page without a server has none. */
+/** Take the token out of the page's address, where the server's own line has it; what stands beside it is asked as usual. */
 export function takeToken(): void {
-  const found = /^#token=([0-9a-f]{32})$/.exec(location.hash);
-  if (found) {
-    sessionStorage.setItem(KEY, found[1]!);
-    history.replaceState(null, "", location.pathname + location.search);
+  const said = new URLSearchParams(location.hash.slice(1));
+  const found = said.get("token");
+  if (found !== null) {
+    sessionStorage.setItem(KEY, found);
+    said.delete("token");
+    const asked = [location.search.slice(1), said.toString()].filter((part) => part !== "").join("&");
+    history.replaceState(null, "", location.pathname + (asked ? `?${asked}` : ""));
   }
 }
 
