@@ -323,6 +323,10 @@ def test_a_wider_range_changes_nothing_within_the_old_one(
     states = transitions.states[:100, 0].astype(float)
     controls = transitions.controls[:100, :1].astype(float)
     covered = shipped.trust(states, controls[:, 0]) < 0.5
+    # Controls at their very bounds lie just beyond the old range.
+    shown = np.abs(np.asarray(shipped.raw_features_of(states, controls[:, 0])))
+    covered &= (shown <= np.asarray(shipped.domain.high)).all(axis=1)
+    assert covered.sum() > 50
     expected = shipped.rollout(states[covered], controls[covered])
     assert np.array_equal(wider.rollout(states[covered], controls[covered]), expected)
 
