@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
+from neuroanimator.gym.forked import refuse_forked
 from neuroanimator.gym.vector_env import RowsVectorEnv
 
 
@@ -29,6 +30,7 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float[np.ndarray, " O"], dict[str, Any]]:
         """Return (observation, info) of a random start, the same for the same seed, or of the start in `options`."""
+        refuse_forked()
         super().reset(seed=seed)
         rows = self.vector_env.rows
         start = {rows.option: rows.draw([self.np_random])[0]}
