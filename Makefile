@@ -27,8 +27,9 @@ test: setup studio
 	$(BIN)/pytest
 
 # No result may hang on the last bits, which other instructions round differently (tests/instruction_sets.py).
+ROOMS ?= codegen control data emulator evaluation gym state systems training
 numerics: setup
-	$(BIN)/pytest $(addprefix tests/,codegen control data emulator evaluation gym state systems training)
+	$(BIN)/pytest $(addprefix tests/,$(ROOMS))
 
 # A warning is an error, and so is a link that leads nowhere or a page that needs another host (docs/hooks.py).
 docs: $(DOCS_STAMP)
