@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
+from neuroanimator.gym.forked import refuse_forked
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.task_rows import TaskRows
 from neuroanimator.gym.vector_env import RowsVectorEnv
@@ -18,6 +19,7 @@ class TaskVectorEnv(RowsVectorEnv):
 
     def __init__(self, task: str, num_envs: int = 1, render_mode: str | None = None):
         """Make it from the name of a task, such as `fish-reach`."""
+        refuse_forked()  # its trials are already computed by JAX
         super().__init__(TaskRows(task), num_envs, render_mode)
 
 
