@@ -46,7 +46,7 @@ from neuroanimator.evaluation.speed import (
 from neuroanimator.files.atomic import digest
 from neuroanimator.gym.bodies import episodes_of
 from neuroanimator.gym.policy_task import PolicyTask
-from neuroanimator.gym.state_rows import Stepper, emulator_stepper, physics_stepper
+from neuroanimator.gym.state_rows import EmulatorStepper, Stepper, physics_stepper
 from neuroanimator.state.rotation import rotation_between
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.terminal import print_table
@@ -76,7 +76,7 @@ def compared(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> Row
     fine = replace(system.scheme, dt=system.scheme.dt / FINE)
     steppers: dict[str, Stepper] = {
         "MuJoCo": physics_stepper(system, system.scheme, policy.dt),
-        "emulator": emulator_stepper(policy.emulator, np.inf, 0.0),
+        "emulator": EmulatorStepper(policy.emulator, np.inf, 0.0),
         "MuJoCo, fine": physics_stepper(system, fine, policy.dt),
     }
     return [
@@ -205,7 +205,7 @@ def main() -> None:
             write_csv(RESULTS / file, rows)
     if arguments.sheet:
         told = [(3.0, 0.7, 0.0), (4.0, 0.7, 0.6), (3.0, 0.9, 0.0), (3.0, 0.5, -0.6)]
-        stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
+        stepper = EmulatorStepper(policy.emulator, np.inf, 0.0)
         draw_sheet(policy, walked(policy, task, system, told, stepper), arguments.sheet)
 
 

@@ -32,7 +32,7 @@ import neuroanimator as na
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control import PhysicsPlant, Planner, control_plant
 from neuroanimator.gym.disturbances import pushed
-from neuroanimator.gym.state_rows import emulator_stepper
+from neuroanimator.gym.state_rows import EmulatorStepper
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 RATE = 15
@@ -221,7 +221,7 @@ def human(folder: Path) -> None:
     phase = walkers.reference.phase
     write_round(clip, phase, WALK_AT, folder / "human-walk.jpg")
     write_round(clip, phase, RUN_AT, folder / "human-run.jpg")
-    stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
+    stepper = EmulatorStepper(policy.emulator, np.inf, 0.0)
     inside = walked(policy, task, system, list(INSIDE_COMMANDS), stepper)
     write_sheet(na.make_clip(policy.emulator, inside), folder / "human-inside.jpg")
     write_human(clip, folder / "human.mp4")

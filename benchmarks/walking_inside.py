@@ -37,7 +37,7 @@ from neuroanimator.evaluation.csv_table import merge_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.gym.bodies import Bodies, returns_of
 from neuroanimator.gym.policy_task import PolicyTask
-from neuroanimator.gym.state_rows import Leap, emulator_stepper, physics_stepper
+from neuroanimator.gym.state_rows import EmulatorStepper, Leap, physics_stepper
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
@@ -104,7 +104,7 @@ def return_on_physics(policy: StatePolicy, system: System, task: PolicyTask, par
 def return_inside(path: Path) -> float:
     """Return the mean return in the emulator of the policy at `path`, as `evaluate` does."""
     policy, _, task = loaded_policy(path, None)
-    inside = emulator_stepper(policy.emulator, np.inf, 0.0)
+    inside = EmulatorStepper(policy.emulator, np.inf, 0.0)
     return float(returns_of(policy, inside, task.rules, EPISODES, 0).mean())
 
 
@@ -117,7 +117,7 @@ def one_step_error(folder: Path) -> float:
 def with_errors(policy: StatePolicy, system: System, task: PolicyTask) -> dict[str, float]:
     """Return the mean return in the policy's emulator, a share of its errors added to each super step."""
     errors = errors_of(policy, system, task)
-    plain = emulator_stepper(policy.emulator, np.inf, 0.0)
+    plain = EmulatorStepper(policy.emulator, np.inf, 0.0)
     rng = np.random.default_rng(SEED)
     returns = {}
     for share in SHARES:
@@ -143,7 +143,7 @@ def errors_of(policy: StatePolicy, system: System, task: PolicyTask) -> Float[np
     bodies = Bodies(
         physics_stepper(system, system.scheme, policy.dt), task.rules, policy.emulator, rng, BODIES
     )
-    inside = emulator_stepper(policy.emulator, np.inf, 0.0)
+    inside = EmulatorStepper(policy.emulator, np.inf, 0.0)
     errors = []
     for step in range(SUPER_STEPS):
         states = bodies.states.copy()

@@ -23,7 +23,7 @@ from neuroanimator.export.programs.c_header import c_header, stored_latent_size
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.wasm_file import Module, wasm_bytes
 from neuroanimator.files.zoo import EMULATORS
-from neuroanimator.gym.state_rows import emulator_stepper
+from neuroanimator.gym.state_rows import EmulatorStepper
 from neuroanimator.state.pose import Pose
 
 STEPS = 6
@@ -181,7 +181,7 @@ def test_an_environment_and_a_policy_do_the_same_far_away():
     pair = Pair.of(load_emulator("fish-50"))
     found = []
     for states in (pair.near, pair.far):
-        leap = emulator_stepper(pair.emulator, np.inf, 0.0)
+        leap = EmulatorStepper(pair.emulator, np.inf, 0.0)
         is_new = np.ones(BATCH, bool)
         for controls in pair.controls.swapaxes(0, 1):
             states = leap(states, controls, is_new).states

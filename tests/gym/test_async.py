@@ -17,23 +17,23 @@ import neuroanimator.gym
 if __name__ == "__main__":
     context = sys.argv[1]
     envs = gymnasium.make_vec(
-        sys.argv[2], num_envs=2, vectorization_mode="async", vector_kwargs={"context": context}
+        "neuroanimator/pendulum-v0",
+        num_envs=1,
+        vectorization_mode="async",
+        vector_kwargs={"context": context},
     )
     print(envs.reset(seed=0)[0].shape)
     envs.close()
 """
 
 
-@pytest.mark.parametrize("name", ["pendulum", "pendulum-swing-up"])
-@pytest.mark.parametrize(("context", "said"), [("fork", "in which JAX runs"), ("spawn", "(2, ")])
-def test_forked_workers_are_refused_and_spawned_ones_work(
-    context: str, said: str, name: str, tmp_path: Path
-):
+@pytest.mark.parametrize(("context", "said"), [("fork", "in which JAX runs"), ("spawn", "(1, ")])
+def test_forked_workers_are_refused_and_spawned_ones_work(context: str, said: str, tmp_path: Path):
     """They hung for ever: JAX's threads are not there after a fork."""
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     run = subprocess.run(
-        [sys.executable, program, context, f"neuroanimator/{name}-v0"],
+        [sys.executable, program, context],
         capture_output=True,
         text=True,
         timeout=PATIENCE,

@@ -27,7 +27,7 @@ from neuroanimator.gym.policy_gradient import (
     policy_loss,
     weight_of_slopes,
 )
-from neuroanimator.gym.state_rows import emulator_stepper
+from neuroanimator.gym.state_rows import EmulatorStepper
 
 LEARNING = PolicyLearning(
     updates=4, bodies=16, horizon=5, policy_widths=(8,), critic_widths=(8,), reports=2
@@ -55,7 +55,7 @@ def emulator() -> Emulator:
 def learner(emulator: Emulator) -> Learner:
     learner = Learner(load_system("pendulum"), emulator, RULES, LEARNING)
     learner.bodies = Bodies(
-        emulator_stepper(emulator, np.inf, 0.0), RULES, emulator, np.random.default_rng(1), 16
+        EmulatorStepper(emulator, np.inf, 0.0), RULES, emulator, np.random.default_rng(1), 16
     )
     return learner
 

@@ -205,8 +205,6 @@ def test_rows_that_end_start_anew_in_the_same_step_if_asked_to(shipped: Emulator
     np.testing.assert_array_equal(np.stack(ours[4]["final_obs"]), theirs[0])
     following, *_ = plain.step(control)
     np.testing.assert_array_equal(ours[0], following)
-    with pytest.raises(NeuroAnimatorError, match="wanted NEXT_STEP or SAME_STEP"):
-        EmulatorVectorEnv(shipped, autoreset_mode=AutoresetMode.DISABLED)
 
 
 def test_stable_baselines3_learns_in_an_emulator(shipped: Emulator):

@@ -20,7 +20,7 @@ from neuroanimator.files.numbers import number_in
 from neuroanimator.gym.bodies import environment_returns, episodes_of, motion_of, returns_of
 from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
-from neuroanimator.gym.state_rows import emulator_stepper, physics_stepper
+from neuroanimator.gym.state_rows import EmulatorStepper, physics_stepper
 from neuroanimator.systems.loading import MissingPhysicsError, trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
@@ -75,7 +75,7 @@ def policy_motion(
     with phase("simulating"):
         stepper = physics_stepper(system, system.scheme, policy.dt)
         if is_inside:
-            stepper = emulator_stepper(policy.emulator, np.inf, 0.0)
+            stepper = EmulatorStepper(policy.emulator, np.inf, 0.0)
         rules = task.rules
         if task.motion is not None and task.motion.commands is None:
             first = np.asarray(task.motion.frames[0], float)
@@ -182,7 +182,7 @@ def _returns(
         with phase(f"{episodes} episodes of random bodies"):
             of_family = returns_of(policy, stepper, task.rules, episodes, seed)
     with phase(f"{episodes} episodes in the emulator"):
-        leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
+        leaps = EmulatorStepper(policy.emulator, np.inf, 0.0)
         inside = returns_of(policy, leaps, task.rules, episodes, seed)
     return _Returns(outside, inside, of_family)
 
@@ -247,7 +247,7 @@ def _evaluate_following(
         stepper = physics_stepper(system, system.scheme, policy.dt)
         found = episodes_of(policy, stepper, task.rules, episodes, seed)
     with phase(f"{episodes} episodes in the emulator"):
-        leaps = emulator_stepper(policy.emulator, np.inf, 0.0)
+        leaps = EmulatorStepper(policy.emulator, np.inf, 0.0)
         inside = episodes_of(policy, leaps, task.rules, episodes, seed)
     kept = int(episodes - found.is_fallen.sum())
     kept_inside = int(episodes - inside.is_fallen.sum())

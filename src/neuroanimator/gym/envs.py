@@ -13,18 +13,14 @@ from neuroanimator.emulator.emulator import Emulator, as_emulator
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.gym.rules import EpisodeRules, Reward, rules_by
 from neuroanimator.gym.single_env import SingleEnv
-from neuroanimator.gym.state_rows import NOISE, StateRows, emulator_stepper, physics_stepper
+from neuroanimator.gym.state_rows import NOISE, EmulatorStepper, StateRows, physics_stepper
 from neuroanimator.gym.vector_env import RowsVectorEnv
 from neuroanimator.systems.system import Scheme
 
 
 @final
 class EmulatorVectorEnv(RowsVectorEnv):
-    """`num_envs` emulated systems in one compiled call; row i is an `EmulatorEnv` reset with seed + i.
-
-    A row that has ended restarts in the next step, which ignores its action and has reward zero; or in the same step with
-    Gymnasium's `AutoresetMode.SAME_STEP`: `info["final_obs"]` is then the last observation.
-    """
+    """`num_envs` emulated systems in one compiled call; row i is an `EmulatorEnv` reset with seed + i."""
 
     def __init__(
         self,
@@ -44,7 +40,7 @@ class EmulatorVectorEnv(RowsVectorEnv):
         """Take the arguments of an `EmulatorEnv`; `autoreset_mode` says when a row that has ended restarts."""
         emulator = as_emulator(emulator)
         chosen = rules_by(emulator, objective, reward, rules)
-        stepper = emulator_stepper(emulator, trust_limit, trust_penalty)
+        stepper = EmulatorStepper(emulator, trust_limit, trust_penalty)
         rows = StateRows(emulator, stepper, chosen, seconds, noise)
         super().__init__(rows, num_envs, render_mode, autoreset_mode)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -146,23 +147,20 @@ def rules_by(
         raise ArgumentError(f"{names[0]} and {names[1]}: got both. Give one of them.")
     if rules is not None:
         return rules
-    return EpisodeRules(_of_rows(reward or RunningCost.of(emulator, objective)))
+    return EpisodeRules(partial(_reward_rows, reward or RunningCost.of(emulator, objective)))
 
 
-def _of_rows(reward: Reward) -> RowReward:
-    """Return a reward of one row as one of many rows."""
-
-    def reward_rows(
-        states: Float[np.ndarray, "B S"],
-        controls: Float[np.ndarray, "B C"],
-        following: Float[np.ndarray, "B S"],
-        dt: float,
-    ) -> Float[np.ndarray, " B"]:
-        if isinstance(reward, RunningCost) and reward.objective is None:
-            return effort_reward(controls, np.asarray(reward.control_scale), reward.dt)
-        return np.asarray(_rewards(reward, states, controls, following))
-
-    return reward_rows
+def _reward_rows(
+    reward: Reward,
+    states: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B C"],
+    following: Float[np.ndarray, "B S"],
+    dt: float,
+) -> Float[np.ndarray, " B"]:
+    """Return the rewards of many rows, by a reward of one."""
+    if isinstance(reward, RunningCost) and reward.objective is None:
+        return effort_reward(controls, np.asarray(reward.control_scale), reward.dt)
+    return np.asarray(_rewards(reward, states, controls, following))
 
 
 @eqx.filter_jit

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
-from neuroanimator.gym.forked import refuse_forked
 from neuroanimator.gym.vector_env import RowsVectorEnv
 
 
@@ -30,11 +29,9 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float[np.ndarray, " O"], dict[str, Any]]:
         """Return (observation, info) of a random start, the same for the same seed, or of the start in `options`."""
-        refuse_forked()
         super().reset(seed=seed)
-        rows = self.vector_env.rows
-        start = {rows.option: rows.draw([self.np_random])[0]}
-        observations, info = self.vector_env.reset(options=start | (options or {}))
+        self.vector_env.random = [self.np_random]
+        observations, info = self.vector_env.reset(options=options)
         return observations[0], _first_row(info)
 
     def step(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, final
 
 import numpy as np
@@ -48,55 +49,61 @@ Stepper = Callable[
 """(states, controls, whether each row restarts) → the super step."""
 
 
-def emulator_stepper(emulator: Emulator, trust_limit: float, trust_penalty: float) -> Stepper:
-    """Return a stepper by an emulator, which ends episodes outside training."""
-    if not trust_limit > 0 or not 0 <= trust_penalty < np.inf:
-        raise ArgumentError(
-            "trust_limit and trust_penalty: wanted a score above 0 and a penalty of 0 or more, "
-            f"got {trust_limit:g} and {trust_penalty:g}."
-        )
-    axes = emulator.origin
-    # Kept from step to step: decoding and encoding a latent state changes it slightly.
-    body = locate(emulator, emulator.rest[None])
+class EmulatorStepper:
+    """A stepper by an emulator, which ends episodes outside training; a copy steps its own bodies."""
 
-    def leap(
+    def __init__(self, emulator: Emulator, trust_limit: float, trust_penalty: float):
+        if not trust_limit > 0 or not 0 <= trust_penalty < np.inf:
+            raise ArgumentError(
+                "trust_limit and trust_penalty: wanted a score above 0 and a penalty of 0 or more, "
+                f"got {trust_limit:g} and {trust_penalty:g}."
+            )
+        self._emulator = emulator
+        self._trust_limit = trust_limit
+        self._trust_penalty = trust_penalty
+        # Kept from step to step: decoding and encoding a latent state changes it slightly.
+        self._body = locate(emulator, emulator.rest[None])
+
+    def __call__(
+        self,
         states: Float[np.ndarray, "B S"],
         controls: Float[np.ndarray, "B C"],
         is_new: Bool[np.ndarray, " B"],
     ) -> Leap:
-        nonlocal body
+        emulator = self._emulator
         if is_new.all():
-            body = locate(emulator, states)
+            self._body = locate(emulator, states)
         elif is_new.any():
-            for kept, new in zip(body, locate(emulator, states[is_new]), strict=True):
+            for kept, new in zip(self._body, locate(emulator, states[is_new]), strict=True):
                 kept[is_new] = new
-        made = step_rows(emulator, body.latent, controls)
-        body, following = body.moved_on(axes, made.latent, made.states)
+        made = step_rows(emulator, self._body.latent, controls)
+        self._body, following = self._body.moved_on(emulator.origin, made.latent, made.states)
         # NaN is beyond every limit.
         trust = np.nan_to_num(made.trust, nan=np.inf)
         beyond = np.clip(trust, EDGE, MAX_PENALISED) - EDGE
-        is_lost = made.begins_far | made.ends_far | (trust > trust_limit)
+        is_lost = made.begins_far | made.ends_far | (trust > self._trust_limit)
         info = {"covered": trust <= EDGE, "trust": made.trust}
-        return Leap(following, is_lost, trust_penalty * beyond, info)
-
-    return leap
+        return Leap(following, is_lost, self._trust_penalty * beyond, info)
 
 
 def physics_stepper(system: System, scheme: Scheme, dt: float) -> Stepper:
     """Return a stepper by a system, which ends episodes where it diverges."""
     scheme.steps(dt)  # refuses a super step that is not a whole number of steps
+    return partial(_leap_in_physics, system, scheme, dt)
 
-    def leap(
-        states: Float[np.ndarray, "B S"],
-        controls: Float[np.ndarray, "B C"],
-        is_new: Bool[np.ndarray, " B"],
-    ) -> Leap:
-        held = controls[:, None].astype(float)
-        runs = system.simulate_fastest(states.astype(float), held, dt, scheme)
-        following = np.where(runs.has_diverged[:, None], states, runs.states[:, 1])
-        return Leap(following, runs.has_diverged)
 
-    return leap
+def _leap_in_physics(
+    system: System,
+    scheme: Scheme,
+    dt: float,
+    states: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B C"],
+    is_new: Bool[np.ndarray, " B"],
+) -> Leap:
+    held = controls[:, None].astype(float)
+    runs = system.simulate_fastest(states.astype(float), held, dt, scheme)
+    following = np.where(runs.has_diverged[:, None], states, runs.states[:, 1])
+    return Leap(following, runs.has_diverged)
 
 
 @final
@@ -129,6 +136,7 @@ class StateRows(EpisodeRows):
         self._stepper = stepper
         self._rules = rules
         self._noise = noise
+        self._is_new: Bool[np.ndarray, ...] = np.zeros((), bool)
 
     def draw(self, random: Sequence[np.random.Generator]) -> Float[np.ndarray, "R S"]:
         if self._rules.draw_start is None:
@@ -139,7 +147,7 @@ class StateRows(EpisodeRows):
         return self.emulator.state.check(start, "state")
 
     def begin(self, starts: Float[np.ndarray, "B S"], rows: Bool[np.ndarray, " B"]) -> None:
-        self._is_new = rows
+        self._is_new = self._is_new | rows
         self.states = starts if rows.all() else np.where(rows[:, None], starts, self.states)
 
     def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:

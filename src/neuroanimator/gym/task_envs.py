@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import final
 
-from neuroanimator.gym.forked import refuse_forked
+from gymnasium.vector import AutoresetMode
+
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.task_rows import TaskRows
 from neuroanimator.gym.vector_env import RowsVectorEnv
@@ -12,15 +13,18 @@ from neuroanimator.gym.vector_env import RowsVectorEnv
 
 @final
 class TaskVectorEnv(RowsVectorEnv):
-    """`num_envs` trials of a task at once; row i is a `TaskEnv` reset with seed + i.
+    """`num_envs` trials of a task at once; row i is a `TaskEnv` reset with seed + i."""
 
-    A row that has ended restarts in the next step, which ignores its action and has reward zero.
-    """
-
-    def __init__(self, task: str, num_envs: int = 1, render_mode: str | None = None):
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        *,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+    ):
         """Make it from the name of a task, such as `fish-reach`."""
-        refuse_forked()  # its trials are already computed by JAX
-        super().__init__(TaskRows(task), num_envs, render_mode)
+        super().__init__(TaskRows(task), num_envs, render_mode, autoreset_mode)
 
 
 @final

@@ -79,6 +79,15 @@ class TaskRows(EpisodeRows):
             self.emulator, self.scale, self.trial(self.first).aim.is_in_a_fixed_world
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: trials are drawn again by their numbers."""
+        return {name: part for name, part in vars(self).items() if name not in ("trial", "_trials")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.trial = cache(self._draw_trial)
+        self._trials = [self.trial(int(number)) for number in self.numbers]
+
     def draw(self, random: Sequence[np.random.Generator]) -> Int[np.ndarray, " R"]:
         return np.array([rng.integers(TRIALS) for rng in random])
 

@@ -17,6 +17,10 @@ from numpy.typing import ArrayLike
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.live import LiveCamera, checked_render_mode
+from neuroanimator.gym.forked import refuse_forked
+
+MASK = "reset_mask"
+"""Gymnasium's name of the option of `reset` that says which rows begin anew."""
 
 
 class Outcome(NamedTuple):
@@ -79,14 +83,21 @@ class EpisodeRows(ABC):
 class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """`num_envs` episodes in one compiled call; a step is a super step, actions are clipped to the bounds.
 
-    A row that has ended restarts in the next step, which ignores its action and has reward zero; or in the same step with
-    Gymnasium's `AutoresetMode.SAME_STEP`: `info["final_obs"]` is then the last observation.
+    Observations, rewards, ends and `info` are those of Gymnasium's `SyncVectorEnv` of the single environments. A row that
+    has ended restarts in the next step, which ignores its action and has reward zero; or in the same step with
+    `AutoresetMode.SAME_STEP`: `info["final_obs"]` and `info["final_info"]` are then those of the end. With
+    `AutoresetMode.DISABLED` it waits for `reset(options={"reset_mask": rows})`.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
         "render_modes": ["rgb_array"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+
+    def __new__(cls, *_: Any, **__: Any):
+        """Refuse at once what would wait for ever."""
+        refuse_forked()
+        return super().__new__(cls)
 
     def __init__(
         self,
@@ -95,11 +106,9 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None,
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ):
-        """Raise ArgumentError without rows, and for an unknown render mode or autoreset mode."""
+        """Raise ArgumentError without rows, and for an unknown render mode."""
         if num_envs < 1:
             raise ArgumentError(f"num_envs: wanted one or more, got {num_envs}.")
-        if autoreset_mode is AutoresetMode.DISABLED:
-            raise ArgumentError("autoreset_mode: wanted NEXT_STEP or SAME_STEP, got DISABLED.")
         emulator = rows.emulator
         self.rows = rows
         self.emulator = emulator
@@ -112,39 +121,54 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self.metadata = self.metadata | {
             "render_fps": round(1 / emulator.dt),
-            "autoreset_mode": autoreset_mode,
+            "autoreset_mode": AutoresetMode(autoreset_mode),
         }
         low = np.array(emulator.bounds.low, np.float32)
         high = np.array(emulator.bounds.high, np.float32)
         self.single_action_space = Box(low, high, dtype=np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._camera = LiveCamera(emulator.spec)
-        self._random = [np_random()[0] for _ in range(num_envs)]
+        self.random = [np_random()[0] for _ in range(num_envs)]
         self._counts = np.zeros(num_envs, int)
+        self._has_ended = np.zeros(num_envs, bool)
         self._everywhere = np.ones(num_envs, bool)
-        self._begin(np.asarray(rows.first))
+        self._begin(np.asarray(rows.first), self._everywhere)
         limit = rows.max_observation
         shape = rows.observe().shape[1:]
         self.single_observation_space = Box(-limit, limit, shape, np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Float[np.ndarray, "B O"], dict[str, Any]]:
         """Return (observations, info) of random starts, or of the start or starts in `options`.
 
-        Row i draws from `seed` + i; without a seed, rows continue their random streams. The option is `state`, (S,) or
-        (B, S), or the number of a task's `trial`.
+        Row i draws from `seed` + i, or from the seed i of many; without a seed, rows continue their random streams. The
+        options are `state`, (S,) or (B, S), or the number of a task's `trial`; and `reset_mask` (B,), which rows begin
+        anew: all if it is missing.
         """
-        if seed is not None:
-            self._random = [np_random(seed + row)[0] for row in range(self.num_envs)]
+        refuse_forked()
         option = self.rows.option
-        unknown = set(options or {}) - {option}
+        chosen = options or {}
+        unknown = set(chosen) - {option, MASK}
         if unknown:
-            raise ArgumentError(f"No reset option called '{unknown.pop()}'. Options: {option}.")
-        starts = self.rows.check(options[option]) if options else self.rows.draw(self._random)
-        self._begin(starts)
-        return self.rows.observe(), _masked(self.rows.facts(), self._everywhere)
+            raise ArgumentError(
+                f"No reset option called '{unknown.pop()}'. Options: {option}, {MASK}."
+            )
+        rows = self._checked_mask(chosen.get(MASK, self._everywhere))
+        seeds = self._seeds(seed)
+        starts = self.rows.check(chosen[option]) if option in chosen else None
+        for row, own in enumerate(seeds):
+            if rows[row] and own is not None:
+                self.random[row] = np_random(own)[0]
+        if starts is None:
+            self._restart(rows)
+        else:
+            self._begin(starts, rows)
+        return self.rows.observe(), _masked(self.rows.facts(), rows)
 
     def step(
         self, actions: ArrayLike
@@ -156,6 +180,13 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         dict[str, Any],
     ]:
         """Return (observations, rewards, terminated, truncated, info) after holding `actions` (B, C) for a super step."""
+        refuse_forked()
+        mode = self.metadata["autoreset_mode"]
+        if mode is AutoresetMode.DISABLED and self._has_ended.any():
+            raise ArgumentError(
+                f"Rows have ended: {np.flatnonzero(self._has_ended).tolist()}. "
+                'Reset them before the next step: reset(options={"reset_mask": terminated | truncated}).'
+            )
         controls = self._checked_actions(actions).astype(np.float32)
         is_old = ~self._has_ended
         outcome = self.rows.step(controls)
@@ -164,11 +195,13 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         terminated = outcome.is_over & is_old
         truncated = (self._counts >= self.steps) & ~terminated
         self._has_ended = terminated | truncated
-        info = _masked(outcome.info | self.rows.facts(), is_old)
-        is_at_once = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-        if is_at_once and self._has_ended.any():
-            info |= self._final_info()
+        info: dict[str, Any] = {}
+        goes_on = is_old
+        if mode is AutoresetMode.SAME_STEP and self._has_ended.any():
+            goes_on = ~self._has_ended
+            info = self._final_info(outcome.info | self.rows.facts())
             self._restart(self._has_ended)
+        info |= _masked(outcome.info, goes_on) | _masked(self.rows.facts(), self._everywhere)
         rewards = np.where(is_old, outcome.rewards, 0.0)
         return self.rows.observe(), rewards, terminated, truncated, info
 
@@ -186,35 +219,61 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Free the memory of pictures."""
         self._camera.close()
 
-    def _begin(self, starts: Shaped[np.ndarray, "*BX"]) -> None:
-        """Begin an episode in each row at one start, or each at its own."""
+    def _begin(self, starts: Shaped[np.ndarray, "*BX"], rows: Bool[np.ndarray, " B"]) -> None:
+        """Begin an episode in each of `rows` at one start, or each at its own."""
         one = np.shape(self.rows.first)
         wanted = (self.num_envs, *one)
         if starts.shape not in (one, wanted):
             raise ArgumentError(
                 f"{self.rows.option}: wanted shape {one} or {wanted}, got {starts.shape}."
             )
-        self.rows.begin(np.broadcast_to(starts, wanted), self._everywhere)
-        self._have_begun(self._everywhere)
+        self.rows.begin(np.broadcast_to(starts, wanted), rows)
+        self._have_begun(rows)
 
     def _restart(self, rows: Bool[np.ndarray, " B"]) -> None:
         """Begin an episode at a random start in each of `rows`."""
         if not rows.any():
             return
-        self.rows.restart([self._random[row] for row in np.flatnonzero(rows)], rows)
+        self.rows.restart([self.random[row] for row in np.flatnonzero(rows)], rows)
         self._have_begun(rows)
 
     def _have_begun(self, rows: Bool[np.ndarray, " B"]) -> None:
         self._counts = np.where(rows, 0, self._counts)
-        self._has_ended = np.zeros(self.num_envs, bool)
+        self._has_ended = self._has_ended & ~rows
 
-    def _final_info(self) -> dict[str, Any]:
-        """Return the last observations of rows that have ended, in the format of Gymnasium's vector environments."""
+    def _final_info(self, info: dict[str, Shaped[np.ndarray, " B"]]) -> dict[str, Any]:
+        """Return the last observations and `info` of rows that have ended, as Gymnasium's vector environments do."""
         last = np.full(self.num_envs, None, object)
         observations = self.rows.observe()
         for row in np.flatnonzero(self._has_ended):
             last[row] = observations[row]
-        return {"final_obs": last, "_final_obs": self._has_ended}
+        return {
+            "final_obs": last,
+            "_final_obs": self._has_ended.copy(),
+            "final_info": _masked(info, self._has_ended),
+            "_final_info": self._has_ended.copy(),
+        }
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        """Return the seed of each row, None where its random stream continues."""
+        if seed is None:
+            return [None] * self.num_envs
+        if not isinstance(seed, Sequence):
+            return range(seed, seed + self.num_envs)
+        if len(seed) != self.num_envs:
+            raise ArgumentError(
+                f"seed: wanted a number, or one for each of {self.num_envs} rows, got {len(seed)}."
+            )
+        return seed
+
+    def _checked_mask(self, mask: ArrayLike) -> Bool[np.ndarray, " B"]:
+        """Return which rows to reset; ArgumentError for anything else."""
+        rows = np.asarray(mask)
+        if rows.dtype != bool or rows.shape != (self.num_envs,) or not rows.any():
+            raise ArgumentError(
+                f"{MASK}: wanted {self.num_envs} of True and False, one of them True, got {mask}."
+            )
+        return rows
 
     def _checked_actions(self, actions: ArrayLike) -> Float[np.ndarray, "B C"]:
         """Return `actions` (B, C), clipped to the bounds as by a motor."""
@@ -227,10 +286,11 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _masked(info: dict[str, Any], rows: Bool[np.ndarray, " B"]) -> dict[str, Any]:
-    """Return `info` of `rows` with Gymnasium's masks of the rows that have it; flags are false elsewhere."""
+    """Return `info` of `rows`, zero elsewhere, with Gymnasium's masks of the rows that have it; nothing for no rows."""
     masked = {}
+    if not rows.any():
+        return masked
     for name, values in info.items():
-        is_flag = values.dtype == bool
-        masked[name] = values & rows if is_flag else values.copy()
+        masked[name] = np.where(rows, values, np.zeros_like(values))
         masked[f"_{name}"] = rows.copy()
     return masked

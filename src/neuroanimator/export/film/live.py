@@ -29,6 +29,10 @@ class LiveCamera:
         self._spec = spec
         self._canvas: Canvas | None = None
 
+    def __reduce__(self) -> tuple[type[LiveCamera], tuple[EmulatorSpec]]:
+        """Return what is pickled: the graphics library's memory stays here."""
+        return LiveCamera, (self._spec,)
+
     def picture(self, state: Float[np.ndarray, " S"]) -> UInt8[np.ndarray, "H W 3"]:
         """Return the picture of `state`; ResourceError if nothing can be drawn here."""
         clip = self._clip(state)
