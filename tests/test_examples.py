@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import PATIENCE
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 
@@ -33,7 +34,7 @@ def test_the_example_runs(path: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.chdir(tmp_path)
     if path.stem in OWN_PROCESS:
         result = subprocess.run(
-            [sys.executable, str(path)], capture_output=True, text=True, timeout=300
+            [sys.executable, str(path)], capture_output=True, text=True, timeout=PATIENCE
         )
         assert result.returncode == 0, result.stderr
     else:

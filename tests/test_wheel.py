@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from test_documentation import blocks_of
+from waiting import PATIENCE
 
 from neuroanimator.cli import studio
 from neuroanimator.errors import ResourceError
@@ -77,7 +78,7 @@ def run_installed(programs: Path, cwd: Path, *arguments: str) -> str:
         env=kept | {"PATH": str(programs), "HOME": str(home)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE,
     )
     assert result.returncode == 0, result.stderr
     return result.stdout

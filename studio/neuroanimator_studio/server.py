@@ -210,23 +210,28 @@ async def _receive(request: Request, most: int, target: BinaryIO) -> None:
     if not declared.isdecimal() or int(declared) > most:
         raise too_large
     size = 0
-    stream = request.stream()
     try:
-        async with asyncio.timeout(limits.body_seconds):
-            async for chunk in _patiently(stream, limits.chunk_seconds):
-                size += len(chunk)
-                if size > most:
-                    raise too_large
-                target.write(chunk)
+        async for chunk in _patiently(request.stream(), limits.chunk_seconds, limits.body_seconds):
+            size += len(chunk)
+            if size > most:
+                raise too_large
+            target.write(chunk)
     except TimeoutError:
         raise HTTPException(408, "The file came too slowly. Try again.") from None
 
 
-async def _patiently(stream: AsyncIterator[bytes], seconds: float) -> AsyncIterator[bytes]:
-    """Yield pieces of a body, each of which comes in time; TimeoutError if one does not."""
+async def _patiently(
+    stream: AsyncIterator[bytes], chunk_seconds: float, body_seconds: float
+) -> AsyncIterator[bytes]:
+    """Yield the pieces of a body; TimeoutError if one of them, or all together, do not come in time.
+
+    No `asyncio.timeout` around it: before Python 3.12 `wait_for` swallows a cancellation that comes with its result.
+    """
+    clock = asyncio.get_running_loop().time
+    end = clock() + body_seconds
     while True:
         try:
-            yield await asyncio.wait_for(anext(stream), seconds)
+            yield await asyncio.wait_for(anext(stream), min(chunk_seconds, end - clock()))
         except StopAsyncIteration:
             return
 

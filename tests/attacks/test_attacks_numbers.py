@@ -14,6 +14,7 @@ import jax
 import numpy as np
 import pytest
 from forgery import forged_emulator, forged_policy
+from waiting import PATIENCE
 
 from neuroanimator import Emulator
 from neuroanimator.control.policies.policy import Policy
@@ -262,7 +263,9 @@ def test_refusing_takes_less_than_a_second_and_a_hundred_megabytes(tmp_path: Pat
 
         files.append(forged_emulator(tmp_path / f"{number}.safetensors", change))
     command = [sys.executable, "-c", WATCHER, *map(str, files)]
-    found = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=300).stdout)
+    found = json.loads(
+        subprocess.run(command, capture_output=True, check=True, timeout=PATIENCE).stdout
+    )
     for title, (refused, seconds, megabytes) in zip(BOMBS, found.values(), strict=True):
         assert refused, title
         assert seconds < 1, title

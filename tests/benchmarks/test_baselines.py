@@ -18,6 +18,7 @@ from control_cases.baselines.fast_physics import (
 from control_cases.baselines.ilqr import linearised
 from control_cases.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
 from swing_up import stand_upright
+from waiting import PATIENCE
 
 from neuroanimator import Emulator, load_system
 from neuroanimator.control.descent.parametrisation import EachStep, Spline
@@ -38,10 +39,6 @@ UPRIGHT = stand_upright()
 def run(name: str, **options) -> BaselineRun:
     settings = {"target": 0.0, "seconds": 2.0, "seed": 1, "scheme": PENDULUM.truth} | options
     return run_baseline(name, PENDULUM, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, **settings)
-
-
-PATIENCE = 60.0
-"""Longer than any of these runs takes to its target [s], on however busy a machine."""
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from processes import MAIN
+from waiting import PATIENCE
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 NO_HOME = {"HOME": None, "XDG_CACHE_HOME": None}
@@ -21,7 +22,7 @@ def run_in(
     environment = {**os.environ, **surroundings}
     present = {key: value for key, value in environment.items() if value is not None}
     program = [sys.executable, "-c", MAIN, *arguments]
-    return subprocess.run(program, cwd=folder, env=present, capture_output=True, timeout=300)
+    return subprocess.run(program, cwd=folder, env=present, capture_output=True, timeout=PATIENCE)
 
 
 def test_f15_files_are_utf_8_whatever_the_locale(tmp_path: Path):

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 LATIN = {
@@ -42,7 +43,7 @@ def run(
 ) -> subprocess.CompletedProcess[bytes]:
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(
-        command, cwd=folder, env={**os.environ, **locale}, capture_output=True, timeout=300
+        command, cwd=folder, env={**os.environ, **locale}, capture_output=True, timeout=PATIENCE
     )
 
 

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE
 
 from fuzz.corpus import FOLDER, PARSERS, read_corpus
 from fuzz.mutate import changed_json
@@ -57,7 +58,7 @@ def test_make_fuzz_takes_a_parser_by_name(tmp_path: Path):
         capture_output=True,
         text=True,
         errors="replace",
-        timeout=300,
+        timeout=PATIENCE,
     )
     assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-1000:]
     assert "inputs" in result.stdout
@@ -76,7 +77,7 @@ def test_the_fuzzer_finds_a_planted_fault_and_keeps_its_input(tmp_path: Path):
     crashes.mkdir()
     command = [sys.executable, "-c", planted, "numbers", "60", str(crashes), str(folder)]
     result = subprocess.run(
-        command, cwd=Path(__file__).parents[1], capture_output=True, text=True, errors="replace", timeout=300,
+        command, cwd=Path(__file__).parents[1], capture_output=True, text=True, errors="replace", timeout=PATIENCE,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(["." , *sys.path])},
     )  # fmt: skip
     assert result.returncode != 0

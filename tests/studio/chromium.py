@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
+from waiting import PATIENCE
 
 from neuroanimator.errors import ResourceError
 from neuroanimator_studio.run import page_folder
@@ -27,6 +28,9 @@ ARGUMENTS = [
     "--enable-unsafe-swiftshader",
 ]
 """Nothing is asked of the network, and pictures are drawn without a graphics card."""
+
+PATIENCE_MS = 1000 * int(PATIENCE)
+"""Time after which what the page should show is taken as lost [ms]."""
 
 WINDOW: ViewportSize = {"width": 480, "height": 320}
 """Small, for every pixel is computed by the processor."""

@@ -97,7 +97,7 @@ class Serving:
     def page(self) -> Iterator[ClientConnection]:
         """Yield the socket of an open page."""
         with self.socket() as socket:
-            assert json.loads(socket.recv(10))["event"] == "ready"
+            assert json.loads(socket.recv(PATIENCE))["event"] == "ready"
             yield socket
 
     def socket(self, origin: str | None = "", token: str | None = None) -> ClientConnection:
@@ -142,7 +142,7 @@ def ask_page(page: ClientConnection, **request: Any) -> Any:
     """Return the answer to a request, events left aside."""
     page.send(json.dumps({"id": 1, **request}))
     while True:
-        answer = json.loads(page.recv(60))
+        answer = json.loads(page.recv(PATIENCE))
         if "event" not in answer:
             return answer
 

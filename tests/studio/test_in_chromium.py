@@ -13,7 +13,7 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from chromium import browsing, hosting, looking, next_frame
+from chromium import PATIENCE_MS, browsing, hosting, looking, next_frame
 from playwright.sync_api import Browser, Download, Page, ViewportSize, expect
 from serving import Serving, serving
 
@@ -22,9 +22,6 @@ from neuroanimator_studio.run import page_folder, write_entry
 from neuroanimator_studio.static_site import export_site
 
 PENDULUM = shipped_folder() / "pendulum-50"
-
-PATIENCE = 120_000
-"""Time a picture may take on a busy machine without a graphics card [ms]."""
 
 WITH_PANELS: ViewportSize = {"width": 1000, "height": 320}
 """Wide enough for the panels beside the stage."""
@@ -41,10 +38,10 @@ def browser() -> Iterator[Browser]:
 
 def is_something_drawn(page: Page) -> bool:
     """Whether the stage shows more than one colour before our patience is over: a name is there before its picture."""
-    deadline = time.monotonic() + PATIENCE / 1_000
-    page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+    deadline = time.monotonic() + PATIENCE_MS / 1_000
+    page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE_MS)
     while time.monotonic() < deadline:
-        picture = page.locator("canvas").first.screenshot(timeout=PATIENCE)
+        picture = page.locator("canvas").first.screenshot(timeout=PATIENCE_MS)
         if len(picture) > 4_000:  # of one colour it is a few hundred bytes
             return True
     return False
@@ -68,7 +65,7 @@ def test_one_file_shows_a_motion_without_any_server(browser: Browser, tmp_path: 
     with looking(browser) as look:
         look.page.goto(file.as_uri())
         shown = look.page.locator('nav button[aria-current="true"]')
-        expect(shown).to_have_text("Pendulum", timeout=PATIENCE)
+        expect(shown).to_have_text("Pendulum", timeout=PATIENCE_MS)
         assert is_something_drawn(look.page)
         assert look.complaints == []
         assert all(url == file.as_uri() or url.startswith(("blob:", "data:")) for url in look.asked)
@@ -82,14 +79,14 @@ def test_a_private_file_leads_a_browser_in_and_leaves_no_token_in_its_reach(
         page = look.page
         page.goto(write_entry(gate).as_uri())
         shown = page.locator('nav button[aria-current="true"]')
-        expect(shown).to_have_text("Pendulum", timeout=PATIENCE)
+        expect(shown).to_have_text("Pendulum", timeout=PATIENCE_MS)
         expect(page.locator(".banner.error")).to_have_count(0)
         assert gate.token not in page.url
         within_reach = "document.cookie + document.referrer + JSON.stringify({...localStorage})"
         assert gate.token not in page.evaluate(within_reach)
         assert page.context.cookies() == []
         page.reload()
-        expect(shown).to_have_text("Pendulum", timeout=PATIENCE)
+        expect(shown).to_have_text("Pendulum", timeout=PATIENCE_MS)
         assert look.complaints == []
 
 
@@ -131,7 +128,7 @@ def test_s04_a_page_of_another_port_reads_and_changes_nothing(browser: Browser, 
 
 def take(page: Page, label: str) -> bytes:
     """Press a button of "Export" and return the file that comes."""
-    with page.expect_download(timeout=PATIENCE) as download:
+    with page.expect_download(timeout=PATIENCE_MS) as download:
         page.locator("button", has_text=re.compile(f"^{label}$")).click()
     return download.value.path().read_bytes()
 
@@ -141,7 +138,7 @@ def test_a_person_leaves_with_a_file_of_every_kind(browser: Browser, tmp_path: P
         page = look.page
         page.set_viewport_size(WITH_PANELS)
         page.goto(with_pendulum_alone(studio).gate.url)
-        expect(page.locator('nav button[aria-current="true"]')).to_be_visible(timeout=PATIENCE)
+        expect(page.locator('nav button[aria-current="true"]')).to_be_visible(timeout=PATIENCE_MS)
         for key in (".", ".", ".", ".", "l", "Space"):
             page.keyboard.press(key)
         page.locator("summary", has_text="Export").click()
@@ -199,7 +196,7 @@ def test_the_page_films_what_it_shows_itself_at_an_even_rate(
         page.keyboard.press("Home")
         for key in (*("." * steps), "l", "Space"):
             page.keyboard.press(key)
-        next_frame(page, PATIENCE)
+        next_frame(page, PATIENCE_MS)
         # Live, it may have gone on for a super step before it was paused.
         seconds = float(page.locator(".timeline .scrub").get_attribute("max") or 0)
         assert seconds >= steps * facts["dt"]
@@ -231,7 +228,7 @@ def test_a_film_is_cancelled_by_a_key_and_leaves_nothing(browser: Browser, tmp_p
         page.locator("button", has_text=re.compile("^Film$")).click()
         expect(page.locator("dialog progress")).to_be_visible()
         page.keyboard.press("Escape")
-        expect(page.locator("dialog progress")).to_have_count(0, timeout=PATIENCE)
+        expect(page.locator("dialog progress")).to_have_count(0, timeout=PATIENCE_MS)
         assert downloads == []
         assert page.locator(".banner").count() == 0
         assert is_something_drawn(page)
@@ -257,7 +254,7 @@ def test_s08_a_name_that_is_markup_is_shown_as_text(browser: Browser, tmp_path: 
         studio.studio.library.bundles = lambda: [folder]
         look.page.goto(studio.gate.url)
         shown = look.page.locator('nav button[aria-current="true"]')
-        expect(shown).to_have_text(EVIL, timeout=PATIENCE, ignore_case=True)
+        expect(shown).to_have_text(EVIL, timeout=PATIENCE_MS, ignore_case=True)
         assert is_something_drawn(look.page)
         assert look.page.title() != "owned"
         assert look.page.locator("img[src=x]").count() == 0
@@ -270,6 +267,8 @@ def test_when_the_server_goes_the_page_says_so_and_goes_on(browser: Browser, tmp
         with serving(tmp_path, page=page_folder()) as studio:
             look.page.goto(with_pendulum_alone(studio).gate.url)
             assert is_something_drawn(look.page)
-        expect(look.page.get_by_text("The server does not answer")).to_be_visible(timeout=PATIENCE)
+        expect(look.page.get_by_text("The server does not answer")).to_be_visible(
+            timeout=PATIENCE_MS
+        )
         assert is_something_drawn(look.page)
         assert not [line for line in look.complaints if line.startswith("uncaught")]

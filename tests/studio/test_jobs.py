@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from serving import Serving, ask_page, serving
+from waiting import PATIENCE, wait_until
 
 from neuroanimator import load_emulator
 from neuroanimator.errors import BadFileError
@@ -27,13 +26,6 @@ ARM = b"""<mujoco><worldbody><body><joint name="hinge" type="hinge" axis="0 1 0"
 <actuator><motor name="motor" joint="hinge" ctrlrange="-1 1"/></actuator></mujoco>"""
 
 
-def wait_for(look: Callable[[], bool], seconds: float = 60.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not look():
-        assert time.monotonic() < deadline, "waited too long"
-        time.sleep(0.05)
-
-
 def the_job(jobs: Jobs) -> dict[str, Any]:
     (row,) = jobs.list()
     return row
@@ -44,24 +36,24 @@ def test_a_training_outlives_the_server_is_stopped_and_goes_on(tmp_path: Path):
         answer = ask_page(page, do="train", system="pendulum", substeps=50, count=2_000_000)
         job = answer["job"]
         assert [row["id"] for row in answer["jobs"]] == [job]
-        wait_for(lambda: the_job(studio.studio.jobs)["phase"] == "data")
+        wait_until(lambda: the_job(studio.studio.jobs)["phase"] == "data")
         process = running_process(studio.studio.jobs.folder / job)
         assert process is not None
-        while json.loads(page.recv(20)).get("event") != "job":
+        while json.loads(page.recv(PATIENCE)).get("event") != "job":
             pass
     # The server is gone, the job is not.
     os.kill(process, 0)
     with serving(tmp_path) as studio, studio.page() as page:
         jobs = studio.studio.jobs
         assert ask_page(page, do="jobs")["jobs"][0]["is_running"]
-        wait_for(lambda: the_job(jobs)["done"] > 0)
+        wait_until(lambda: the_job(jobs)["done"] > 0)
         stopped = ask_page(page, do="stop", job=job)["jobs"][0]
         assert stopped["phase"] == "stopped"
         assert not stopped["is_running"]
         shards = len(list((jobs.folder / job / "data").glob("*.safetensors")))
         resumed = ask_page(page, do="resume", job=job)["jobs"][0]
         assert resumed["phase"] in ("starting", "data")
-        wait_for(lambda: the_job(jobs)["done"] > shards)
+        wait_until(lambda: the_job(jobs)["done"] > shards)
         assert "error" in ask_page(page, do="forget", job=job)
         ask_page(page, do="stop", job=job)
         assert ask_page(page, do="forget", job=job)["jobs"] == []
@@ -71,11 +63,11 @@ def test_a_training_outlives_the_server_is_stopped_and_goes_on(tmp_path: Path):
 def test_a_killed_training_is_seen_to_be_stopped(tmp_path: Path):
     jobs = Jobs(tmp_path, tmp_path)
     job = jobs.start(checked_plan({"system": "pendulum", "substeps": 50, "count": 2_000_000}))
-    wait_for(lambda: the_job(jobs)["phase"] == "data")
+    wait_until(lambda: the_job(jobs)["phase"] == "data")
     process = running_process(tmp_path / job)
     assert process is not None
     os.kill(process, signal.SIGKILL)
-    wait_for(lambda: the_job(jobs)["phase"] == "stopped", 5)
+    wait_until(lambda: the_job(jobs)["phase"] == "stopped")
 
 
 def test_a_curve_is_looked_for_where_training_writes_it(tmp_path: Path):
@@ -87,7 +79,7 @@ def test_a_training_ends_as_an_emulator_on_show(tmp_path: Path):
     with serving(tmp_path) as studio, studio.page() as page:
         answer = ask_page(page, do="train", system="pendulum-passive", count=7_200, updates=500)
         jobs = studio.studio.jobs
-        wait_for(lambda: the_job(jobs)["phase"] in ("done", "failed"), 240)
+        wait_until(lambda: the_job(jobs)["phase"] in ("done", "failed"))
         row = the_job(jobs)
         assert row["phase"] == "done", row
         assert row["curve"][-1][0] == 500

@@ -10,16 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from chromium import browsing, enter, hosting, looking
+from chromium import PATIENCE_MS, browsing, enter, hosting, looking
 from playwright.sync_api import Browser, Page, ViewportSize
+from waiting import PATIENCE
 
 WINDOW: ViewportSize = {"width": 640, "height": 320}
 """Small: drawing without a graphics card is slow."""
 
 SYSTEMS = ("dolphin", "truck", "lander", "pendulum", "pendulum-passive", "cube", "fish")
-
-PATIENCE = 20_000
-"""A step may take so long on a busy machine [ms]."""
 
 NEUROANIMATOR = (sys.executable, "-c", "from neuroanimator.cli.main import main; main()")
 
@@ -35,7 +33,7 @@ def address() -> Iterator[str]:
         yield process.stdout.readline().strip()
     finally:
         process.terminate()
-        process.communicate(timeout=10)
+        process.communicate(timeout=PATIENCE)
 
 
 @pytest.fixture(scope="module")
@@ -48,14 +46,14 @@ def browser() -> Iterator[Browser]:
 def open_page(browser: Browser, address: str) -> Iterator[tuple[Page, list[str]]]:
     """Yield a page, and what is said on its console that should not be."""
     with looking(browser, WINDOW, is_moving=True) as look:
-        look.page.set_default_timeout(PATIENCE)
+        look.page.set_default_timeout(PATIENCE_MS)
         enter(look.page, address)
         yield look.page, look.complaints
 
 
 def wait_until(page: Page, expression: str) -> None:
     """Wait until a piece of JavaScript is true in the page, which lets nobody make functions out of strings."""
-    end = time.monotonic() + PATIENCE / 1000
+    end = time.monotonic() + PATIENCE_MS / 1000
     while not page.evaluate(expression):
         assert time.monotonic() < end, f"never came true: {expression}"
         page.wait_for_timeout(50)
@@ -178,7 +176,7 @@ def test_a_file_that_is_no_emulator_is_refused_in_words(browser: Browser, addres
 def test_the_static_page_works_in_a_folder_of_any_host(browser: Browser, tmp_path: Path) -> None:
     folder = tmp_path / "some" / "folder"
     export = [*NEUROANIMATOR, "studio", "--export", str(folder)]
-    subprocess.run(export, check=True, capture_output=True, timeout=60)
+    subprocess.run(export, check=True, capture_output=True, timeout=PATIENCE)
     with hosting(tmp_path) as origin:
         address = f"{origin}/some/folder/?show=pendulum-50"
         with open_page(browser, address) as (page, complaints):

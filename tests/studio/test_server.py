@@ -11,7 +11,6 @@ import socket
 import stat
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from serving import Serving, ask_page, serving, write_page
+from waiting import PATIENCE, wait_until
 from websockets import Subprotocol
 from websockets.sync.client import connect
 from websockets.typing import Origin
@@ -164,7 +164,7 @@ def test_a_dropped_emulator_is_there_after_a_restart(tmp_path: Path):
     with serving(tmp_path) as studio, studio.page() as page:
         reply = studio.post("/api/emulators", content, "application/octet-stream")
         assert reply.status == 200, reply.body
-        events = [json.loads(page.recv(10)) for _ in range(4)]
+        events = [json.loads(page.recv(PATIENCE)) for _ in range(4)]
         assert [event.get("phase") for event in events[:2]] == ["reading", "compiling"]
         assert events[-1] == {"event": "catalogue"}
         again = studio.post("/api/emulators", content, "application/octet-stream")
@@ -293,14 +293,14 @@ def test_the_command_line_prints_the_address_listens_on_this_machine_alone_and_s
         match = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#token=[0-9a-f]{32}", line)
         assert match, line + process.stderr.read()
         port = int(match[1])
-        with socket.create_connection(("127.0.0.1", port), timeout=20) as connection:
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as connection:
             connection.sendall(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
             assert b" 200 " in connection.recv(100)
         table = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
         listening = re.findall(rf" ([0-9A-F]+):{port:04X} [0-9A-F:]+ 0A ", table)
         assert listening == ["0100007F"]
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 130
+        assert process.wait(PATIENCE) == 130
         assert process.stderr.read().strip().endswith("Stopped. No file was left half-written.")
 
 
@@ -312,10 +312,7 @@ def test_the_browser_is_led_in_by_a_file_that_only_this_user_can_read(tmp_path: 
     with command(tmp_path, browser=browser) as process:
         assert process.stdout is not None
         address = process.stdout.readline().strip()
-        deadline = time.monotonic() + 10
-        while not said.exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(said.exists)
         words = said.read_text().strip()
         assert "token" not in words
         assert address.partition("token=")[2] not in words
@@ -323,7 +320,7 @@ def test_the_browser_is_led_in_by_a_file_that_only_this_user_can_read(tmp_path: 
         assert stat.S_IMODE(entry.stat().st_mode) == 0o600
         assert f'content="0; url={address}"' in entry.read_text()
         process.send_signal(signal.SIGINT)
-        process.wait(20)
+        process.wait(PATIENCE)
     assert not entry.exists()
 
 
@@ -341,7 +338,7 @@ def test_f18_a_hundred_pages_come_and_go_and_leave_no_memory_behind(tmp_path: Pa
                     compression=None,
                     subprotocols=[Subprotocol(f"token.{token}")],
                 ) as page:
-                    assert "ready" in str(page.recv(10))
+                    assert "ready" in str(page.recv(PATIENCE))
                     assert "jobs" in ask_page(page, do="jobs")
 
         come_and_go(20)
@@ -360,7 +357,7 @@ def test_a_port_in_use_is_one_line_and_exit_code_4(tmp_path: Path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with command(tmp_path, "--port", str(port)) as process:
-            out, errors = process.communicate(timeout=30)
+            out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 4
     assert out == ""
     assert (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import browsing, hosting, looking
+from chromium import PATIENCE_MS, browsing, hosting, looking
 from cloths import untrained_cloth
 from PIL import Image
 from playwright.sync_api import Page, ViewportSize, expect
@@ -15,9 +15,6 @@ from playwright.sync_api import Page, ViewportSize, expect
 from neuroanimator_studio.bundle import make_bundle
 from neuroanimator_studio.run import page_folder
 from neuroanimator_studio.static_site import export_site
-
-PATIENCE = 120_000
-"""Time a picture may take on a busy machine without a graphics card [ms]."""
 
 WINDOW: ViewportSize = {"width": 1000, "height": 640}
 """With panels beside the stage, and room above the cloth for what is said of an emulator that learnt nothing."""
@@ -35,7 +32,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def picture(page: Page) -> np.ndarray:
     """Return what the stage shows: red, green, blue."""
-    content = page.locator("canvas").first.screenshot(timeout=PATIENCE)
+    content = page.locator("canvas").first.screenshot(timeout=PATIENCE_MS)
     return np.asarray(Image.open(io.BytesIO(content)).convert("RGB")).astype(int)
 
 
@@ -49,7 +46,7 @@ def test_a_cloth_is_drawn_dragged_and_multiplied(site: Path):
     with browsing() as browser, hosting(site) as address, looking(browser, WINDOW) as look:
         page = look.page
         page.goto(address)
-        page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+        page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE_MS)
         page.wait_for_timeout(1000)
         before = picture(page)
         red = before[..., 0] - before[..., 1:].max(axis=2)
@@ -62,7 +59,7 @@ def test_a_cloth_is_drawn_dragged_and_multiplied(site: Path):
         page.mouse.move(box["x"] + column, box["y"] + row)
         page.mouse.down()
         page.mouse.move(box["x"] + column + 60, box["y"] + row, steps=5)
-        expect(page.locator(".chip").first).to_have_text("live", timeout=PATIENCE)
+        expect(page.locator(".chip").first).to_have_text("live", timeout=PATIENCE_MS)
         page.wait_for_timeout(3000)
         after = places_of(picture(page), (110, 225, 215), 35)
         page.mouse.up()
@@ -70,5 +67,5 @@ def test_a_cloth_is_drawn_dragged_and_multiplied(site: Path):
         assert after[:, 1].mean() > column + 10
         page.select_option("select[aria-label='How many more of them']", label="with 20 more")
         page.wait_for_timeout(2000)
-        expect(page.locator("dd").nth(1)).to_contain_text("ms", timeout=PATIENCE)
+        expect(page.locator("dd").nth(1)).to_contain_text("ms", timeout=PATIENCE_MS)
         assert look.complaints == []

@@ -11,7 +11,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from chromium import Looking, browsing, enter, hosting, looking, next_frame
+from chromium import PATIENCE_MS, Looking, browsing, enter, hosting, looking, next_frame
 from jaxtyping import Float
 from playwright.sync_api import Browser, Locator, Page, Route, ViewportSize, expect
 from serving import Serving, serving
@@ -20,9 +20,6 @@ from neuroanimator_studio.catalogue import shipped_folder
 from neuroanimator_studio.descents import WITH_DESCENT
 from neuroanimator_studio.run import page_folder
 from neuroanimator_studio.static_site import export_site
-
-PATIENCE = 120_000
-"""Time a picture may take on a busy machine without a graphics card [ms]."""
 
 WINDOW: ViewportSize = {"width": 1000, "height": 380}
 """Wide enough for the panels."""
@@ -65,7 +62,7 @@ def showing(
     """Open the studio with one system on its stage."""
     with looking(browser, window) as look:
         enter(look.page, f"{studio.gate.url}&show={name}")
-        look.page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+        look.page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE_MS)
         yield look
 
 
@@ -81,16 +78,16 @@ def without_server(browser: Browser, name: str, folder: Path) -> Iterator[Lookin
 def find_button(page: Page) -> Locator:
     """Open "Reach a goal", which is open where nothing else steers, and return its button."""
     find = page.get_by_role("button", name="Find controls")
-    expect(page.locator("summary", has_text="Reach a goal")).to_be_visible(timeout=PATIENCE)
+    expect(page.locator("summary", has_text="Reach a goal")).to_be_visible(timeout=PATIENCE_MS)
     if not find.is_visible():
-        page.locator("summary", has_text="Reach a goal").click(timeout=PATIENCE)
+        page.locator("summary", has_text="Reach a goal").click(timeout=PATIENCE_MS)
     return find
 
 
 def press(page: Page) -> Locator:
     """Press the one button, wait until all is done, and return the verdict."""
-    find_button(page).click(timeout=PATIENCE)
-    expect(page.locator(".results button")).to_be_visible(timeout=PATIENCE)
+    find_button(page).click(timeout=PATIENCE_MS)
+    expect(page.locator(".results button")).to_be_visible(timeout=PATIENCE_MS)
     return page.locator(".verdict")
 
 
@@ -98,13 +95,13 @@ def to_the_end(page: Page) -> None:
     """Go to the last frame, and wait until it is drawn."""
     page.locator("canvas").first.focus()
     page.keyboard.press("End")
-    next_frame(page, PATIENCE)
+    next_frame(page, PATIENCE_MS)
 
 
 def still_picture(page: Page) -> Float[np.ndarray, "H W 3"]:
     """Return the picture of the stage alone, once it is the same a second later: the camera comes to rest frame by frame."""
     before = stage_picture(page)
-    for _ in range(PATIENCE // 1_000):
+    for _ in range(PATIENCE_MS // 1_000):
         page.wait_for_timeout(1_000)
         now = stage_picture(page)
         if np.abs(now - before).max() < 0.02:
@@ -115,7 +112,7 @@ def still_picture(page: Page) -> Float[np.ndarray, "H W 3"]:
 
 def stage_picture(page: Page) -> Float[np.ndarray, "H W 3"]:
     """Return the picture of the stage alone."""
-    content = page.locator("canvas").first.screenshot(timeout=PATIENCE)
+    content = page.locator("canvas").first.screenshot(timeout=PATIENCE_MS)
     return matplotlib.image.imread(io.BytesIO(content), format="png")[..., :3]
 
 
@@ -129,7 +126,7 @@ def check_first_press(look: Looking, name: str) -> None:
     expect(verdict).to_have_class("verdict success")
     expect(verdict).to_contain_text("Success: the physics")
     expect(verdict).to_be_in_viewport()
-    expect(page.locator(".hud")).to_contain_text("the true physics", timeout=PATIENCE)
+    expect(page.locator(".hud")).to_contain_text("the true physics", timeout=PATIENCE_MS)
     to_the_end(page)
     if name == "pendulum-50":
         check_upright(still_picture(page))
@@ -170,9 +167,9 @@ def test_a_stage_that_is_not_there_yet_says_so(browser: Browser, studio: Serving
         page.route("**/emulator.wasm", lambda route: held.append(route))
         with page.expect_request("**/emulator.wasm"):
             enter(page, f"{studio.gate.url}&show=pendulum-50")
-        expect(page.get_by_text("Loading …")).to_be_visible(timeout=PATIENCE)
+        expect(page.get_by_text("Loading …")).to_be_visible(timeout=PATIENCE_MS)
         held[0].continue_()
-        expect(page.get_by_text("Loading …")).to_be_hidden(timeout=PATIENCE)
+        expect(page.get_by_text("Loading …")).to_be_hidden(timeout=PATIENCE_MS)
         assert page.locator("html[data-frames]").count() == 1
 
 
@@ -213,8 +210,8 @@ def test_what_a_lost_server_does_not_prove_is_kept(browser: Browser, tmp_path: P
         with serving(tmp_path, page=page_folder()) as studio:
             enter(page, f"{studio.gate.url}&show=pendulum-50")
             find = find_button(page)
-            with page.expect_response(re.compile("worker"), timeout=PATIENCE):
-                find.hover(timeout=PATIENCE)
-        expect(page.get_by_text("The server does not answer")).to_be_visible(timeout=PATIENCE)
+            with page.expect_response(re.compile("worker"), timeout=PATIENCE_MS):
+                find.hover(timeout=PATIENCE_MS)
+        expect(page.get_by_text("The server does not answer")).to_be_visible(timeout=PATIENCE_MS)
         expect(press(page)).to_contain_text("not verified: the server does not answer")
         assert not [line for line in look.complaints if line.startswith("uncaught")]

@@ -7,15 +7,12 @@ import re
 from pathlib import Path
 
 import numpy as np
-from chromium import STEPPED, browsing, hosting, looking
+from chromium import PATIENCE_MS, STEPPED, browsing, hosting, looking
 from playwright.sync_api import Page, ViewportSize, expect
 
 from neuroanimator_studio.catalogue import shipped_folder
 from neuroanimator_studio.run import page_folder
 from neuroanimator_studio.static_site import export_site
-
-PATIENCE = 120_000
-"""Time a picture may take on a busy machine without a graphics card [ms]."""
 
 WINDOW: ViewportSize = {"width": 1000, "height": 320}
 """With panels beside the stage."""
@@ -64,7 +61,7 @@ def test_a_human_goes_where_arrow_keys_say_and_ten_others_go_their_ways(tmp_path
         page = look.page
         page.add_init_script(STEPPED)
         page.goto(site)
-        page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+        page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE_MS)
         let_time_go(page, 4)
         hold(page, "ArrowLeft", 6)
         let_time_go(page, 2)
@@ -73,10 +70,10 @@ def test_a_human_goes_where_arrow_keys_say_and_ten_others_go_their_ways(tmp_path
         others.click()
         expect(others).to_have_attribute("aria-pressed", "false")
         let_time_go(page, 2)
-        expect(others).to_have_attribute("aria-pressed", "true", timeout=PATIENCE)
+        expect(others).to_have_attribute("aria-pressed", "true", timeout=PATIENCE_MS)
         expect(page.locator(".chip.trust")).to_contain_text("covered by training")
         page.locator("summary", has_text="Export").click()
-        with page.expect_download(timeout=PATIENCE) as download:
+        with page.expect_download(timeout=PATIENCE_MS) as download:
             page.locator("button", has_text=re.compile("^CSV$")).click()
         times, heights, headings = states_of(download.value.path())
         assert look.complaints == []
@@ -98,7 +95,7 @@ def test_a_finger_turns_a_human_by_the_stick_on_the_stage(tmp_path: Path):
         page = look.page
         page.add_init_script(STEPPED)
         page.goto(site)
-        page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+        page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE_MS)
         stick = page.locator(".stick").first
         expect(stick).to_be_visible()
         expect(page.locator(".stick").last).to_be_hidden()
