@@ -140,21 +140,6 @@ def test_temporary_folders_are_made_where_it_is_known_that_they_must_go():
         assert not re.search("TemporaryDirectory|mkdtemp", path.read_text()), path
 
 
-def test_everything_after_the_emulator_file_works_without_mujoco():
-    for stage in (
-        "animation",
-        "appearance",
-        "definitions",
-        "emulator",
-        "files",
-        "state",
-        "files",
-        "files.zoo",
-    ):
-        for path in [*SOURCE.glob(f"{stage}.py"), *SOURCE.glob(f"{stage}/*.py")]:
-            assert "import mujoco" not in path.read_text()
-
-
 def test_one_module_says_how_child_processes_of_python_start():
     """With the present folder off their path: see `python_command`."""
     starting = [

@@ -37,7 +37,8 @@ from neuroanimator.export.film.rigid_scene import RigidScene
 from neuroanimator.export.film.skeleton_scene import SkeletonScene
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.systems import trusted_files
-from neuroanimator.systems.loading import MissingPhysicsError, resolve
+from neuroanimator.systems.loading import resolve
+from neuroanimator.systems.named_files import MissingPhysicsError
 from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.trusted_files import trusted_so_far
 

@@ -160,8 +160,7 @@ def _paths_about(
     contacts = emulator.frame.shape_contacts
     if contacts is None:
         return None
-    from neuroanimator.systems.loading import movers_of  # with it comes MuJoCo
-    from neuroanimator.systems.soft.movers import pace_of
+    from neuroanimator.systems.soft.movers import movers_of, pace_of  # with it comes pydantic
 
     movers = movers_of(emulator.system, emulator.definition, emulator.rest)
     if movers is None:

@@ -21,7 +21,8 @@ from neuroanimator.gym.bodies import environment_returns, episodes_of, motion_of
 from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
 from neuroanimator.gym.state_rows import EmulatorStepper, physics_stepper
-from neuroanimator.systems.loading import MissingPhysicsError, trust_files
+from neuroanimator.systems.loading import trust_files
+from neuroanimator.systems.named_files import MissingPhysicsError
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import quoted

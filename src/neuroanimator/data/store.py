@@ -48,7 +48,7 @@ from neuroanimator.files.json_text import parse_json_object
 from neuroanimator.files.places import Place, place_of
 from neuroanimator.files.tables import first_fault
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.loading import named_model, named_shapes, names_model
+from neuroanimator.systems.named_files import named_model, named_shapes, names_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.model_xml import MAX_TOTAL
 from neuroanimator.systems.system import System

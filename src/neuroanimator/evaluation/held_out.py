@@ -158,7 +158,7 @@ def replayable_system(emulator: Emulator) -> System:
 
     Raises BadFileError as `system_of` does.
     """
-    from neuroanimator.systems.loading import MissingPhysicsError
+    from neuroanimator.systems.named_files import MissingPhysicsError
     from neuroanimator.systems.rigid.absent_model import AbsentModel
 
     try:

@@ -12,7 +12,6 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import write_clip
 from neuroanimator.export.film.options import Film
-from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.export.usd.scene import write_usd
 from neuroanimator.files.zoo import find_emulator
@@ -58,7 +57,7 @@ def export_clip(
         elif path.suffix.startswith(".usd"):
             write_usd(drawn, path)
         elif path.suffix == ".mp4":
-            write_video(drawn, path, size=film.size, camera=film.camera)
+            _write_film(drawn, path, film)
         else:
             write_clip(clip, path, emulator.state)
 
@@ -75,9 +74,15 @@ def export_school(clips: Sequence[Clip], outs: list[Path], film: Film = DEFAULT_
         if path.suffix == ".glb":
             write_glb(clips, path)
         elif path.suffix == ".mp4":
-            write_video(clips, path, size=film.size, camera=film.camera)
+            _write_film(clips, path, film)
         else:
             write_usd(clips, path)
+
+
+def _write_film(clips: Clip | Sequence[Clip], path: Path, film: Film) -> None:
+    from neuroanimator.export.film.video import write_video  # with it comes MuJoCo, which draws
+
+    write_video(clips, path, size=film.size, camera=film.camera)
 
 
 def _check_formats(outs: list[Path]) -> None:

@@ -19,7 +19,8 @@ from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.state.shape_contacts import FREE, HELD, ROOT
-from neuroanimator.systems.loading import from_text, named_model, named_shapes, resolve
+from neuroanimator.systems.loading import from_text, resolve
+from neuroanimator.systems.named_files import named_model, named_shapes
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import read_model_files
 from neuroanimator.systems.soft.flex_model import mover_names

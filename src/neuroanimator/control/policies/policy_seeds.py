@@ -16,7 +16,7 @@ from neuroanimator.files.json_text import parse_json_object
 from neuroanimator.files.unfinished import temporary_folder
 from neuroanimator.files.zoo import find_emulator
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.loading import named_model
+from neuroanimator.systems.named_files import named_model
 from neuroanimator.systems.trusted_files import (
     NO_FILES,
     TrustedFiles,

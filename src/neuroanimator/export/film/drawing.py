@@ -21,7 +21,7 @@ from neuroanimator.export.film.rigid_scene import RigidScene
 from neuroanimator.export.film.scene import Scene, doubts
 from neuroanimator.export.film.skeleton_scene import SkeletonScene
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.loading import MissingPhysicsError
+from neuroanimator.systems.named_files import MissingPhysicsError
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.terminal import Bar
 

@@ -7,9 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.soft import MotionTable, MoverTable
+from neuroanimator.definitions.carried import read_definition_text
+from neuroanimator.definitions.flex import FlexDefinition
+from neuroanimator.definitions.soft import MotionTable, MoverTable, SoftDefinition
 from neuroanimator.state.layout import Slice
 from neuroanimator.state.shape_contacts import FREE, place_movers
+from neuroanimator.systems.named_files import read_definition, shipped_folder
 
 WAVES = 3
 """Number of sinusoids in a path along an axis."""
@@ -187,3 +190,22 @@ def mocap_movers(tables: dict[str, MotionTable], positions: Float[np.ndarray, "M
     for (name, table), position in zip(tables.items(), positions, strict=True):
         placed[name] = MoverTable(position=tuple(position.tolist()), **table.model_dump())
     return Movers(placed)
+
+
+def movers_of(name: str, text: str, rest: Float[np.ndarray, " S"]) -> Movers | None:
+    """Return the movers of the soft body `name` that rests at `rest`, with the definition `text`, empty if it ships.
+
+    None for any other system. Only the definition is read.
+    """
+    if text:
+        definition = read_definition_text(text).definition
+    else:
+        with shipped_folder() as folder:
+            _, definition = read_definition(folder / f"{name}.toml")
+    if isinstance(definition, SoftDefinition):
+        return Movers(definition.movers)
+    if isinstance(definition, FlexDefinition):
+        turning = tuple(table.turns for table in definition.movers.values())
+        entries = [place.entry for place in place_movers(turning)]
+        return mocap_movers(definition.movers, np.stack([rest[i : i + 3] for i in entries]))
+    return None
