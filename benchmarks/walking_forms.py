@@ -52,7 +52,7 @@ def curves(env_id: str, seed: int, updates: int) -> list[dict[str, Any]]:
             system, task, leaps = prepared(env_id, Path(place), seed)
         for form, weight in FORMS.items():
             learning = replace(
-                task.learning, updates=updates, reports=REPORTS, seed=seed, slope_weight=weight
+                task.learning, updates=updates, reports=REPORTS, seed=seed, gradient_weight=weight
             )
             told: list[Any] = []
             na.learn_policy(

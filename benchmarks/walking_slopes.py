@@ -144,7 +144,7 @@ def learn(env_id: str, folder: Path, files: dict[int, Path]) -> None:
     system, task, emulator = prepared(env_id, folder, 0)
     learner = Learner(system, emulator, task.rules, PolicyLearning())
     for updates, file in files.items():
-        while learner.numbers.update < updates:
+        while learner.counters.update < updates:
             learner.advance()
         learner.policy.save(file)
 

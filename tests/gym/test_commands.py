@@ -363,7 +363,7 @@ def test_a_policy_that_learning_begins_with_is_kept_until_the_critic_knows_it(
     after = learner.progress
     np.testing.assert_array_equal(after.actor.network.weights[0], before.actor.network.weights[0])
     assert (after.critic.network.weights[0] != before.critic.network.weights[0]).any()
-    learner.numbers = learner.numbers._replace(update=CRITIC_FIRST)
+    learner.counters = learner.counters._replace(update=CRITIC_FIRST)
     learner.advance()
     moved = learner.progress.actor.network.weights[0]
     assert (moved != before.actor.network.weights[0]).any()

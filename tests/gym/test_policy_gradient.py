@@ -1,4 +1,4 @@
-"""Policies by slopes from an emulator: true where the emulator is the physics, the same from the same seed, and kept in files."""
+"""Policies by gradients from an emulator: true where it is the physics, the same from the same seed, and kept in files."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from neuroanimator.gym.learner import Learner, PolicyLearning
 from neuroanimator.gym.locomotion import task_of
 from neuroanimator.gym.policy_gradient import (
     Actor,
+    Minibatch,
     Rollouts,
-    Told,
-    action_slopes,
+    action_gradients,
     advantages,
     policy_loss,
-    weight_of_slopes,
+    weight_of_gradients,
 )
 from neuroanimator.gym.state_rows import EmulatorStepper
 
@@ -66,7 +66,7 @@ def rollouts(learner: Learner) -> Rollouts:
     return learner._roll_out(np.random.default_rng(2), learner.policy)
 
 
-def test_where_the_emulator_is_the_physics_slopes_are_those_of_returns(
+def test_where_the_emulator_is_the_physics_gradients_are_those_of_returns(
     learner: Learner, rollouts: Rollouts, emulator: Emulator
 ):
     critic = learner.progress.critic
@@ -84,24 +84,24 @@ def test_where_the_emulator_is_the_physics_slopes_are_those_of_returns(
         return (earned + weight * critic(learner.policy.view(states))).sum()
 
     wanted = jax.grad(total)(rollouts.noise)
-    slopes = action_slopes(learner.policy, critic, RULES, rollouts, DISCOUNT, 1.0)
-    for step, (found, part) in enumerate(zip(slopes, wanted, strict=True)):
+    gradients = action_gradients(learner.policy, critic, RULES, rollouts, DISCOUNT, 1.0)
+    for step, (found, part) in enumerate(zip(gradients, wanted, strict=True)):
         found = DISCOUNT**step * np.asarray(found)
         assert np.allclose(found, part, rtol=2e-2, atol=2e-3 * np.abs(part).max())
 
 
-def test_slopes_do_not_reach_from_an_episode_into_that_before(learner: Learner, rollouts: Rollouts):
+def test_gradients_do_not_reach_from_an_episode_into_that_before(learner: Learner, rollouts: Rollouts):
     ended = rollouts.is_last.at[1].set(True)
     cut = rollouts._replace(is_last=ended, is_fallen=ended)
     short = Rollouts(*(part[:2] for part in cut))
 
-    def slopes(of: Rollouts) -> np.ndarray:
-        found = action_slopes(learner.policy, learner.progress.critic, RULES, of, DISCOUNT, 0.9)
+    def gradients(of: Rollouts) -> np.ndarray:
+        found = action_gradients(learner.policy, learner.progress.critic, RULES, of, DISCOUNT, 0.9)
         return np.asarray(found)
 
-    assert np.allclose(slopes(cut)[:2], slopes(short), rtol=1e-4, atol=1e-6)
-    assert np.allclose(slopes(cut)[2:], slopes(rollouts)[2:], rtol=1e-4, atol=1e-6)
-    assert not np.allclose(slopes(cut)[1], slopes(rollouts)[1], rtol=1e-2)
+    assert np.allclose(gradients(cut)[:2], gradients(short), rtol=1e-4, atol=1e-6)
+    assert np.allclose(gradients(cut)[2:], gradients(rollouts)[2:], rtol=1e-4, atol=1e-6)
+    assert not np.allclose(gradients(cut)[1], gradients(rollouts)[1], rtol=1e-2)
 
 
 def test_advantages_with_a_full_trace_are_discounted_sums_and_without_one_single_steps(
@@ -124,27 +124,31 @@ def test_advantages_with_a_full_trace_are_discounted_sums_and_without_one_single
     assert np.allclose(found(1.0)[0], total - values[0], rtol=1e-4, atol=1e-5)
 
 
-def told_of(learner: Learner, count: int, slope_noise: float, advantage_noise: float) -> Told:
+def batch_of(
+    learner: Learner, count: int, gradient_noise: float, advantage_noise: float
+) -> Minibatch:
     """Return what there is to learn where an action earns its first number, with errors of these sizes."""
     rng = np.random.default_rng(4)
-    shown = jnp.asarray(rng.normal(size=(count, len(learner.policy.view.entries))), jnp.float32)
+    observations = jnp.asarray(
+        rng.normal(size=(count, len(learner.policy.view.entries))), jnp.float32
+    )
     controls = len(learner.progress.actor.log_spread)
     noise = 0.5 * rng.normal(size=(count, controls))
-    slopes = np.zeros((count, controls))
-    slopes[:, 0] = 1 + slope_noise
+    gradients = np.zeros((count, controls))
+    gradients[:, 0] = 1 + gradient_noise
     earned = noise[:, 0] + advantage_noise * rng.normal(size=count)
-    means = learner.progress.actor.network(shown)
-    arrays = [jnp.asarray(part, jnp.float32) for part in (noise, earned, slopes)]
-    return Told(shown, arrays[0], means, arrays[1], arrays[2])
+    means = learner.progress.actor.network(observations)
+    arrays = [jnp.asarray(part, jnp.float32) for part in (noise, earned, gradients)]
+    return Minibatch(observations, arrays[0], means, arrays[1], arrays[2])
 
 
-def test_by_likelihoods_and_by_slopes_the_gradient_is_the_same_on_average(learner: Learner):
-    told = told_of(learner, 200_000, 0.0, 0.0)
+def test_by_likelihoods_and_by_gradients_the_gradient_is_the_same_on_average(learner: Learner):
+    batch = batch_of(learner, 200_000, 0.0, 0.0)
     actor = learner.progress.actor
 
     def gradient(weight: float) -> np.ndarray:
         def loss(moved: Actor) -> jax.Array:
-            return policy_loss(moved, actor.log_spread, jnp.asarray(weight), told)[0]
+            return policy_loss(moved, actor.log_spread, jnp.asarray(weight), batch)[0]
 
         return np.asarray(jax.grad(loss)(actor).network.biases[-1])
 
@@ -152,12 +156,12 @@ def test_by_likelihoods_and_by_slopes_the_gradient_is_the_same_on_average(learne
     assert np.abs(gradient(1.0)).max() > 0
 
 
-def test_slopes_count_the_more_the_truer_they_are_and_the_noisier_returns_are(learner: Learner):
+def test_gradients_count_the_more_the_truer_they_are_and_the_noisier_returns_are(learner: Learner):
     actor = learner.progress.actor
 
-    def weight(slope_noise: float, advantage_noise: float) -> float:
-        told = told_of(learner, 1600, slope_noise, advantage_noise)
-        return float(weight_of_slopes(actor, told, 16))
+    def weight(gradient_noise: float, advantage_noise: float) -> float:
+        batch = batch_of(learner, 1600, gradient_noise, advantage_noise)
+        return float(weight_of_gradients(actor, batch, 16))
 
     assert weight(0.0, 5.0) > 0.9
     assert weight(-3.0, 0.1) < 0.1
@@ -189,7 +193,7 @@ def test_a_run_that_was_killed_ends_with_the_same_bytes_and_files_keep_it(
 
 
 def test_settings_that_cannot_be_are_refused(emulator: Emulator):
-    for changed in ({"bodies": 20}, {"bodies": 0}, {"slope_weight": 1.5}):
+    for changed in ({"bodies": 20}, {"bodies": 0}, {"gradient_weight": 1.5}):
         with pytest.raises(NeuroAnimatorError, match=next(iter(changed))):
             Learner(load_system("pendulum"), emulator, RULES, replace(LEARNING, **changed))
 

@@ -1,4 +1,4 @@
-"""Learn a policy: short rollouts on the true physics, and slopes from an emulator that learns from them too.
+"""Learn a policy: short rollouts on the true physics, and gradients from an emulator that learns from them too.
 
 Learner.advance, update by update  →  now and then evaluated by whole episodes without noise
                                    →  the best is kept, a checkpoint written, a report given
@@ -22,7 +22,7 @@ from neuroanimator.emulator.tensors import emulator_tensors, to_numpy
 from neuroanimator.files.atomic import append_line, canonical_json, digest, locked
 from neuroanimator.files.numbers import number, whole
 from neuroanimator.gym.bodies import returns_of
-from neuroanimator.gym.learner import Learner, Numbers, PolicyLearning
+from neuroanimator.gym.learner import Counters, Learner, PolicyLearning
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.systems.system import System
@@ -36,7 +36,7 @@ MAX_UPDATES = 10_000_000
 """Maximum number of updates in a checkpoint."""
 
 MAX_CHECKPOINT = 500_000_000
-"""Maximum size of a checkpoint [bytes]: most of it is the memory of transitions."""
+"""Maximum size of a checkpoint [bytes]: most of it is the replay buffer."""
 
 LARGEST = 1e30
 
@@ -51,8 +51,8 @@ class LearningReport(NamedTuple):
     """Mean return of whole episodes without noise."""
     spread: float
     """Standard deviation of the noise, averaged over controls."""
-    slope_weight: float
-    """Weight of the emulator's slopes beside likelihoods, from 0 to 1."""
+    gradient_weight: float
+    """Weight of the emulator's gradients beside likelihoods, from 0 to 1."""
     emulator_error: float
     """Error of the emulator on the super steps it learns from; 0 if none learns."""
     seconds: float
@@ -116,10 +116,10 @@ class _Run:
         self.identity = f"{digest(emulator_tensors(emulator))[:16]}-{canonical_json(settings)}"
         if folder is None:
             return
-        found = read_tree(folder, self.identity, self.learner.progress, _numbers, MAX_CHECKPOINT)
+        found = read_tree(folder, self.identity, self.learner.progress, _counters, MAX_CHECKPOINT)
         if found is not None:
-            self.learner.go_on(*found)
-        trim_metrics(folder, self.learner.numbers.update)
+            self.learner.resume(*found)
+        trim_metrics(folder, self.learner.counters.update)
 
     def finish(
         self,
@@ -130,54 +130,54 @@ class _Run:
         """Return the best policy once `seconds` or all updates are over."""
         learner = self.learner
         learning = learner.learning
-        spent = learner.numbers.seconds
+        spent = learner.counters.seconds
         began = time.monotonic()
         reported = None
         while True:
             elapsed = spent + time.monotonic() - began
-            done = learner.numbers.update / learning.updates
+            done = learner.counters.update / learning.updates
             if seconds is not None:
                 done = elapsed / seconds
             on_share(min(done, 1.0))
             report = int(done * learning.reports)
             if reported is not None and report > reported:
-                learner.numbers = learner.numbers._replace(seconds=elapsed)
-                on_report(self._judge())
+                learner.counters = learner.counters._replace(seconds=elapsed)
+                on_report(self._evaluate())
             reported = report
-            if done >= 1 and learner.numbers.best_return is not None:
+            if done >= 1 and learner.counters.best_return is not None:
                 return learner.best
             learner.advance()
 
-    def _judge(self) -> LearningReport:
+    def _evaluate(self) -> LearningReport:
         """Evaluate the policy, write a checkpoint and log."""
         learner = self.learner
         learning = learner.learning
         policy = learner.policy
         episodes = learning.bodies // EVALUATED
         returns = returns_of(policy, self.stepper, learner.rules, episodes, learning.seed)
-        learner.judge(float(returns.mean()))
-        numbers = learner.numbers
+        learner.keep_if_best(float(returns.mean()))
+        counters = learner.counters
         report = LearningReport(
-            update=numbers.update,
-            steps=numbers.update * learning.bodies * learning.horizon,
+            update=counters.update,
+            steps=counters.update * learning.bodies * learning.horizon,
             mean_return=float(returns.mean()),
             spread=float(np.exp(np.asarray(learner.progress.actor.log_spread)).mean()),
-            slope_weight=numbers.slope_weight,
+            gradient_weight=counters.gradient_weight,
             emulator_error=learner.emulator_error,
-            seconds=numbers.seconds,
+            seconds=counters.seconds,
         )
         if self.folder is not None:
             append_line(self.folder / METRICS, json.dumps(report._asdict()))
-            write_tree(self.folder, self.identity, learner.progress, numbers._asdict())
+            write_tree(self.folder, self.identity, learner.progress, counters._asdict())
         return report
 
 
-def _numbers(metadata: dict[str, Any]) -> Numbers:
-    """Return the numbers of a checkpoint; ValueError names the one at fault."""
-    return Numbers(
+def _counters(metadata: dict[str, Any]) -> Counters:
+    """Return the counters of a checkpoint; ValueError names the one at fault."""
+    return Counters(
         update=whole(metadata.get("update"), "update", 0, MAX_UPDATES),
-        seen=whole(metadata.get("seen"), "seen", 0, MAX_UPDATES),
-        slope_weight=number(metadata.get("slope_weight"), "slope_weight", 0, 1),
+        observed=whole(metadata.get("observed"), "observed", 0, MAX_UPDATES),
+        gradient_weight=number(metadata.get("gradient_weight"), "gradient_weight", 0, 1),
         best_return=number(metadata.get("best_return"), "best_return", -LARGEST, LARGEST),
         seconds=number(metadata.get("seconds"), "seconds", 0, LARGEST),
     )

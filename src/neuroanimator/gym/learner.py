@@ -1,9 +1,9 @@
 """One update of a policy, its critic and its emulator.
 
-N bodies take T physics super steps →  advantages of actions by a critic, and slopes by the emulator
+N bodies take T physics super steps →  advantages of actions by a critic, and gradients by the emulator
                                     →  weights of both: the mean with the least expected error
                                     →  a few epochs of the policy, and of the critic
-                                    →  the transitions join a memory, and the emulator learns from it
+                                    →  the transitions join a replay buffer, and the emulator learns from it
 Random numbers follow from the seed and the update's number alone.
 """
 
@@ -28,15 +28,15 @@ from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.policy_gradient import (
     Actor,
     Critic,
+    Minibatch,
     Rollouts,
-    Told,
-    action_slopes,
+    action_gradients,
     advantages,
     critic_loss,
     emulator_loss,
     noisy_controls,
     policy_loss,
-    weight_of_slopes,
+    weight_of_gradients,
 )
 from neuroanimator.gym.rules import EpisodeRules, drawn_starts, unpaid
 from neuroanimator.gym.started_policy import check_start, started
@@ -66,15 +66,15 @@ GROUPS = 16
 """Number of groups of bodies in estimates of the variance of gradients."""
 
 WEIGHT_KEPT = 0.9
-"""Share of the slopes' weight kept in an update (exponential smoothing)."""
+"""Share of the weight of gradients kept in an update (exponential smoothing)."""
 
 UNIT_KEPT = 0.9
 """Share of the unit of values kept in an update (exponential smoothing)."""
 
 TINY = 1e-8
 
-MEMORY = 200_000
-"""Number of transitions in memory."""
+REPLAY_SIZE = 200_000
+"""Number of transitions in the replay buffer."""
 
 STARTS = 500
 """Number of starts whose mean and deviation normalise the inputs that the initial policy lacks."""
@@ -82,7 +82,7 @@ STARTS = 500
 CRITIC_FIRST = 10
 """Number of updates for which the initial policy is kept: the critic first learns its values."""
 
-MAX_SEEN = 2e6
+MAX_OBSERVED = 2e6
 """Maximum number of states that count in the view's mean and deviation, so that they keep adapting."""
 
 
@@ -98,12 +98,12 @@ class PolicyLearning:
     discount: float = 0.99
     trace: float = 0.95
     """λ of TD(λ), for values."""
-    slope_trace: float = 0.9
-    """λ of TD(λ), for their slopes: through contacts these hold over a tenth of a second, no longer."""
-    slope_weight: float | None = None
-    """Weight of slopes beside likelihoods; if None, the one with the least expected error.
+    gradient_trace: float = 0.9
+    """λ of TD(λ), for gradients of values: through contacts these hold over a tenth of a second, no longer."""
+    gradient_weight: float | None = None
+    """Weight of the emulator's gradients beside likelihoods; if None, the one with the least expected error.
 
-    With 0 this is proximal policy optimisation; with 1, only slopes count.
+    With 0 this is proximal policy optimisation; with 1, only gradients count.
     """
     divergence: float = 0.01
     """Target Kullback-Leibler divergence of a policy's change in an update."""
@@ -120,7 +120,7 @@ class PolicyLearning:
     seed: int = 0
 
 
-class Progress(NamedTuple):
+class LearnerState(NamedTuple):
     """Arrays on which the rest of learning depends, and the best policy so far."""
 
     actor: Actor
@@ -130,26 +130,26 @@ class Progress(NamedTuple):
     view: View
     rate: Float[Array, ""]
     """Learning rate of the policy."""
-    memories: tuple[Any, Any, Any]
+    optimizer_states: tuple[Any, Any, Any]
     """States of the optimisers of the policy, the critic and the emulator."""
     states: Float[np.ndarray, "N S"]
     """States of the bodies."""
     ages: Int[np.ndarray, " N"]
     """Numbers of steps since the starts of their episodes."""
-    transitions: tuple[np.ndarray, np.ndarray, np.ndarray]
-    """States, controls and following states: a ring buffer, empty if no slopes count."""
+    replay_buffer: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """States, controls and following states: a ring buffer, empty if no gradients count."""
     best: tuple[Perceptron, View, Any]
     """Policy, view and emulator's network of the best policy."""
 
 
-class Numbers(NamedTuple):
-    """Numbers on which the rest of learning depends."""
+class Counters(NamedTuple):
+    """Counters and scalars on which the rest of learning depends."""
 
     update: int = 0
     """Number of updates done."""
-    seen: int = 0
-    """Number of states behind the view's mean and deviation, at most `MAX_SEEN`."""
-    slope_weight: float = 0.0
+    observed: int = 0
+    """Number of states behind the view's mean and deviation, at most `MAX_OBSERVED`."""
+    gradient_weight: float = 0.0
     best_return: float | None = None
     """Mean return of the best policy; None before the first evaluation."""
     seconds: float = 0.0
@@ -159,12 +159,12 @@ class Numbers(NamedTuple):
 class Reading(NamedTuple):
     """Results of the networks on B states, those of a body one after another."""
 
-    shown: Float[Array, "B O"]
+    observations: Float[Array, "B O"]
     values: Float[Array, " B"]
     means: Float[Array, "B C"]
     """Outputs of the policy's network, without noise."""
     mean: Float[Array, " O"]
-    """Mean over the states of each number shown, in its own unit."""
+    """Mean over the states of each observation, in its own unit."""
     variance: Float[Array, " O"]
 
 
@@ -186,76 +186,82 @@ class Learner:
         """
         if learning.bodies < GROUPS or learning.bodies % GROUPS:
             raise ArgumentError(f"bodies: wanted a multiple of {GROUPS}, got {learning.bodies}.")
-        if learning.slope_weight is not None and not 0 <= learning.slope_weight <= 1:
-            raise ArgumentError(f"slope_weight: wanted 0 to 1, got {learning.slope_weight:g}.")
+        if learning.gradient_weight is not None and not 0 <= learning.gradient_weight <= 1:
+            raise ArgumentError(
+                f"gradient_weight: wanted 0 to 1, got {learning.gradient_weight:g}."
+            )
         self.emulator = emulator
         self.rules = rules
         self.learning = learning
-        shown = _shown_entries(system.structure)
+        # networks: the policy observes all but its place, or what the motion shows
+        observed = _observed_entries(system.structure)
         if reference is not None:
-            shown = reference.shown
-        view = View.fresh(shown, reference)
+            observed = reference.shown
+        view = View.fresh(observed, reference)
         count = len(view.mean)
         policy_key, critic_key = jax.random.split(jax.random.key(learning.seed))
         controls = system.control.size
         sizes = (count, *learning.policy_widths, controls)
         network = Perceptron.fresh(sizes, policy_key, FIRST_GAIN)
-        numbers = Numbers()
+        counters = Counters()
         rate = learning.policy_rate
         self.critic_first = 0
+        # a start keeps its weights, and lets the critic learn first
         if start is not None:
             self.critic_first = CRITIC_FIRST
             # A larger rate could undo in one update what the policy has learnt.
             rate = RATES[0]
             check_start(start, emulator, view)
             view, network = started(start, view, self._starts())
-            numbers = Numbers(seen=int(MAX_SEEN))
+            counters = Counters(observed=int(MAX_OBSERVED))
         values = Perceptron.fresh((count, *learning.critic_widths, 1), critic_key, 1.0)
         actor = Actor(network, jnp.full(controls, np.log(learning.spread), jnp.float32))
+        # optimisers and their states
         self.optimizers = (
             _clipped_adam(1.0), _clipped_adam(learning.critic_rate), optax.adam(EMULATOR_RATE)
         )  # fmt: skip
         # Trees of weights do not match the types that optax declares.
         weights: Any = (actor, values, emulator.network)
         first, second, third = self.optimizers
-        memories = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
-        stepper = physics_stepper(system, system.scheme, emulator.dt)
-        # Rewards are those of whole rollouts at once: `advantages`.
+        optimizer_states = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
+        # bodies on the physics; rewards are those of whole rollouts at once: `advantages`.
         moving = replace(rules, reward=unpaid)
+        stepper = physics_stepper(system, system.scheme, emulator.dt)
         self.bodies = Bodies(stepper, moving, emulator, self._rng(-1), learning.bodies)
+        # replay buffer: empty if no gradients count
         size = system.state.size
-        remembered = MEMORY if self._has_slopes else 0
-        self.progress = Progress(
+        stored = REPLAY_SIZE if self._uses_emulator else 0
+        self.progress = LearnerState(
             actor=actor,
             critic=Critic(values, jnp.ones(())),
             network=emulator.network,
             view=view,
             rate=as_jax(rate),
-            memories=memories,
+            optimizer_states=optimizer_states,
             states=self.bodies.states,
             ages=self.bodies.ages,
-            transitions=(
-                np.zeros((remembered, size), np.float32),
-                np.zeros((remembered, controls), np.float32),
-                np.zeros((remembered, size), np.float32),
+            replay_buffer=(
+                np.zeros((stored, size), np.float32),
+                np.zeros((stored, controls), np.float32),
+                np.zeros((stored, size), np.float32),
             ),
             best=(network, view, emulator.network),
         )
-        self.numbers = numbers
-        if learning.slope_weight is not None:
-            self.numbers = numbers._replace(slope_weight=learning.slope_weight)
+        self.counters = counters
+        if learning.gradient_weight is not None:
+            self.counters = counters._replace(gradient_weight=learning.gradient_weight)
         self.emulator_error = 0.0
 
     def _starts(self) -> Float[Array, "B S"]:
         """Return states in which episodes begin."""
         return as_jax(drawn_starts(self.rules, self.emulator, [self._rng(-1)] * STARTS))
 
-    def go_on(self, progress: Progress, numbers: Numbers) -> None:
+    def resume(self, progress: LearnerState, counters: Counters) -> None:
         """Resume from `progress`."""
         # Arrays read from a file are read-only.
-        ring = tuple(part.copy() for part in progress.transitions)
-        self.progress = progress._replace(transitions=ring)
-        self.numbers = numbers
+        ring = tuple(part.copy() for part in progress.replay_buffer)
+        self.progress = progress._replace(replay_buffer=ring)
+        self.counters = counters
         self.bodies.resume(progress.states, progress.ages)
 
     def _rng(self, update: int) -> np.random.Generator:
@@ -275,19 +281,19 @@ class Learner:
         emulator = eqx.tree_at(lambda emulator: emulator.network, self.emulator, leaps)
         return StatePolicy(emulator, view, network)
 
-    def judge(self, mean_return: float) -> None:
+    def keep_if_best(self, mean_return: float) -> None:
         """Keep the policy if its return is the best so far."""
-        best = self.numbers.best_return
+        best = self.counters.best_return
         if best is not None and mean_return <= best:
             return
         now = self.progress
         kept = (now.actor.network, now.view, now.network)
         self.progress = now._replace(best=kept)
-        self.numbers = self.numbers._replace(best_return=mean_return)
+        self.counters = self.counters._replace(best_return=mean_return)
 
     def advance(self) -> None:
         """Do one update. ArgumentError if a reward is not finite."""
-        rng = self._rng(self.numbers.update)
+        rng = self._rng(self.counters.update)
         policy = self.policy
         rollouts = self._roll_out(rng, policy)
         learning = self.learning
@@ -302,94 +308,105 @@ class Learner:
             )
         reading = _read(policy, critic, rollouts.states)
         values = _by_body(earned) + reading.values
-        if self.numbers.update >= self.critic_first:
-            told = self._told(policy, rollouts, reading, _by_body(earned))
-            self._fit_policy(rng, told)
-        self._fit_critic(rng, reading.shown, values)
-        self._see(reading)
-        if self._has_slopes:
-            self._remember(rollouts)
-            self._fit_emulator(rng)
-        self.numbers = self.numbers._replace(update=self.numbers.update + 1)
+        if self.counters.update >= self.critic_first:
+            self._improve_policy(
+                rng, self._policy_data(policy, rollouts, reading, _by_body(earned))
+            )
+        self._improve_critic(rng, reading.observations, values)
+        self._update_normaliser(reading)
+        if self._uses_emulator:
+            self._store(rollouts)
+            self._improve_emulator(rng)
+        self.counters = self.counters._replace(update=self.counters.update + 1)
         self.progress = self.progress._replace(states=self.bodies.states, ages=self.bodies.ages)
 
     @property
-    def _has_slopes(self) -> bool:
-        return self.learning.slope_weight != 0
+    def _uses_emulator(self) -> bool:
+        return self.learning.gradient_weight != 0
 
     def _roll_out(self, rng: np.random.Generator, policy: StatePolicy) -> Rollouts:
         spread = np.exp(np.asarray(self.progress.actor.log_spread))
         shape = (self.learning.bodies, len(spread))
-        told = []
+        steps = []
         for _ in range(self.learning.horizon):
             states = self.bodies.states.astype(np.float32)
             noise = (spread * rng.normal(size=shape)).astype(np.float32)
             controls = np.asarray(noisy_controls(policy, as_jax(states), as_jax(noise)))
             moved = self.bodies.step(controls)
             following = moved.following.astype(np.float32)
-            told.append((states, noise, controls, following, moved.is_fallen, moved.is_last))
+            steps.append((states, noise, controls, following, moved.is_fallen, moved.is_last))
             self.bodies.begin(rng, moved.is_last)
-        return Rollouts(*(jnp.asarray(np.stack(part)) for part in zip(*told, strict=True)))
+        return Rollouts(*(jnp.asarray(np.stack(part)) for part in zip(*steps, strict=True)))
 
-    def _told(
+    def _policy_data(
         self,
         policy: StatePolicy,
         rollouts: Rollouts,
         reading: Reading,
         earned: Float[Array, " B"],
-    ) -> Told:
+    ) -> Minibatch:
         """Return the policy's training data, in units of the advantages' deviation."""
         unit = earned.std() + TINY
         noise = _by_body(rollouts.noise)
-        slopes = jnp.zeros(noise.shape)
-        if self._has_slopes:
+        gradients = jnp.zeros(noise.shape)
+        if self._uses_emulator:
             learning = self.learning
-            slopes = action_slopes(
+            gradients = action_gradients(
                 policy, self.progress.critic, self.rules, rollouts, learning.discount,
-                learning.slope_trace,
+                learning.gradient_trace,
             )  # fmt: skip
-            slopes = _by_body(slopes) / unit
+            gradients = _by_body(gradients) / unit
         gained = (earned - earned.mean()) / unit
-        return Told(reading.shown, noise, reading.means, gained, slopes)
+        return Minibatch(reading.observations, noise, reading.means, gained, gradients)
 
-    def _fit_policy(self, rng: np.random.Generator, told: Told) -> None:
+    def _improve_policy(self, rng: np.random.Generator, data: Minibatch) -> None:
         actor = self.progress.actor
-        weight = self.numbers.slope_weight
-        if self.learning.slope_weight is None:
-            found = float(weight_of_slopes(actor, told, GROUPS))
+        weight = self.counters.gradient_weight
+        if self.learning.gradient_weight is None:
+            found = float(weight_of_gradients(actor, data, GROUPS))
             weight = WEIGHT_KEPT * weight + (1 - WEIGHT_KEPT) * found
-            self.numbers = self.numbers._replace(slope_weight=weight)
+            self.counters = self.counters._replace(gradient_weight=weight)
         of_policy, _, _ = self.optimizers
-        memory, *others = self.progress.memories
-        actor, memory, rate = _policy_epochs(
-            of_policy, actor, memory, self.progress.rate, self.learning.divergence, as_jax(weight),
-            told, _batches(rng, len(told.noise)),
+        optimizer_state, *others = self.progress.optimizer_states
+        actor, optimizer_state, rate = _policy_epochs(
+            of_policy, actor, optimizer_state, self.progress.rate, self.learning.divergence, as_jax(weight),
+            data, _minibatches(rng, len(data.noise)),
         )  # fmt: skip
         if not np.isfinite(float(rate)) or not _is_finite(actor):
             return
-        self.progress = self.progress._replace(actor=actor, rate=rate, memories=(memory, *others))
+        self.progress = self.progress._replace(
+            actor=actor, rate=rate, optimizer_states=(optimizer_state, *others)
+        )
 
-    def _fit_critic(
-        self, rng: np.random.Generator, shown: Float[Array, "B O"], values: Float[Array, " B"]
+    def _improve_critic(
+        self,
+        rng: np.random.Generator,
+        observations: Float[Array, "B O"],
+        values: Float[Array, " B"],
     ) -> None:
         critic = self.progress.critic
-        kept = UNIT_KEPT if self.numbers.update else 0.0
+        kept = UNIT_KEPT if self.counters.update else 0.0
         unit = kept * critic.unit + (1 - kept) * (jnp.sqrt((values**2).mean()) + TINY)
         _, of_critic, _ = self.optimizers
-        of_actor, memory, of_leaps = self.progress.memories
-        network, memory = _critic_epochs(
-            of_critic, critic.network, memory, shown, values / unit, _batches(rng, len(values))
+        of_actor, optimizer_state, of_leaps = self.progress.optimizer_states
+        network, optimizer_state = _critic_epochs(
+            of_critic,
+            critic.network,
+            optimizer_state,
+            observations,
+            values / unit,
+            _minibatches(rng, len(values)),
         )
         self.progress = self.progress._replace(
-            critic=Critic(network, unit), memories=(of_actor, memory, of_leaps)
+            critic=Critic(network, unit), optimizer_states=(of_actor, optimizer_state, of_leaps)
         )
 
-    def _see(self, reading: Reading) -> None:
+    def _update_normaliser(self, reading: Reading) -> None:
         """Update the mean and deviation that normalise the networks' inputs."""
         view = self.progress.view
-        count = len(reading.shown)
-        seen = self.numbers.seen
-        share = count / (seen + count)
+        count = len(reading.observations)
+        observed = self.counters.observed
+        share = count / (observed + count)
         mean = np.asarray(view.mean, float)
         away = np.asarray(reading.mean, float) - mean
         square = np.asarray(view.deviation, float) ** 2
@@ -402,26 +419,28 @@ class Learner:
             view.reference,
         )
         self.progress = self.progress._replace(view=renewed)
-        self.numbers = self.numbers._replace(seen=min(seen + count, int(MAX_SEEN)))
+        self.counters = self.counters._replace(observed=min(observed + count, int(MAX_OBSERVED)))
 
-    def _remember(self, rollouts: Rollouts) -> None:
+    def _store(self, rollouts: Rollouts) -> None:
         count = rollouts.is_last.size
-        places = (self.numbers.update * count + np.arange(count)) % MEMORY
+        places = (self.counters.update * count + np.arange(count)) % REPLAY_SIZE
         parts = (rollouts.states, rollouts.controls, rollouts.following)
-        for kept, part in zip(self.progress.transitions, parts, strict=True):
+        for kept, part in zip(self.progress.replay_buffer, parts, strict=True):
             kept[places] = np.asarray(part).reshape(count, -1)
 
-    def _fit_emulator(self, rng: np.random.Generator) -> None:
+    def _improve_emulator(self, rng: np.random.Generator) -> None:
         count = self.learning.bodies * self.learning.horizon
-        remembered = min((self.numbers.update + 1) * count, MEMORY)
-        rows = rng.integers(0, remembered, (self.learning.emulator_updates, EMULATOR_BATCH))
-        batches = tuple(as_jax(kept[rows]) for kept in self.progress.transitions)
+        stored = min((self.counters.update + 1) * count, REPLAY_SIZE)
+        rows = rng.integers(0, stored, (self.learning.emulator_updates, EMULATOR_BATCH))
+        batches = tuple(as_jax(kept[rows]) for kept in self.progress.replay_buffer)
         _, _, of_emulator = self.optimizers
-        *others, memory = self.progress.memories
-        network, memory, loss = _emulator_steps(
-            of_emulator, self.emulator, self.progress.network, memory, batches
+        *others, optimizer_state = self.progress.optimizer_states
+        network, optimizer_state, loss = _emulator_steps(
+            of_emulator, self.emulator, self.progress.network, optimizer_state, batches
         )
-        self.progress = self.progress._replace(network=network, memories=(*others, memory))
+        self.progress = self.progress._replace(
+            network=network, optimizer_states=(*others, optimizer_state)
+        )
         self.emulator_error = float(np.sqrt(loss))
 
 
@@ -438,7 +457,7 @@ def _by_body(part: Float[Array, "T N ..."]) -> Float[Array, "B ..."]:
     return part.swapaxes(0, 1).reshape(-1, *part.shape[2:])
 
 
-def _batches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
+def _minibatches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
     """Return the rows of the minibatches of some epochs."""
     order = np.stack([rng.permutation(count) for _ in range(EPOCHS)])
     return as_jax(order.reshape(EPOCHS * BATCHES, -1), np.int32)
@@ -447,37 +466,43 @@ def _batches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
 @eqx.filter_jit
 def _read(policy: StatePolicy, critic: Critic, states: Float[Array, "T N S"]) -> Reading:
     own = policy.view.of(states).reshape(-1, len(policy.view.mean))
-    shown = _by_body(policy.view(states))
-    return Reading(shown, critic(shown), policy.network(shown), own.mean(axis=0), own.var(axis=0))
+    observations = _by_body(policy.view(states))
+    return Reading(
+        observations,
+        critic(observations),
+        policy.network(observations),
+        own.mean(axis=0),
+        own.var(axis=0),
+    )
 
 
 @eqx.filter_jit
 def _policy_epochs(
     optimizer: optax.GradientTransformation,
     actor: Actor,
-    memory: Any,
+    optimizer_state: Any,
     rate: Float[Array, ""],
     divergence: float,
     weight: Float[Array, ""],
-    told: Told,
+    data: Minibatch,
     rows: Int[Array, "U M"],
 ) -> tuple[Actor, Any, Float[Array, ""]]:
-    """Return (actor, memory, learning rate) after some epochs; the rate is kept if the policy changes by about the target."""
+    """Return (actor, optimiser state, learning rate) after some epochs; the rate stays if the policy changes as it should."""
     before = actor.log_spread
 
     def update(carry: tuple, chosen: Array) -> tuple[tuple, None]:
-        actor, memory, rate = carry
-        batch = jax.tree.map(lambda part: part[chosen], told)
+        actor, optimizer_state, rate = carry
+        batch = jax.tree.map(lambda part: part[chosen], data)
         graded = jax.value_and_grad(policy_loss, has_aux=True)
         (_, apart), gradient = graded(actor, before, weight, batch)
         rate = jnp.where(apart > 2 * divergence, rate / FASTER, rate)
         rate = jnp.where(apart < divergence / 2, rate * FASTER, rate)
         rate = jnp.clip(rate, *RATES)
-        step, memory = optimizer.update(gradient, memory)
+        step, optimizer_state = optimizer.update(gradient, optimizer_state)
         scaled = jax.tree.map(lambda part: rate * part, step)
-        return (eqx.apply_updates(actor, scaled), memory, rate), None
+        return (eqx.apply_updates(actor, scaled), optimizer_state, rate), None
 
-    carry, _ = jax.lax.scan(update, (actor, memory, rate), rows)
+    carry, _ = jax.lax.scan(update, (actor, optimizer_state, rate), rows)
     return carry
 
 
@@ -485,19 +510,19 @@ def _policy_epochs(
 def _critic_epochs(
     optimizer: optax.GradientTransformation,
     network: Perceptron,
-    memory: Any,
-    shown: Float[Array, "B O"],
+    optimizer_state: Any,
+    observations: Float[Array, "B O"],
     targets: Float[Array, " B"],
     rows: Int[Array, "U M"],
 ) -> tuple[Perceptron, Any]:
     def update(carry: tuple, chosen: Array) -> tuple[tuple, None]:
-        network, memory = carry
-        gradient: Any = jax.grad(critic_loss)(network, shown[chosen], targets[chosen])
-        step, memory = optimizer.update(gradient, memory)
-        return (eqx.apply_updates(network, step), memory), None
+        network, optimizer_state = carry
+        gradient: Any = jax.grad(critic_loss)(network, observations[chosen], targets[chosen])
+        step, optimizer_state = optimizer.update(gradient, optimizer_state)
+        return (eqx.apply_updates(network, step), optimizer_state), None
 
-    (network, memory), _ = jax.lax.scan(update, (network, memory), rows)
-    return network, memory
+    (network, optimizer_state), _ = jax.lax.scan(update, (network, optimizer_state), rows)
+    return network, optimizer_state
 
 
 @eqx.filter_jit
@@ -505,31 +530,31 @@ def _emulator_steps(
     optimizer: optax.GradientTransformation,
     emulator: Emulator,
     network: Any,
-    memory: Any,
+    optimizer_state: Any,
     batches: tuple[Array, ...],
 ) -> tuple[Any, Any, Array]:
     def update(carry: tuple, batch: tuple[Array, ...]) -> tuple[tuple, Array]:
-        network, memory = carry
+        network, optimizer_state = carry
         loss, gradient = jax.value_and_grad(emulator_loss)(network, emulator, *batch)
-        step, memory = optimizer.update(gradient, memory)
-        return (eqx.apply_updates(network, step), memory), loss
+        step, optimizer_state = optimizer.update(gradient, optimizer_state)
+        return (eqx.apply_updates(network, step), optimizer_state), loss
 
-    (network, memory), losses = jax.lax.scan(update, (network, memory), batches)
-    return network, memory, losses.mean()
+    (network, optimizer_state), losses = jax.lax.scan(update, (network, optimizer_state), batches)
+    return network, optimizer_state, losses.mean()
 
 
-def _shown_entries(structure: Structure) -> tuple[int, ...]:
+def _observed_entries(structure: Structure) -> tuple[int, ...]:
     """Return the state entries that matter to a policy: all but a body's position along the ground."""
     entry = 0
-    shown: set[int] = set()
+    observed: set[int] = set()
     for segment in structure.segments:
         entries = list(range(entry, entry + segment.size))
         if isinstance(segment, Position):
             entries = entries[2:]
-        shown.update(entries)
+        observed.update(entries)
         entry += segment.size
-    if not shown:
-        shown.update(structure.plain)
+    if not observed:
+        observed.update(structure.plain)
         for angle in structure.angles:
-            shown.update(np.flatnonzero(angle).tolist())
-    return tuple(sorted(shown))
+            observed.update(np.flatnonzero(angle).tolist())
+    return tuple(sorted(observed))

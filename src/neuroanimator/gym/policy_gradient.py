@@ -1,9 +1,9 @@
-"""The terms of policy learning: advantages and slopes of actions, and the loss of a policy.
+"""The terms of policy learning: advantages and gradients of actions, and the loss of a policy.
 
 states, actions and following states of the physics
 →  values of a critic and rewards  →  how much more each action earned than expected (advantages, true)
-→  backwards: the slope of the value at s′, the critic's mixed with later ones  →  that by the action (slopes, the emulator's)
-→  two estimates of the policy gradient: by likelihoods, unbiased and noisy; by slopes, less noisy but biased
+→  backwards: the value's gradient at s′, the critic's mixed with later ones  →  by the action (gradients, the emulator's)
+→  two estimates of the policy gradient: by likelihoods, unbiased and noisy; by the emulator, less noisy but biased
 →  their mean with the least expected error
 """
 
@@ -34,8 +34,8 @@ class Critic(eqx.Module):
     unit: Float[Array, ""]
     """Unit of the network's output."""
 
-    def __call__(self, shown: Float[Array, "*B O"]) -> Float[Array, " *B"]:
-        return self.unit * self.network(shown)[..., 0]
+    def __call__(self, observations: Float[Array, "*B O"]) -> Float[Array, " *B"]:
+        return self.unit * self.network(observations)[..., 0]
 
 
 class Rollouts(NamedTuple):
@@ -61,7 +61,7 @@ def noisy_controls(
 
 
 @eqx.filter_jit
-def action_slopes(
+def action_gradients(
     policy: StatePolicy,
     critic: Critic,
     rules: EpisodeRules,
@@ -71,7 +71,7 @@ def action_slopes(
 ) -> Float[Array, "T N C"]:
     """Return the derivative of the value by the network's outputs, before they are squashed into bounds.
 
-    It follows from the slope of the value at the state that an action leads to: the critic's and later ones, mixed as
+    It follows from the gradient of the value at the state that an action leads to: the critic's and later ones, mixed as
     values are by TD(λ) (value-gradient learning, Fairbank and Alonso 2012), λ being `trace`.
     """
     reward: Any = rules.reward
@@ -85,18 +85,18 @@ def action_slopes(
     def back(later: Array, step: tuple) -> tuple[Array, Array]:
         moment, at_once = step
         mixed = (1 - trace) * at_once + trace * later
-        slope = jnp.where(moment.is_last[:, None], at_once, mixed)
+        gradient = jnp.where(moment.is_last[:, None], at_once, mixed)
 
         def value(states: Float[Array, "N S"], noise: Float[Array, "N C"]) -> Float[Array, ""]:
             controls = policy.control_of(states, noise)
             following = _as(jax.vmap(policy.emulator.step)(states, controls), moment.following)
             rewards = reward(states, controls, following, policy.dt)
-            return rewards.sum() + discount * (slope * following).sum()
+            return rewards.sum() + discount * (gradient * following).sum()
 
         return jax.grad(value, argnums=(0, 1))(moment.states, moment.noise)
 
-    _, slopes = jax.lax.scan(back, beyond[-1], (rollouts, beyond), reverse=True)
-    return slopes
+    _, gradients = jax.lax.scan(back, beyond[-1], (rollouts, beyond), reverse=True)
+    return gradients
 
 
 def _as(derived: Array, values: Array) -> Array:
@@ -130,15 +130,15 @@ def advantages(
     return found
 
 
-class Told(NamedTuple):
+class Minibatch(NamedTuple):
     """Training data of a policy: B actions."""
 
-    shown: Float[Array, "B O"]
+    observations: Float[Array, "B O"]
     noise: Float[Array, "B C"]
     means: Float[Array, "B C"]
     """Outputs of the network, without the noise."""
     advantages: Float[Array, " B"]
-    slopes: Float[Array, "B C"]
+    gradients: Float[Array, "B C"]
 
 
 class Actor(eqx.Module):
@@ -150,59 +150,59 @@ class Actor(eqx.Module):
 
 
 def policy_loss(
-    actor: Actor, before: Float[Array, " C"], weight: Float[Array, ""], told: Told
+    actor: Actor, before: Float[Array, " C"], weight: Float[Array, ""], batch: Minibatch
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Return (minus the mean gain over the policy that acted, the divergence from it); `before` is its log spread.
 
-    Advantages count by the clipped ratio of likelihoods (proximal policy optimisation, Schulman and others 2017); slopes,
+    Advantages count by the clipped ratio of likelihoods (proximal policy optimisation, Schulman and others 2017); gradients,
     times `weight`, by the change of the means.
     """
-    moved = actor.network(told.shown) - told.means
-    was = told.noise / jnp.exp(before)
-    # Likelihoods count by the rest of the weight for means; in full for the spread, which has no slopes.
-    likely = moved - weight * (moved - jax.lax.stop_gradient(moved))
-    is_now = (told.noise - likely) / jnp.exp(actor.log_spread)
+    moved = actor.network(batch.observations) - batch.means
+    was = batch.noise / jnp.exp(before)
+    # Likelihoods count by the rest of the weight for means; in full for the spread, which the emulator says nothing of.
+    by_likelihoods = moved - weight * (moved - jax.lax.stop_gradient(moved))
+    is_now = (batch.noise - by_likelihoods) / jnp.exp(actor.log_spread)
     log_ratio = ((was**2 - is_now**2) / 2 + before - actor.log_spread).sum(axis=-1)
     ratio = jnp.exp(log_ratio)
     clipped = jnp.clip(ratio, 1 - CLIP, 1 + CLIP)
-    gained = jnp.minimum(ratio * told.advantages, clipped * told.advantages)
-    gained += weight * (told.slopes * moved).sum(axis=-1)
+    gained = jnp.minimum(ratio * batch.advantages, clipped * batch.advantages)
+    gained += weight * (batch.gradients * moved).sum(axis=-1)
     variance = jnp.exp(2 * actor.log_spread)
     apart = actor.log_spread - before + (jnp.exp(2 * before) + moved**2) / (2 * variance) - 0.5
     return -gained.mean(), apart.sum(axis=-1).mean()
 
 
 @eqx.filter_jit
-def weight_of_slopes(actor: Actor, told: Told, groups: int) -> Float[Array, ""]:
-    """Return the weight of slopes, from 0 to 1, that minimises the expected squared error of the gradient.
+def weight_of_gradients(actor: Actor, batch: Minibatch, groups: int) -> Float[Array, ""]:
+    """Return the weight of the emulator's gradients, from 0 to 1, that minimises the expected squared error of the policy's.
 
     The gradient by likelihoods is unbiased; its variance, and the covariance of the two, are those between `groups` of
     actions (Suh and others, *Do differentiable simulators give better policy gradients?*, 2022).
     """
 
-    def gradient(weight: float, part: Told) -> Float[Array, " W"]:
+    def gradient(weight: float, part: Minibatch) -> Float[Array, " W"]:
         def loss(network: Perceptron) -> Float[Array, ""]:
             moved = Actor(network, actor.log_spread)
             return policy_loss(moved, actor.log_spread, jnp.asarray(weight), part)[0]
 
         return ravel_pytree(jax.grad(loss)(actor.network))[0]
 
-    parts = jax.tree.map(lambda part: part.reshape(groups, -1, *part.shape[1:]), told)
-    likely = jax.vmap(lambda part: gradient(0.0, part))(parts)
-    sloped = jax.vmap(lambda part: gradient(1.0, part))(parts)
-    apart = ((likely - sloped).mean(axis=0) ** 2).sum()
-    likely -= likely.mean(axis=0)
-    sloped -= sloped.mean(axis=0)
-    excess = (likely * (likely - sloped)).sum() / (groups * (groups - 1))
+    parts = jax.tree.map(lambda part: part.reshape(groups, -1, *part.shape[1:]), batch)
+    by_likelihoods = jax.vmap(lambda part: gradient(0.0, part))(parts)
+    by_emulator = jax.vmap(lambda part: gradient(1.0, part))(parts)
+    apart = ((by_likelihoods - by_emulator).mean(axis=0) ** 2).sum()
+    by_likelihoods -= by_likelihoods.mean(axis=0)
+    by_emulator -= by_emulator.mean(axis=0)
+    excess = (by_likelihoods * (by_likelihoods - by_emulator)).sum() / (groups * (groups - 1))
     weight = jnp.clip(excess / apart, 0, 1)
     return jnp.where(jnp.isfinite(weight), weight, 0.0)
 
 
 def critic_loss(
-    network: Perceptron, shown: Float[Array, "B O"], targets: Float[Array, " B"]
+    network: Perceptron, observations: Float[Array, "B O"], targets: Float[Array, " B"]
 ) -> Float[Array, ""]:
     """Return the mean squared error of values, in the critic's own unit."""
-    return ((network(shown)[..., 0] - targets) ** 2).mean()
+    return ((network(observations)[..., 0] - targets) ** 2).mean()
 
 
 def emulator_loss(

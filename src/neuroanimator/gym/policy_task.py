@@ -25,7 +25,7 @@ GOING = PolicyLearning()
 
 FOLLOWING = PolicyLearning(
     discount=0.97,
-    slope_weight=0.0,
+    gradient_weight=0.0,
     policy_widths=(256, 128),
     critic_widths=(256, 128),
     divergence=0.015,
