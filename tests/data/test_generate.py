@@ -132,3 +132,15 @@ def test_a_share_of_runs_holds_controls_at_their_bounds(share: float):
     if share == 1:
         speeds = np.linalg.norm(system.state.part(begin, "root.velocity"), axis=1)
         assert speeds.max() > 5  # m/s: nearly the highest, before the run begins
+
+
+@pytest.mark.parametrize("name", ["cube", "pendulum-passive"])
+def test_pushes_are_not_held_for_a_whole_run(name: str):
+    """A cube of 2 kg flew at 20 m/s."""
+    system = load_system(name)
+    rng = np.random.default_rng(0)
+    starts = np.repeat(system.rest[None], 10, axis=0)
+    controls = sample_control_runs(rng, len(starts), 40, 0.1, system)
+    begin, held = with_held_runs(system, rng, starts, controls, 1.0)
+    assert begin is starts
+    assert held is controls

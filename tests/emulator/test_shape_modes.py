@@ -36,8 +36,8 @@ DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}
 
 
 @cache
-def few(system: str, held_share: float = 0.1) -> Transitions:
-    config = DatasetConfig(system=system, count=360, samples_per_run=36, held_share=held_share)
+def few(system: str) -> Transitions:
+    config = DatasetConfig(system=system, count=360, samples_per_run=36)
     return simulate_transitions(config)
 
 
@@ -53,8 +53,7 @@ def fish() -> Transitions:
 
 @pytest.fixture
 def cube() -> Transitions:
-    # Pushed for seconds it flies so fast that float32 does not tell a hundred-thousandth.
-    return few("cube", held_share=0.0)
+    return few("cube")
 
 
 @pytest.fixture(

@@ -90,7 +90,9 @@ def test_where_the_emulator_is_the_physics_gradients_are_those_of_returns(
         assert np.allclose(found, part, rtol=2e-2, atol=2e-3 * np.abs(part).max())
 
 
-def test_gradients_do_not_reach_from_an_episode_into_that_before(learner: Learner, rollouts: Rollouts):
+def test_gradients_do_not_reach_from_an_episode_into_that_before(
+    learner: Learner, rollouts: Rollouts
+):
     ended = rollouts.is_last.at[1].set(True)
     cut = rollouts._replace(is_last=ended, is_fallen=ended)
     short = Rollouts(*(part[:2] for part in cut))

@@ -61,7 +61,7 @@ class DatasetTable(Table):
     idle_share: float = Field(default=0.1, ge=0, le=1)
     """Share of runs whose controls cease at some point: emulators should know how bodies come to rest."""
     held_share: float = Field(default=0.1, ge=0, le=1)
-    """Share of runs that hold their controls at the bounds, as users who hold a key do; none along paths of a soft body."""
+    """Share of runs that hold their controls at the bounds, as users who hold a key do; none of pushes and of paths."""
     seed: int = Field(default=0, ge=0, lt=2**31)
     definition: str = Field(default="", max_length=MAX_DEFINITION)
     """Source from which a user's own system is rebuilt; empty for a system that ships."""

@@ -143,8 +143,10 @@ def with_held_runs(
     """Return (starts, controls), a `share` of the runs holding every control at a bound, or idle, for most of the run.
 
     They hold them before the run already, for up to `HELD_WARM_UPS` times the warm-up, so that data show where a body ends up
-    under controls that stay: random ones seldom drive it there.
+    under controls that stay: random ones seldom drive it there. None where outside forces push it: see `System.is_pushed`.
     """
+    if system.is_pushed:
+        return starts, controls
     count, steps, size = controls.shape
     rows = np.flatnonzero(rng.random(count) < share)
     if not len(rows):

@@ -105,6 +105,8 @@ class System(abc.ABC):
     skeleton: Skeleton
     rest: np.ndarray
     """State of rest (S,), where motions begin by default."""
+    is_pushed: bool = False
+    """Whether outside forces move it, not motors or muscles of its own: held for seconds, they throw it."""
     warm_up: float = 0.0
     """Time of random driving from which random starts are taken [s]: contacts have settled in most."""
     run_steps: int = 40

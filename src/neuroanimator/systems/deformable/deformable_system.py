@@ -82,6 +82,7 @@ class DeformableSystem(System):
 
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
         self.sampling = definition.sampling
+        self.is_pushed = bool(definition.external_forces)
         self.warm_up = definition.sampling.warm_up
         self.gait = gait_of(definition)
         self.goals = self.goals_of(definition.goals)

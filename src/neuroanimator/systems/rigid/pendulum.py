@@ -108,6 +108,7 @@ class Pendulum(MujocoSystem):
         self.model.dof_damping[:] = damping
         self.skeleton = skeleton_of(self.model)
         if control.slices[0].unit == "N":
+            self.is_pushed = True
             self.external_forces = (("upper", 0), ("middle", 0), ("lower", 0))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B 6"]:
