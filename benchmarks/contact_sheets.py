@@ -79,8 +79,8 @@ def clip_of(name: str) -> na.Clip:
     """Return the default motion of a system, or the leap on the true physics."""
     if name == "leap":
         with tempfile.TemporaryDirectory() as folder, chdir(folder):
-            found = runpy.run_path(str(LEAP))
-        return na.make_clip(found["emulator"], found["found"].outcome.physics_states)
+            leap = runpy.run_path(str(LEAP))
+        return na.make_clip(leap["emulator"], leap["controller"].outcome.physics_states)
     emulator = na.load_emulator(name)
     return na.make_clip(emulator, default_motion(emulator), source="emulator")
 

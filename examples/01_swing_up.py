@@ -9,12 +9,12 @@ system = na.load_system("pendulum")
 objective = na.Objective.of(na.effort(), na.goal(system, "upright"))
 
 # 1.5 s of torques, by gradients through the emulator; what their replay on MuJoCo shows corrects the emulator.
-found = na.synthesise(emulator, system, objective, system.rest, steps=30)
-proof = found.outcome
+controller = na.synthesise(emulator, system, objective, system.rest, steps=30)
+outcome = controller.outcome
 
-spent = found.spent
+spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.corrections} corrections")
-print(f"J on MuJoCo {proof.cost_physics:.3f}")
-print(f"J by the emulator alone, not corrected, {proof.cost_emulator:.3f}")
-print("upright on MuJoCo:", na.is_reached(system, "upright", proof.physics_states[-1]))
-na.write_comparison(emulator, proof, Path("swing-up.glb"))
+print(f"J on MuJoCo {outcome.cost_physics:.3f}")
+print(f"J by the emulator alone, not corrected, {outcome.cost_emulator:.3f}")
+print("upright on MuJoCo:", na.is_reached(system, "upright", outcome.physics_states[-1]))
+na.write_comparison(emulator, outcome, Path("swing-up.glb"))

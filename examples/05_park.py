@@ -22,7 +22,7 @@ objective = na.Objective.of(
     na.goal(system, "bay_2"),
     na.avoid(system, zones, probes=TRUCK_PROBES, margin=TRUCK_MARGIN, weight=300.0),
 )
-found = na.synthesise(
+controller = na.synthesise(
     emulator,
     system,
     objective,
@@ -31,10 +31,10 @@ found = na.synthesise(
     options=na.DescentOptions(starts=8, parametrisation=Spline.of(steps, 16, system.bounds)),
 )
 
-motion = found.outcome
-spent = found.spent
+motion = controller.outcome
+spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.physics_steps} physics steps")
 print(f"J on emulator {motion.cost_emulator:.2f}, on MuJoCo {motion.cost_physics:.2f}")
 print("parked on MuJoCo:", na.is_reached(system, "bay_2", motion.physics_states[-1]))
 print(f"nearest to an obstacle: {clearance(system, zones, motion.physics_states):.2f} m")
-na.write_comparison(emulator, found.outcome, Path("park.glb"))
+na.write_comparison(emulator, controller.outcome, Path("park.glb"))

@@ -24,14 +24,14 @@ options = na.DescentOptions(
     parametrisation=Periodic.of(steps, emulator.dt, system.gait.period, system.bounds),
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )
-found = na.synthesise(
+controller = na.synthesise(
     emulator, system, objective, system.rest, steps=steps, options=options, refinements=0
 )
 
-spent = found.spent
+spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.physics_steps} physics steps")
-end = na.read_pose(system.structure, found.outcome.physics_states[-1])
+end = na.read_pose(system.structure, controller.outcome.physics_states[-1])
 off = 100 * np.linalg.norm(end.position - target)
 roll = np.degrees(abs(end.roll))
-print(f"the true fish ends {off:.1f} cm from its target, rolled by {roll:.0f}°")
-na.write_comparison(emulator, found.outcome, Path("target.glb"))
+print(f"on the physics the fish ends {off:.1f} cm from its target, rolled by {roll:.0f}°")
+na.write_comparison(emulator, controller.outcome, Path("target.glb"))

@@ -24,14 +24,14 @@ options = na.DescentOptions(
     parametrisation=Spline.of(steps, 30, system.bounds),  # 30 values a muscle, smoothly joined
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )
-found = na.synthesise(
+controller = na.synthesise(
     emulator, system, objective, start, steps=steps, options=options, refinements=0
 )
 
-spent = found.spent
+spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.physics_steps} physics steps")
-end = na.read_pose(system.structure, found.outcome.physics_states[-1])
+end = na.read_pose(system.structure, controller.outcome.physics_states[-1])
 off = np.degrees(np.arccos(np.clip(end.forward @ west, -1, 1)))
 roll = np.degrees(abs(end.roll))
 print(f"the true dolphin ends {off:.1f}° off the wanted heading, rolled by {roll:.0f}°")
-na.write_comparison(emulator, found.outcome, Path("turn.glb"))
+na.write_comparison(emulator, controller.outcome, Path("turn.glb"))

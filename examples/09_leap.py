@@ -39,7 +39,7 @@ objective = na.Objective.of(
     na.reach_heading(system, nose_first, within=0.13, at=ENTRY),
 )
 parametrisation = Steered.of(steps, emulator.dt, gait.period / TEMPO, 7, bounds)
-found = na.synthesise(
+controller = na.synthesise(
     emulator,
     system,
     objective,
@@ -50,15 +50,15 @@ found = na.synthesise(
     refinements=0,
 )
 
-spent = found.spent
+spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.physics_steps} physics steps")
-heights = na.read_heights(system.structure, found.outcome.physics_states)
+heights = na.read_heights(system.structure, controller.outcome.physics_states)
 lowest = heights.min(axis=1)  # of all mass points, at every super step
 top = int(lowest.argmax())
 entry = min(top + int((lowest[top:] > 0).argmin()), steps)
-pose = na.read_pose(system.structure, found.outcome.physics_states)
+pose = na.read_pose(system.structure, controller.outcome.physics_states)
 pitch = np.degrees(np.arcsin(pose.forward[entry, 2]))
 roll = np.degrees(abs(pose.roll[top]))
 print(f"the true dolphin leaps: its lowest point rises {lowest[top]:.2f} m over the water, its middle "
       f"{pose.position[:, 2].max():.2f} m, there rolled by {roll:.0f}°, and it dives in at {pitch:.0f}°")  # fmt: skip
-na.write_comparison(emulator, found.outcome, Path("leap.glb"))
+na.write_comparison(emulator, controller.outcome, Path("leap.glb"))

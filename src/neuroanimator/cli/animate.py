@@ -75,7 +75,7 @@ PATH_SPEED_HELP = "With --path: its playback speed; 0.5 is half as fast."
 """The help of `--path-speed`."""
 
 INSIDE_HELP = "For a policy file: move the body by the policy's own emulator, which 'train' makes, instead of the physics."
-"""The help of `--inside`."""
+"""The help of `--in-emulator`."""
 
 COMMAND_HELP = (
     "For a policy that walks on command: SECONDS,SPEED,TURN [s, m/s, rad/s to the left], such as 3,0.7,0.4; may be given several "
@@ -111,7 +111,7 @@ def run(
     path_speed: Annotated[float | None, typer.Option(help=PATH_SPEED_HELP)] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     command: Annotated[list[str] | None, typer.Option(help=COMMAND_HELP)] = None,
-    inside: Annotated[bool, typer.Option("--inside", help=INSIDE_HELP)] = False,
+    in_emulator: Annotated[bool, typer.Option("--in-emulator", help=INSIDE_HELP)] = False,
     seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
     school: Annotated[
         int | None,
@@ -140,15 +140,16 @@ def run(
             "a policy determines its own start and motion. Leave it out.",
         )
         model, states = _moved_by_policy(
-            Path(emulator), system, command, seconds, seed, is_inside=inside
+            Path(emulator), system, command, seconds, seed, is_inside=in_emulator
         )
-        source = "emulator" if inside else "physics"
+        source = "emulator" if in_emulator else "physics"
         clip = make_clip(model, states, rate=rate, interpolation=interpolation, source=source)
         with phase("drawing"):
             export_clip(clip, model, out, film)
         return print_rows(_rows(clip, out))
     refuse_given(
-        {"command": command, "inside": inside}, "applies to policy files only. Leave it out."
+        {"command": command, "in-emulator": in_emulator},
+        "applies to policy files only. Leave it out.",
     )
     if not hybrid:
         refuse_given(
@@ -228,7 +229,7 @@ def _rows(
     if trust is not None:
         rows.append(("trust", trust))
     if gain is not None:
-        rows.append(("in turns", gain))
+        rows.append(("hybrid", gain))
     return [*rows, *(("file", path) for path in out)]
 
 

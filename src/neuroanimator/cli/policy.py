@@ -136,7 +136,7 @@ def run(
             ("super steps", f"{told[-1].steps:,} on the physics"),
             ("mean return", f"{best:,.0f}, the best while learning"),
         ]
-    print_rows([*rows, ("judge it", f"neuroanimator evaluate {out} --episodes 100")])
+    print_rows([*rows, ("next", f"neuroanimator evaluate {out} --episodes 100")])
 
 
 def first_emulator(name: str, definition: str, task: PolicyTask, out: Path, seed: int) -> Emulator:

@@ -1,4 +1,4 @@
-"""The report of a policy: how it learnt and what it earns, as one page."""
+"""The report of a policy: how it learnt, and its returns, as one page."""
 
 from __future__ import annotations
 

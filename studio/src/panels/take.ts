@@ -109,7 +109,7 @@ function emulatorLines(id: string): string[] {
 /** The line that walks with the current commands, by the file of its bundle. */
 function walkerLines({ command }: WalkPilot): string[] {
   const told = `10,${command.speed.toFixed(2)},${command.turning.toFixed(2)}`;
-  return ["# shell", `neuroanimator animate human.policy.safetensors --command ${told} \\`, "  --inside --out motion.glb"];
+  return ["# shell", `neuroanimator animate human.policy.safetensors --command ${told} \\`, "  --in-emulator --out motion.glb"];
 }
 
 /** The same for a motion of the physics. */

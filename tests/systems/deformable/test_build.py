@@ -185,7 +185,7 @@ def test_nodes_and_springs_that_make_no_body_are_refused(
             "muscles or external_forces: wanted exactly one .*, got both",
         ),
         (drop("muscles"), "muscles or external_forces: .*, got neither"),
-        (put(["nose", "left"], "groups", "front"), "groups: in none of them: right"),
+        (put(["nose", "left"], "groups", "front"), "groups: right belong to no group"),
         (
             put(["top", "tail", "nose"], "groups", "back"),
             "groups.back: node 'nose' is in 'front' already",

@@ -68,7 +68,7 @@ def group_numbers(definition: BodyDefinition) -> dict[str, tuple[int, ...]]:
     missing = [name for name in names if name not in grouped]
     if definition.groups and missing:
         raise ArgumentError(
-            f"groups: in none of them: {listed(missing)}. Put each into exactly one."
+            f"groups: {listed(missing)} belong to no group. Put each into exactly one."
         )
     return {
         group: tuple(names.index(member) for member in members)
