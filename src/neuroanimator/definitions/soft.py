@@ -140,7 +140,7 @@ class MoverTable(MotionTable):
     colliders: Annotated[tuple[ColliderTable, ...], Field(max_length=16)] = ()
 
 
-class GroundTable(Table):
+class GroundPlaneTable(Table):
     """A horizontal plane that the body does not pass."""
 
     height: Finite = 0.0
@@ -165,7 +165,7 @@ class SoftDefinition(MeshReading):
     cloth: ClothTable = ClothTable()
     solid: SolidTable = SolidTable()
     air: AirTable = AirTable()
-    ground: GroundTable | None = None
+    ground: GroundPlaneTable | None = None
     movers: dict[PartName, MoverTable] = Field(min_length=1, max_length=8)
     """Movers by name; in a state they are sorted by name."""
     parameters: Parameters = Field(default={})

@@ -14,7 +14,7 @@ from neuroanimator.systems.soft.program import LANES, SoftProgram
 from neuroanimator.systems.soft.soft_body import (
     Air,
     Capsule,
-    Plane,
+    MovingPlane,
     SoftBody,
     tetrahedron_volumes,
 )
@@ -166,7 +166,7 @@ def test_nothing_is_inside_a_collider_and_pins_stay_where_they_are_held():
 def test_friction_holds_on_a_slope_that_is_less_steep_than_it_is_strong(slope, is_held):
     angle = np.arctan(slope)
     normal = (-np.sin(angle), 0.0, np.cos(angle))
-    body = springs([[0.0, 0, 0]], [], planes=(Plane(normal, friction=0.45),))
+    body = springs([[0.0, 0, 0]], [], planes=(MovingPlane(normal, friction=0.45),))
     path, _ = play(body, steps=40)
     if is_held:
         assert np.abs(path[-1]).max() < 1e-3
@@ -187,7 +187,7 @@ def test_a_solid_keeps_its_volume_where_it_lies():
         stiffness=60.0,
         tetrahedra=tetrahedra,
         bulk_stiffness=np.full(5, 1e12),
-        planes=(Plane(),),
+        planes=(MovingPlane(),),
         air=Air(drag=2.0),
     )
     path, _ = play(body, frames=60, steps=40)

@@ -37,7 +37,7 @@ MAX_CORNERS = 8
 """Maximum number of parameters whose ends are tried in all combinations; with more, each end is tried alone."""
 
 
-class Attribute(NamedTuple):
+class BodyAttribute(NamedTuple):
     """The last part of a target: an attribute of the elements that have it."""
 
     unit: str
@@ -45,14 +45,14 @@ class Attribute(NamedTuple):
 
 
 ATTRIBUTES = {
-    "length": Attribute("m", may_be_zero=False),
-    "density_factor": Attribute("1", may_be_zero=False),
-    "stiffness_factor": Attribute("1", may_be_zero=False),
-    "damping_factor": Attribute("1", may_be_zero=True),
-    "stiffness": Attribute("N/m", may_be_zero=False),
-    "damping": Attribute("N·s/m", may_be_zero=True),
-    "face_drag": Attribute("kg/(m²·s)", may_be_zero=True),
-    "drag": Attribute("1/s", may_be_zero=True),
+    "length": BodyAttribute("m", may_be_zero=False),
+    "density_factor": BodyAttribute("1", may_be_zero=False),
+    "stiffness_factor": BodyAttribute("1", may_be_zero=False),
+    "damping_factor": BodyAttribute("1", may_be_zero=True),
+    "stiffness": BodyAttribute("N/m", may_be_zero=False),
+    "damping": BodyAttribute("N·s/m", may_be_zero=True),
+    "face_drag": BodyAttribute("kg/(m²·s)", may_be_zero=True),
+    "drag": BodyAttribute("1/s", may_be_zero=True),
 }
 
 

@@ -14,7 +14,7 @@ from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body
 from neuroanimator.systems.soft.movers import Movers
 from neuroanimator.systems.soft.program import LANES, SoftProgram
-from neuroanimator.systems.soft.soft_body import Air, Box, Capsule, Plane, SoftBody
+from neuroanimator.systems.soft.soft_body import Air, Capsule, MovingBox, MovingPlane, SoftBody
 from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.text import listed, quoted
 
@@ -81,11 +81,11 @@ class Scene(SoftScene):
         if len(pins) and pins.max() < len(mesh.positions):
             rest = np.array([mover.position for mover in movers.tables])
             held = mesh.positions[pins] - rest[holders]
-        planes: tuple[Plane, ...] = ()
+        planes: tuple[MovingPlane, ...] = ()
         if definition.ground is not None:
             ground = definition.ground
             point = (0.0, 0.0, ground.height)
-            planes = (Plane(friction=ground.friction, mover=len(movers.tables), point=point),)
+            planes = (MovingPlane(friction=ground.friction, mover=len(movers.tables), point=point),)
         capsules, boxes = self._colliders()
         surroundings = {
             "air": Air(**definition.air.model_dump()),
@@ -104,13 +104,13 @@ class Scene(SoftScene):
         material = Cloth(cloth.density, cloth.stretch, cloth.bend, cloth.damping)
         return cloth_body(mesh, material, pins, **surroundings)
 
-    def _colliders(self) -> tuple[list[Capsule], list[Box]]:
+    def _colliders(self) -> tuple[list[Capsule], list[MovingBox]]:
         capsules = []
         boxes = []
         for number, mover in enumerate(self.movers.tables):
             for one in mover.colliders:
                 if one.box is not None:
-                    boxes.append(Box(one.box, one.friction, number, one.start))
+                    boxes.append(MovingBox(one.box, one.friction, number, one.start))
                 elif one.radius is not None:
                     x, y, z = np.subtract(one.end or one.start, one.start).tolist()
                     capsules.append(Capsule(one.radius, one.friction, number, one.start, (x, y, z)))

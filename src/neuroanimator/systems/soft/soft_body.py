@@ -44,7 +44,7 @@ class Capsule:
 
 
 @dataclass(frozen=True)
-class Box:
+class MovingBox:
     """A collider with six faces."""
 
     half: tuple[float, float, float]
@@ -57,7 +57,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Plane:
+class MovingPlane:
     """A collider: the half-space under a plane."""
 
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -93,8 +93,8 @@ class SoftBody:
     """Nodes that are held, and moved, from outside."""
     air: Air = Air()
     capsules: tuple[Capsule, ...] = ()
-    boxes: tuple[Box, ...] = ()
-    planes: tuple[Plane, ...] = ()
+    boxes: tuple[MovingBox, ...] = ()
+    planes: tuple[MovingPlane, ...] = ()
     margin: float = 0.0
     """Distance at which nodes touch colliders: half a cloth's thickness [m]."""
     holders: Int[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0, int))
