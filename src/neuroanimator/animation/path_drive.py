@@ -47,7 +47,7 @@ TURNS = 0.35
 
 
 @dataclass(frozen=True, eq=False)
-class Mover:
+class DrivenMover:
     """A thing that the controls move by its velocity, and by its turning rate if it turns."""
 
     name: str
@@ -66,7 +66,7 @@ class Mover:
 class Follower:
     """A mover and its poses, one per super step."""
 
-    mover: Mover
+    mover: DrivenMover
     poses: Float[np.ndarray, "F D"]
     """Positions [m], and headings [rad] if it turns."""
 
@@ -115,7 +115,7 @@ def path_drive(
     return Drive(_start(emulator, followers), controls, tuple(remarks))
 
 
-def movers_of(emulator: Emulator) -> dict[str, Mover]:
+def movers_of(emulator: Emulator) -> dict[str, DrivenMover]:
     """Return the movers of a soft body by name; other systems have none."""
     if not any(isinstance(segment, Driven) for segment in emulator.frame.segments):
         return {}
@@ -129,7 +129,7 @@ def movers_of(emulator: Emulator) -> dict[str, Mover]:
         if f"{part.name}{HEADING}" in parts:
             entries += _entries(emulator.state, f"{part.name}{HEADING}")
             controls += _entries(emulator.control, f"{part.name}{TURNING}")
-        movers[part.name] = Mover(part.name, entries, controls)
+        movers[part.name] = DrivenMover(part.name, entries, controls)
     return movers
 
 
@@ -138,7 +138,7 @@ def _entries(layout: Layout, name: str) -> tuple[int, ...]:
     return tuple(range(where.start, where.stop))
 
 
-def _check_mover(emulator: Emulator, movers: Mapping[str, Mover], name: str) -> None:
+def _check_mover(emulator: Emulator, movers: Mapping[str, DrivenMover], name: str) -> None:
     if not movers:
         raise ArgumentError(
             f"path: {emulator.system} has no movers, only soft bodies have. Give --controls instead."
@@ -169,7 +169,7 @@ def _times(
 
 
 def _follower(
-    emulator: Emulator, mover: Mover, path: RecordedPath, times: Float[np.ndarray, " F"]
+    emulator: Emulator, mover: DrivenMover, path: RecordedPath, times: Float[np.ndarray, " F"]
 ) -> tuple[Follower, list[str]]:
     """Return the follower of a path, and remarks on its headings."""
     positions, headings = path.at(times)
@@ -261,8 +261,8 @@ def _run_in(
 
 def _carry(
     state: Float[np.ndarray, " S"],
-    movers: Mapping[str, Mover],
-    anchor: Mover,
+    movers: Mapping[str, DrivenMover],
+    anchor: DrivenMover,
     pose: Float[np.ndarray, " D"],
 ) -> None:
     """Move the mover that holds the body to a pose in `state`, and everything else with it as one rigid piece."""

@@ -11,7 +11,7 @@ from neuroanimator.emulator.mode_fitting import modes_along, without_growth
 from neuroanimator.emulator.pca import Basis, principal, reflection
 from neuroanimator.emulator.shape_modes import ShapeModes, view_in_frame
 from neuroanimator.errors import ArgumentError
-from neuroanimator.state.structure import Group, Structure
+from neuroanimator.state.structure import BodyGroup, Structure
 
 Direction = Float[np.ndarray, " D"]
 """Displacement of every mass point in a mode (D = 3 N)."""
@@ -77,7 +77,7 @@ def _grouped(
 
 
 def _group_reflection(
-    group: Group, reflect: np.ndarray | None, rows: Int[np.ndarray, " G"]
+    group: BodyGroup, reflect: np.ndarray | None, rows: Int[np.ndarray, " G"]
 ) -> np.ndarray | None:
     """Return the mirror (G, G) within the group's `rows`; ArgumentError if it leads out of the group."""
     if reflect is None:

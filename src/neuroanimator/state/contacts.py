@@ -66,7 +66,7 @@ class Plane(NamedTuple):
     offset: float
 
 
-class Stop(NamedTuple):
+class JointStop(NamedTuple):
     """The range of a joint: it is held between `low` and `high` [rad or m]."""
 
     entry: int
@@ -83,7 +83,7 @@ class Contacts:
     points: tuple[ContactPoint, ...]
     """Contact points, in the order of the frames that carry them: see `in_order`."""
     planes: tuple[Plane, ...]
-    stops: tuple[Stop, ...]
+    stops: tuple[JointStop, ...]
     axes: tuple[int, ...]
     """Axes x, y, z along which the points move at all."""
     placeless: tuple[int, ...]
@@ -235,11 +235,11 @@ class Contacts:
                 raise ValueError(f"{what}: wanted a normal of length 1")
             return found
 
-        def stop(row: Any, what: str) -> Stop:
+        def stop(row: Any, what: str) -> JointStop:
             entry, low, high = numbers(row, what, 3, MAX_DISTANCE)
             if entry not in dict(rates) or low > high:
                 raise ValueError(f"{what}: wanted a joint with a rate, and its range")
-            return Stop(int(entry), low, high)
+            return JointStop(int(entry), low, high)
 
         points = _at_most(described["points"], "contacts: points", point, MAX_POINTS)
         if points != in_order(points, kinematics):

@@ -52,7 +52,7 @@ def _pairs_up(partners: tuple[int, ...], count: int) -> bool:
 
 
 @dataclass(frozen=True)
-class Group:
+class BodyGroup:
     """A part of a body, such as a segment or a limb, named by the user."""
 
     name: str
@@ -94,7 +94,7 @@ class Structure:
     cloud: Cloud | None = None
     mirror: Mirror | None = None
     has_gravity: bool = True
-    groups: tuple[Group, ...] = ()
+    groups: tuple[BodyGroup, ...] = ()
     external_forces: tuple[tuple[float, ...], ...] = ()
     is_immersed: bool = False
     contacts: Contacts | None = None

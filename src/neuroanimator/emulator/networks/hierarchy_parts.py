@@ -14,7 +14,7 @@ from neuroanimator.emulator.pca import mixing
 from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.state.structure import Group, Structure
+from neuroanimator.state.structure import BodyGroup, Structure
 
 
 def parts_of_body(
@@ -58,7 +58,7 @@ def _owners_in_latent_order(grouped: GroupedModes) -> list[Owner]:
     ]
 
 
-def _features_of_controls(modes: ShapeModes, group: Group, features: int) -> list[int]:
+def _features_of_controls(modes: ShapeModes, group: BodyGroup, features: int) -> list[int]:
     """Return the features that are activations or controls of muscles of `group`, or sums and differences of them."""
     size = modes.muscles
     mix = np.eye(size)

@@ -9,7 +9,7 @@ from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.state.parameters import Parameter, nominal_values
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Constant, Lag, Points, PointVelocities, Segment
-from neuroanimator.state.structure import Group, Probe, Structure
+from neuroanimator.state.structure import BodyGroup, Probe, Structure
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.body_parameters import body_at
 from neuroanimator.systems.deformable.build import group_numbers
@@ -81,14 +81,14 @@ def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
     return tuple((float(x), float(y), float(z), level) for x, y, z in offsets)
 
 
-def _groups(definition: BodyDefinition, body: Body) -> tuple[Group, ...]:
+def _groups(definition: BodyDefinition, body: Body) -> tuple[BodyGroup, ...]:
     """Return the groups of mass points, each with the muscles that end in it."""
     shortens = np.abs(body.muscles) > 0
     groups = []
     for name, points in group_numbers(definition).items():
         has_end_here = np.isin(body.springs, points).any(axis=1)
         muscles = np.flatnonzero(shortens[has_end_here].any(axis=0))
-        groups.append(Group(name, points, tuple(muscles.tolist())))
+        groups.append(BodyGroup(name, points, tuple(muscles.tolist())))
     return tuple(groups)
 
 

@@ -11,7 +11,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Bone
-from neuroanimator.state.contacts import MAX_PLANES, ContactPoint, Contacts, Plane, Stop, in_order
+from neuroanimator.state.contacts import (
+    MAX_PLANES,
+    ContactPoint,
+    Contacts,
+    JointStop,
+    Plane,
+    in_order,
+)
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.segments import Segment, orientations_of
 from neuroanimator.systems.rigid.joints import JointView
@@ -171,14 +178,14 @@ BALLS: dict[int, Callable[[mujoco.MjModel, int], Balls]] = {
 """Functions that return the balls that touch a plane, by MuJoCo's type of geom; for others the corners of the bounding box."""
 
 
-def _stops(model: mujoco.MjModel, views: list[JointView]) -> list[Stop]:
+def _stops(model: mujoco.MjModel, views: list[JointView]) -> list[JointStop]:
     """Return the ranges of the joints that have one."""
     stops = []
     for view in views:
         is_seen = view.kind in ("hinge", "slide") and view.feature not in PLACELESS
         if is_seen and is_limited(model, view.index):
             low, high = (float(end) for end in model.jnt_range[view.index])
-            stops.append(Stop(view.position_entry, low, high))
+            stops.append(JointStop(view.position_entry, low, high))
     return stops
 
 

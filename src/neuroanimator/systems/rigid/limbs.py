@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.state.structure import Group
+from neuroanimator.state.structure import BodyGroup
 from neuroanimator.systems.groups import check_groups
 from neuroanimator.systems.rigid.actuators import actuators_of_controls, moment_arms
 from neuroanimator.systems.rigid.joints import JointView
@@ -26,7 +26,7 @@ ENTRIES = {"free": (7, 6), "ball": (4, 3), "slide": (1, 1), "hinge": (1, 1)}
 
 def groups_of(
     model: mujoco.MjModel, views: list[JointView], groups: dict[str, tuple[str, ...]]
-) -> tuple[Group, ...]:
+) -> tuple[BodyGroup, ...]:
     """Return each group of joints with its state entries and the controls that act on it.
 
     Raises ArgumentError for a group without joints, an unknown or repeated joint, and for the root's joint.
@@ -60,7 +60,7 @@ def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
 
 def _group(
     model: mujoco.MjModel, name: str, views: list[JointView], moved: Bool[np.ndarray, "C V"]
-) -> Group:
+) -> BodyGroup:
     """Return the group of the joints `views`: its state entries, and the controls that drive any of them."""
     entries: list[int] = []
     dofs: list[int] = []
@@ -71,7 +71,7 @@ def _group(
         entries += range(view.velocity_entry, view.velocity_entry + velocity_count)
         dofs += range(first_dof, first_dof + velocity_count)
     controls = np.flatnonzero(moved[:, dofs].any(axis=1)).tolist()
-    return Group(name, tuple(sorted(entries)), tuple(controls))
+    return BodyGroup(name, tuple(sorted(entries)), tuple(controls))
 
 
 def acts_on(model: mujoco.MjModel) -> Bool[np.ndarray, "C V"]:
