@@ -41,7 +41,7 @@ class Form(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Program:
+class CompiledProgram:
     """A function of a module's arrays and of further arrays, compiled once for all their shapes."""
 
     run: Callable[..., Any]
@@ -111,7 +111,7 @@ def is_traced(module: Any) -> bool:
 
 
 @lru_cache(maxsize=PROGRAMS)
-def _program(function: Callable[..., Any], form: Form) -> Program:
+def _program(function: Callable[..., Any], form: Form) -> CompiledProgram:
     """Return the program of `function` for modules of this form; it is compiled at the first call."""
 
     def run(leaves: Leaves, *arrays: Any) -> Any:
@@ -119,7 +119,7 @@ def _program(function: Callable[..., Any], form: Form) -> Program:
 
     run.__name__ = getattr(function, "__name__", "run")
     # Inlined, so that it leaves no nested call inside a user's own jit.
-    return Program(jax.jit(run, inline=True))
+    return CompiledProgram(jax.jit(run, inline=True))
 
 
 @cache

@@ -41,13 +41,13 @@ class Emulator(SuperStep):
         return None
 
     @property
-    def step(self) -> runner.Step:
-        """`step(state (S,), control (C,))` is the state (S,) `dt` seconds later: see `Step.__call__`.
+    def step(self) -> runner.StepCall:
+        """`step(state (S,), control (C,))` is the state (S,) `dt` seconds later: see `StepCall.__call__`.
 
         A function to be called from Python, or passed to `jax.jit`,
         `jax.grad` and `jax.vmap`.
         """
-        return runner.Step(self)
+        return runner.StepCall(self)
 
     def rollout(
         self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False

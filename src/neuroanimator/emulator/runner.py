@@ -58,7 +58,7 @@ def program_of(emulator: SuperStep) -> CEmulator | None:
     return program
 
 
-class Step:
+class StepCall:
     """A super step that can be called from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`."""
 
     def __init__(self, emulator: SuperStep):
