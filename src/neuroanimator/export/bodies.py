@@ -68,7 +68,7 @@ class SkinNode(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Body:
+class SceneBody:
     """One clip in a scene."""
 
     clip: Clip
@@ -83,7 +83,7 @@ class Body:
     is_ghost: bool
 
 
-def bodies_of(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Body]:
+def bodies_of(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[SceneBody]:
     """Return the bodies of a scene, the `ghost` last; only the first one has its scenery.
 
     Raises ArgumentError for clips that cannot be drawn together.
@@ -122,7 +122,7 @@ def _body(
     *,
     has_scenery: bool = False,
     is_ghost: bool = False,
-) -> Body:
+) -> SceneBody:
     skeleton = clip.skeleton
     names = colour_names(skeleton)
     positions, orientations = skeleton.local_poses(clip.states)
@@ -136,7 +136,7 @@ def _body(
                 shapes.append((shape, paint))
         nodes.append(BoneNode(bone, positions[:, number], orientations[:, number], tuple(shapes)))
     skin = None if skeleton.skin is None else _skin(skeleton)
-    return Body(clip, title, prefix, tuple(nodes), skin, surface, is_ghost)
+    return SceneBody(clip, title, prefix, tuple(nodes), skin, surface, is_ghost)
 
 
 @lru_cache(maxsize=1)  # the bodies of a school have one skin

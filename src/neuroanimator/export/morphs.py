@@ -45,7 +45,7 @@ LIMITS = {1: (np.int8, 2**7 - 1), 2: (np.int16, 2**15 - 1)}
 """Integer type, and the value that stands for 1, by number of bytes."""
 
 
-class Target(NamedTuple):
+class MorphTarget(NamedTuple):
     """Changes of all nodes, or of their normals, at a weight of 1: integers, the largest of which stands for 1."""
 
     whole: Int[np.ndarray, "N 3"]
@@ -70,9 +70,9 @@ class Morphs:
     """Normals at the nodes, of length 1."""
     triangles: Int[np.ndarray, "M 3"]
     """Numbers of nodes, counterclockwise from outside."""
-    moving: tuple[Target, ...]
+    moving: tuple[MorphTarget, ...]
     """Targets that move the nodes."""
-    turning: tuple[Target, ...]
+    turning: tuple[MorphTarget, ...]
     """Targets that turn the normals; their weights, of any size, follow the others'."""
     error: float
     """Rms distance of the nodes, in the worst frame, from their true positions [m]."""
@@ -131,7 +131,7 @@ def surface_normals(
 
 def _moving_targets(
     shapes: Shapes, amplitudes: Float[np.ndarray, "F K"], tolerance: float
-) -> tuple[tuple[Target, ...], Float[np.ndarray, "F R"], float]:
+) -> tuple[tuple[MorphTarget, ...], Float[np.ndarray, "F R"], float]:
     """Return the targets that move the nodes, their distances [m], and the remaining distance [m].
 
     Each byte is spent where it removes most error: on one more target, or on a finer one.
@@ -160,7 +160,7 @@ def _moving_targets(
 
 def _turning_targets(
     shapes: Shapes, states: Float[np.ndarray, "F S"], base: Float[np.ndarray, "N 3"]
-) -> tuple[tuple[Target, ...], Float[np.ndarray, "F Q"]]:
+) -> tuple[tuple[MorphTarget, ...], Float[np.ndarray, "F Q"]]:
     """Return the targets that turn the normals, which are `base` without them, and their weights in all `states`."""
     count = len(shapes.mean)
     chosen = np.linspace(0, len(states) - 1, min(len(states), SAMPLES)).round().astype(int)
@@ -201,9 +201,9 @@ def _least_enough(errors: Float[np.ndarray, " _"], tolerance: float) -> int:
     return int(within[0]) if len(within) else len(errors) - 1
 
 
-def _rounded(mode: Float[np.ndarray, "N 3"], byte_count: int) -> tuple[Target, float]:
+def _rounded(mode: Float[np.ndarray, "N 3"], byte_count: int) -> tuple[MorphTarget, float]:
     """Return a target in integers of `byte_count` bytes, and the weight at which it is the `mode`."""
     kind, limit = LIMITS[byte_count]
     largest = float(np.abs(mode).max())
     whole = np.round(mode / largest * limit).astype(kind)
-    return Target(whole), largest
+    return MorphTarget(whole), largest

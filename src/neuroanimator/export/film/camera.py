@@ -63,7 +63,7 @@ MIN_SIZE = 1e-3
 """Minimum size of a body [m]."""
 
 
-class View(NamedTuple):
+class ViewDirection(NamedTuple):
     """A direction to look in."""
 
     azimuth: float
@@ -73,12 +73,12 @@ class View(NamedTuple):
 
 
 VIEWS = {
-    "follow": View(48.0, -17.0),
-    "side": View(90.0, 0.0),
-    "front": View(180.0, -8.0),
-    "back": View(0.0, -12.0),
-    "top": View(90.0, -89.0),
-    "still": View(48.0, -17.0),
+    "follow": ViewDirection(48.0, -17.0),
+    "side": ViewDirection(90.0, 0.0),
+    "front": ViewDirection(180.0, -8.0),
+    "back": ViewDirection(0.0, -12.0),
+    "top": ViewDirection(90.0, -89.0),
+    "still": ViewDirection(48.0, -17.0),
 }
 """The views of `options.CAMERAS`."""
 
@@ -171,7 +171,11 @@ def _is_hidden(
 
 
 def _shots_from(
-    view: View, clips: Sequence[Clip], boxes: BoundingBoxes, film: Film, surface: float | None
+    view: ViewDirection,
+    clips: Sequence[Clip],
+    boxes: BoundingBoxes,
+    film: Film,
+    surface: float | None,
 ) -> Shots:
     """Return the camera that looks from `view` at what moves in `boxes`."""
     is_under_water = surface is not None and film.camera != "top" and not _emerges(boxes, surface)

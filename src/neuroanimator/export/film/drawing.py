@@ -18,7 +18,7 @@ from neuroanimator.export.film.footer import Footer
 from neuroanimator.export.film.graphics import context_module, needed_graphics
 from neuroanimator.export.film.options import Film, Take
 from neuroanimator.export.film.rigid_scene import RigidScene
-from neuroanimator.export.film.scene import Scene, doubts
+from neuroanimator.export.film.scene import FilmScene, doubts
 from neuroanimator.export.film.skeleton_scene import SkeletonScene
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.named_files import MissingPhysicsError
@@ -45,7 +45,7 @@ LIGHT_DISTANCE = 3.0
 class Canvas:
     """Pictures of a scene; `close` it when done."""
 
-    def __init__(self, scene: Scene, size: tuple[int, int]):
+    def __init__(self, scene: FilmScene, size: tuple[int, int]):
         """Prepare pictures of `size` (width, height) [pixels]; ResourceError if nothing can be drawn."""
         backend = needed_graphics()
         width, height = size
@@ -107,7 +107,7 @@ class Canvas:
         self._context.free()
 
 
-def scene_of(take: Take, film: Film) -> tuple[Scene, Shots]:
+def scene_of(take: Take, film: Film) -> tuple[FilmScene, Shots]:
     """Return the scene of a take, and the camera: rigid bodies as MuJoCo draws them, others as bones and skins.
 
     Models that are missing, and several bodies with a MuJoCo skin, of which it has only one, are filmed as bones, too.

@@ -39,7 +39,7 @@ SMOOTHED = 0.3
 
 
 @runtime_checkable
-class Scene(Protocol):
+class FilmScene(Protocol):
     """A MuJoCo model with the bodies of a take."""
 
     model: mujoco.MjModel

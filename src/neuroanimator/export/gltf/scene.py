@@ -21,9 +21,9 @@ from neuroanimator.export.bodies import (
     CLOTH,
     GHOST,
     THIN_GHOST,
-    Body,
     BoneNode,
     Paint,
+    SceneBody,
     SkinNode,
     bodies_of,
 )
@@ -94,7 +94,7 @@ class _Scene:
         self._materials: dict[tuple[tuple[float, ...] | str, bool], int] = {}
         self._names: set[str] = set()
 
-    def add(self, body: Body) -> None:
+    def add(self, body: SceneBody) -> None:
         """Add the moving parts of a body, and its scenery."""
         nodes = self.document["nodes"]
         root = len(nodes)
@@ -143,7 +143,7 @@ class _Scene:
     def _identifier(self, name: str) -> str:
         return identifier(name, self._names)
 
-    def _mesh_of(self, body: Body, bone: Bone, shapes: Sequence[tuple[Shape, Paint]]) -> int:
+    def _mesh_of(self, body: SceneBody, bone: Bone, shapes: Sequence[tuple[Shape, Paint]]) -> int:
         """Return the mesh of a bone's shapes: the same for the same bone of another clip."""
         key = (bone.name, bone.shapes, body.is_ghost)
         if key not in self._meshes:
@@ -155,7 +155,7 @@ class _Scene:
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         return self._meshes[key]
 
-    def _add_skin(self, body: Body, skin: SkinNode, root: int) -> None:
+    def _add_skin(self, body: SceneBody, skin: SkinNode, root: int) -> None:
         """Add a node with the skin of the bones after the node `root`."""
         key = (body.clip.skeleton.skin, skin.rest.tobytes(), body.is_ghost)
         if key not in self._meshes:
@@ -179,7 +179,7 @@ class _Scene:
         node = self._append("nodes", {"name": title, "mesh": self._meshes[key], "skin": bones})
         self.document["scenes"][0]["nodes"].append(node)
 
-    def _add_surface(self, body: Body, surface: SurfaceNode, root: int, times: int) -> None:
+    def _add_surface(self, body: SceneBody, surface: SurfaceNode, root: int, times: int) -> None:
         """Add a node with a surface below the node `root`, and the track of its targets at `times`."""
         morphs = surface.morphs
         key = (morphs, body.is_ghost)
@@ -227,7 +227,7 @@ class _Scene:
         self.document[group].append(described)
         return len(self.document[group]) - 1
 
-    def _add_tracks(self, body: Body, root: int, times: int) -> None:
+    def _add_tracks(self, body: SceneBody, root: int, times: int) -> None:
         """Add the tracks at `times` of the bones that move, whose nodes come after the node `root`."""
         for index, node in enumerate(body.nodes, start=root + 1):
             if not node.bone.is_moving:

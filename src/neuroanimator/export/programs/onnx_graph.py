@@ -66,7 +66,7 @@ class Node(NamedTuple):
     attributes: tuple[tuple[str, Any], ...]
 
 
-class Column(NamedTuple):
+class TensorColumn(NamedTuple):
     """The column of a tensor that holds an address."""
 
     tensor: str
@@ -108,7 +108,7 @@ class _Writer:
     def __init__(self, program: Program) -> None:
         self.program = program
         self.graph = Graph()
-        self._columns: dict[int, Column] = {}
+        self._columns: dict[int, TensorColumn] = {}
         self._widths: dict[str, int] = {}
         self._outputs: dict[Node, str] = {}
         self._constants: dict[tuple, str] = {}
@@ -126,7 +126,7 @@ class _Writer:
         if columns is None:
             columns = np.arange(addresses.size)
         for address, number in zip(addresses.ravel(), columns.ravel(), strict=True):
-            self._columns[int(address)] = Column(tensor, int(number))
+            self._columns[int(address)] = TensorColumn(tensor, int(number))
         self._widths[tensor] = int(columns.max(initial=-1)) + 1
 
     def node(self, operator: str, *inputs: str, **attributes: Any) -> str:

@@ -27,9 +27,9 @@ from neuroanimator.export.bodies import (
     CLOTH,
     GHOST,
     THIN_GHOST,
-    Body,
     BoneNode,
     Paint,
+    SceneBody,
     SkinNode,
     bodies_of,
 )
@@ -85,7 +85,7 @@ def write_usd(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | N
     write_whole(path, content)
 
 
-def usda_text(bodies: Sequence[Body]) -> str:
+def usda_text(bodies: Sequence[SceneBody]) -> str:
     """Return the text of a USD file of `bodies`."""
     taken: set[str] = set()
     stage = Prim("Xform", identifier("scene", taken), metadata=['kind = "group"'])
@@ -96,7 +96,7 @@ def usda_text(bodies: Sequence[Body]) -> str:
     return "\n".join(lines)
 
 
-def _stage_metadata(bodies: Sequence[Body], default_prim: str) -> list[str]:
+def _stage_metadata(bodies: Sequence[SceneBody], default_prim: str) -> list[str]:
     last = max(len(body.clip.times) for body in bodies if not body.is_ghost) - 1
     rate = number(bodies[0].clip.rate)
     program = string(f"NeuroAnimator {version('neuroanimator')}")
@@ -117,7 +117,7 @@ def _stage_metadata(bodies: Sequence[Body], default_prim: str) -> list[str]:
 class _BodyWriter:
     """The prims of one body, at a path."""
 
-    def __init__(self, body: Body, path: str):
+    def __init__(self, body: SceneBody, path: str):
         self._body = body
         self._path = path
         self._materials: dict[tuple[tuple[float, ...] | str, bool], str] = {}
