@@ -46,7 +46,7 @@ SETTINGS: Any = {
 """Settings of typer for the group and for every verb."""
 
 
-class Commands(Mapping[str, Any]):
+class VerbCommands(Mapping[str, Any]):
     """The verbs' commands by name, each made from its module when it is first looked up."""
 
     def __getitem__(self, verb: str) -> Any:
@@ -84,7 +84,7 @@ class Verbs(TyperGroup):
 
     def __init__(self, **options: Any):
         super().__init__(**options)
-        self.commands = Commands()
+        self.commands = VerbCommands()
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the line of each verb, without importing any."""

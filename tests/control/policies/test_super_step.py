@@ -16,7 +16,7 @@ from neuroanimator.control.policies.behaviours import steer_along, wander
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator
 from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.control.policies.steering import SteeringTarget
-from neuroanimator.control.policies.super_step import SuperStep, make_super_step
+from neuroanimator.control.policies.super_step import PolicyStep, make_super_step
 from neuroanimator.emulator import c_rows
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import Pose
@@ -34,7 +34,7 @@ def policy(monkeypatch: pytest.MonkeyPatch) -> Policy:
     return fresh_policy(load_emulator("lander-50"), ranges, widths=(8,))
 
 
-def super_step_in(backend: str, policy: Policy) -> SuperStep:
+def super_step_in(backend: str, policy: Policy) -> PolicyStep:
     """Return what five bodies do, each on its own way."""
     set_backend(backend)
     rng = np.random.default_rng(1)

@@ -205,7 +205,7 @@ def _library() -> ctypes.CDLL | None:
     return library
 
 
-class View(NamedTuple):
+class CostView(NamedTuple):
     """Part of a motion that one cost looks at."""
 
     rows: Int[np.ndarray, " K"]
@@ -294,17 +294,17 @@ class ObjectiveForm:
         return [*of_states.terms, *objective.functions]
 
     @cached_property
-    def views(self) -> list[View]:
+    def views(self) -> list[CostView]:
         """Parts of a motion that each cost looks at."""
         costs = self._costs(np.zeros(sum(self.sizes), np.float32))
         return [self._view(number, cost) for number, cost in enumerate(costs)]
 
-    def _view(self, number: int, cost: Cost) -> View:
+    def _view(self, number: int, cost: Cost) -> CostView:
         if observes_states(cost):
-            return View(checked_rows(cost, self.shape.steps, self.shape.dt))
+            return CostView(checked_rows(cost, self.shape.steps, self.shape.dt))
         return self._view_of_motion(number)
 
-    def _view_of_motion(self, number: int) -> View:
+    def _view_of_motion(self, number: int) -> CostView:
         """Return the part of a motion that a cost of whole motions computes with."""
         shape = self.shape
 
@@ -318,7 +318,7 @@ class ObjectiveForm:
         of_states[START, 0] |= not of_states.any()
         rows = np.flatnonzero(of_states.any(axis=1))
         entries = np.flatnonzero(of_states.any(axis=0))
-        return View(rows, entries, bool(of_controls.any()))
+        return CostView(rows, entries, bool(of_controls.any()))
 
     @cached_property
     def observed_sizes(self) -> list[int]:

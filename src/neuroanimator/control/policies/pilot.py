@@ -15,7 +15,7 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.control.policies.pilot_motions import (
     CommandedMotion,
-    EmulatedMotion,
+    EmulatorPilotMotion,
     PilotMotion,
 )
 from neuroanimator.control.policies.policy import Policy, load_policy
@@ -255,7 +255,7 @@ def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMoti
     if isinstance(policy, Policy):
         if system is not None:
             raise ArgumentError("system: this policy moves its emulator. Leave it out.")
-        return EmulatedMotion(policy)
+        return EmulatorPilotMotion(policy)
     return CommandedMotion(policy, system)
 
 

@@ -28,7 +28,7 @@ MAX_CLIMB = 1.2
 """Maximum angle of climb or dive [rad]: a vertical body has no heading to hold."""
 
 
-class Leap(NamedTuple):
+class PilotLeap(NamedTuple):
     """A super step."""
 
     state: Float[np.ndarray, " S"]
@@ -60,7 +60,9 @@ class PilotMotion(abc.ABC):
         """Turn the commanded heading to the left by `angle` [rad]."""
 
     @abc.abstractmethod
-    def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
+    def leap(
+        self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float
+    ) -> PilotLeap:
         """Return the super step from `state` at the commanded speed [m/s], turning rate [rad/s] and climb [rad]."""
 
     @abc.abstractmethod
@@ -69,7 +71,7 @@ class PilotMotion(abc.ABC):
 
 
 @final
-class EmulatedMotion(PilotMotion):
+class EmulatorPilotMotion(PilotMotion):
     """The motion of a policy's emulator."""
 
     def __init__(self, policy: Policy):
@@ -96,7 +98,9 @@ class EmulatedMotion(PilotMotion):
     def turn(self, angle: float) -> None:
         self._heading += angle
 
-    def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
+    def leap(
+        self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float
+    ) -> PilotLeap:
         heading = self._heading_of(state)
         self._heading = heading + _pressed(self._heading - heading, MAX_LEAD)
         steepness = float(np.clip(climb, -MAX_CLIMB, MAX_CLIMB))
@@ -112,7 +116,7 @@ class EmulatedMotion(PilotMotion):
         self._next_body, states = self._body.moved_on(self._axes, made.latent, made.states)
         # Single precision may round beyond a bound.
         controls = self.policy.emulator.bounds.clip(np.asarray(made.controls[0], float))
-        return Leap(states[0], controls)
+        return PilotLeap(states[0], controls)
 
     def finish(self) -> None:
         self._body = self._next_body
@@ -159,15 +163,17 @@ class CommandedMotion(PilotMotion):
     def turn(self, angle: float) -> None:
         pass
 
-    def leap(self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float) -> Leap:
+    def leap(
+        self, state: Float[np.ndarray, " S"], speed: float, turn: float, climb: float
+    ) -> PilotLeap:
         if climb != 0:
             raise ArgumentError(f"climb: this body walks on the ground, got {climb:g}. Use 0.")
         told = self.reference.with_command(state, np.array([speed, turn]))
         controls = np.asarray(_control(self.policy, as_jax(told)), float)
         controls = self.policy.emulator.bounds.clip(controls)
         if self.system is None:
-            return Leap(np.asarray(self.policy.emulator.step(told, controls), float), controls)
-        return Leap(self._simulated(self.system, told, controls), controls)
+            return PilotLeap(np.asarray(self.policy.emulator.step(told, controls), float), controls)
+        return PilotLeap(self._simulated(self.system, told, controls), controls)
 
     def _simulated(
         self, system: System, state: Float[np.ndarray, " S"], controls: Float[np.ndarray, " C"]

@@ -27,7 +27,7 @@ from neuroanimator.training.train import MAX_LINE, MAX_METRICS, run_folder
 
 
 @dataclass(frozen=True)
-class PolicyTask:
+class SeedTask:
     """One training of a policy."""
 
     emulator: bytes
@@ -62,7 +62,7 @@ class PolicyRow(NamedTuple):
     best: bool
 
 
-def run_policy_task(task: PolicyTask) -> TrainedPolicy:
+def run_policy_task(task: SeedTask) -> TrainedPolicy:
     """Return a trained policy: a function of the task alone."""
     trust_as_told(task.trusted)
     with temporary_folder() as folder:
@@ -100,7 +100,7 @@ def train_policies(
     tasks = []
     for seed, path in zip(seeds, paths, strict=True):
         seen = str(path.resolve()) if executor.shares_disk else ""
-        task = PolicyTask(content, replace(training, seed=seed), seen, trusted_so_far())
+        task = SeedTask(content, replace(training, seed=seed), seen, trusted_so_far())
         tasks.append(task)
     found = executor.map(run_policy_task, tasks, on_done=lambda outcome: on_policy())
     least = min(trained.validation for trained in found)

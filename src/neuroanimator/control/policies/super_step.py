@@ -19,7 +19,7 @@ EXCESS = 0.2
 """Share of a policy's range of speeds by which the samples of a program's check exceed it."""
 
 
-class SuperStep(NamedTuple):
+class PolicyStep(NamedTuple):
     """Motion of bodies in a super step."""
 
     latent: Float[np.ndarray, "B I"]
@@ -35,7 +35,7 @@ def make_super_step(
     latent: Float[np.ndarray, "B I"],
     phase: Float[np.ndarray, " B"],
     target: SteeringTarget,
-) -> SuperStep:
+) -> PolicyStep:
     """Return the super step of bodies in the states `latent`, at `phase` [rad] of their clocks, toward `target` (B)."""
     outputs = call_rows(
         policy_super_step,
@@ -47,7 +47,7 @@ def make_super_step(
         np.asarray(target.direction),
         np.asarray(target.speed)[:, None],
     )
-    return SuperStep(*outputs)
+    return PolicyStep(*outputs)
 
 
 def is_in_c(policy: Policy) -> bool:
