@@ -26,7 +26,7 @@ from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
 from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.definition import ProgramDefinition, definition_of
 from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.export.programs.onnx_graph import onnx_graph
 from neuroanimator.export.programs.vectors import make_vectors
@@ -63,7 +63,7 @@ def write_npz(model: Emulator | Policy, path: Path, licence: str = "") -> str:
     return f"{path}: {len(content) / 1e3:.0f} kB, what JAX does to {difference:.0e} of the output's scale. {definition.missing}"
 
 
-def npz_bytes(definition: Definition, body: Body = NO_BODY) -> bytes:
+def npz_bytes(definition: ProgramDefinition, body: Body = NO_BODY) -> bytes:
     """Return the .npz file of `definition` and of what draws its `body`, the same bytes each time."""
     graph = onnx_graph(definition)
     told = {

@@ -22,8 +22,8 @@ from neuroanimator import Emulator, NeuroAnimatorError, Policy, load_emulator, w
 from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.export.programs.definition import (
-    Definition,
     Port,
+    ProgramDefinition,
     definition_of,
 )
 from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
@@ -65,13 +65,15 @@ def _signed(vector: jax.Array) -> jax.Array:
     return vector * jnp.where(vector[0] < 0, -1.0, 1.0)
 
 
-def six_numbers(function: Callable) -> Definition:
+def six_numbers(function: Callable) -> ProgramDefinition:
     """Return the definition of a `function` of two arrays (6,)."""
     shape = jax.eval_shape(function, jnp.zeros(6), jnp.zeros(6)).shape
     six = Layout((Slice("six", 6, "1"),))
     outputs = (Port("z", Layout((Slice("z", int(np.prod(shape)), "1"),))),)
     inputs = (Port("x", six), Port("y", six))
-    return Definition("six", lambda x, y: (function(x, y),), inputs, outputs, {"kind": "function"})
+    return ProgramDefinition(
+        "six", lambda x, y: (function(x, y),), inputs, outputs, {"kind": "function"}
+    )
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

@@ -19,7 +19,7 @@ from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_header import c_header, identifier
-from neuroanimator.export.programs.definition import PHASE, Definition, Model, definition_of
+from neuroanimator.export.programs.definition import PHASE, Model, ProgramDefinition, definition_of
 from neuroanimator.export.programs.exported_files import (
     CheckedProgram,
     ExportedFiles,
@@ -63,7 +63,7 @@ def write_c_header(model: Model, path: str | Path, licence: str = "") -> Exporte
 
 
 def check_functions(
-    call: Call, model: Model, definition: Definition, *, has_gradient: bool = True
+    call: Call, model: Model, definition: ProgramDefinition, *, has_gradient: bool = True
 ) -> tuple[dict[str, Vectors], float]:
     """Check all functions of a header against JAX; return (vectors by function, the largest difference).
 
@@ -122,7 +122,7 @@ def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
         )
 
 
-def _check_policy(call: Call, definition: Definition, vectors: Vectors) -> float:
+def _check_policy(call: Call, definition: ProgramDefinition, vectors: Vectors) -> float:
     computed = {name: _room(*array.shape) for name, array in vectors.expected.items()}
     for row in range(vectors.count):
         arguments = []

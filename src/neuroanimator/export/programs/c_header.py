@@ -25,8 +25,8 @@ from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import SuperStep, latent_size, step
 from neuroanimator.export.programs.definition import (
-    Definition,
     Model,
+    ProgramDefinition,
     emulator_of,
 )
 from neuroanimator.state.layout import Layout
@@ -51,7 +51,9 @@ class SharedConstants(Constants):
         return self._known[key]
 
 
-def c_header(model: Model, definition: Definition, name: str, *, has_gradient: bool = True) -> str:
+def c_header(
+    model: Model, definition: ProgramDefinition, name: str, *, has_gradient: bool = True
+) -> str:
     """Return the text of `name`.h, whose functions' names begin with `name` (an identifier): see `emulator.h`.
 
     Without its gradient an emulator's is a third shorter. Raises UnsupportedError for an operation not available in C.
@@ -202,7 +204,7 @@ def _emulator_parts(
 
 
 def _policy_parts(
-    definition: Definition, name: str
+    definition: ProgramDefinition, name: str
 ) -> tuple[dict[str, int], list[CFunction], Constants]:
     """Return (no sizes, the function of a policy, the constants it reads)."""
     constants = SharedConstants()
@@ -214,7 +216,7 @@ def _policy_parts(
     return {}, [function], constants
 
 
-def about(definition: Definition) -> str:
+def about(definition: ProgramDefinition) -> str:
     """Return one line of ASCII that describes a program, for a comment."""
     facts = definition.facts
     said = f"the {facts['kind']} of {facts['system']}, one super step of {facts['dt']:g} s."
@@ -225,7 +227,7 @@ def about(definition: Definition) -> str:
 
 
 def _sizes(
-    name: str, emulator: Emulator, definition: Definition, others: dict[str, int]
+    name: str, emulator: Emulator, definition: ProgramDefinition, others: dict[str, int]
 ) -> Iterator[str]:
     """Yield the compile-time constants: sizes, the super step, and the offsets of the parts of a state and control."""
     guard = name.upper()

@@ -46,7 +46,7 @@ class Port(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Definition:
+class ProgramDefinition:
     """A function in JAX, of one example, and facts about it."""
 
     name: str
@@ -73,7 +73,7 @@ class Definition:
         return texts
 
 
-def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -> Definition:
+def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -> ProgramDefinition:
     """Return the program of `model`; `licence` gives the terms of use of its weights.
 
     An emulator: (state (S,), control (C,)) → next_state (S,), one super step later; with `has_trust` also trust (1,), if
@@ -88,14 +88,14 @@ def definition_of(model: Model, licence: str = "", *, has_trust: bool = False) -
         commands = commands_of(model)
         if commands is not None:
             return _commanded_definition(model, commands, licence)
-        return Definition(
+        return ProgramDefinition(
             name="control",
             function=partial(_state_answer, model),
             inputs=(Port("state", model.emulator.state),),
             outputs=(Port("control", model.emulator.control),),
             facts=_facts("state-policy", model.emulator, licence),
         )
-    definition = Definition(
+    definition = ProgramDefinition(
         name="step",
         function=partial(_super_step, model),
         inputs=(Port("state", model.state), Port("control", model.control)),
@@ -146,14 +146,14 @@ def _are_below(numbers: Float[Array, " *N"], limit: float) -> Bool[Array, ""]:
     return jnp.sum(is_below.astype(jnp.float32)) == numbers.size
 
 
-def _policy_definition(policy: Policy, licence: str) -> Definition:
+def _policy_definition(policy: Policy, licence: str) -> ProgramDefinition:
     emulator = policy.emulator
     facts = _facts("policy", emulator, licence)
     facts["command"] = COMMAND.to_json()
     facts["command_low"] = list(policy.ranges.low)
     facts["command_high"] = list(policy.ranges.high)
     facts["phase_per_step"] = policy.tick
-    return Definition(
+    return ProgramDefinition(
         name="control",
         function=partial(_answer, policy),
         inputs=(Port("state", emulator.state), Port("phase", PHASE), Port("command", COMMAND)),
@@ -176,13 +176,15 @@ def _state_answer(policy: StatePolicy, state: Float[Array, " S"]) -> tuple[Float
     return (policy.control_of(state),)
 
 
-def _commanded_definition(policy: StatePolicy, commands: Commands, licence: str) -> Definition:
+def _commanded_definition(
+    policy: StatePolicy, commands: Commands, licence: str
+) -> ProgramDefinition:
     emulator = policy.emulator
     facts = _facts("commanded-policy", emulator, licence)
     facts["command"] = COMMAND_LAYOUT.to_json()
     facts["command_low"] = list(commands.bounds.low)
     facts["command_high"] = list(commands.bounds.high)
-    return Definition(
+    return ProgramDefinition(
         name="control",
         function=partial(commanded_control, policy),
         inputs=(Port("state", emulator.state), Port("command", COMMAND_LAYOUT)),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from neuroanimator.export.programs.definition import Definition
+from neuroanimator.export.programs.definition import ProgramDefinition
 from neuroanimator.export.programs.vectors import Vectors, vectors_text
 from neuroanimator.files.atomic import write_together
 
@@ -56,7 +56,7 @@ class ExportedFiles:
 
 def write_program(
     path: str | Path,
-    definition: Definition,
+    definition: ProgramDefinition,
     program: CheckedProgram,
     callers: Mapping[str, bytes] | None = None,
 ) -> ExportedFiles:

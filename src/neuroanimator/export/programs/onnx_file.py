@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.programs.definition import Definition, Model, Port, definition_of
+from neuroanimator.export.programs.definition import Model, Port, ProgramDefinition, definition_of
 from neuroanimator.export.programs.exported_files import (
     CheckedProgram,
     ExportedFiles,
@@ -51,7 +51,7 @@ def write_onnx(model: Model, path: str | Path, licence: str = "") -> ExportedFil
     return write_program(path, definition, program)
 
 
-def onnx_bytes(definition: Definition) -> bytes:
+def onnx_bytes(definition: ProgramDefinition) -> bytes:
     """Return the ONNX file of `definition`, which has passed onnx' own checker."""
     onnx = _import_onnx()
     graph = onnx_graph(definition)

@@ -14,7 +14,7 @@ import numpy as np
 from neuroanimator.codegen.decompositions import without_decompositions
 from neuroanimator.codegen.program import Addresses, Operation, Program
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
-from neuroanimator.export.programs.definition import Definition
+from neuroanimator.export.programs.definition import ProgramDefinition
 
 OPERATORS = {
     "neg": "Neg", "sqrt": "Sqrt", "exp": "Exp", "log": "Log", "tanh": "Tanh", "logistic": "Sigmoid", "sin": "Sin",
@@ -81,7 +81,7 @@ class Graph:
     constants: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def onnx_graph(definition: Definition) -> Graph:
+def onnx_graph(definition: ProgramDefinition) -> Graph:
     """Return the graph of `definition`: from the named tensors (batch, N) of its inputs to those of its outputs.
 
     Raises UnsupportedError for operations without an operator.

@@ -22,8 +22,8 @@ from neuroanimator.emulator.probes import rounded
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import (
-    Definition,
     Model,
+    ProgramDefinition,
     commands_of,
     emulator_of,
 )
@@ -130,7 +130,7 @@ class Vectors:
         return _rounded(self.tolerance(output).max(axis=0))
 
 
-def vectors_text(definition: Definition, functions: Mapping[str, Vectors]) -> str:
+def vectors_text(definition: ProgramDefinition, functions: Mapping[str, Vectors]) -> str:
     """Return the facts and the vectors of each function, by name, as JSON."""
     content: dict[str, Any] = {"facts": definition.facts}
     for name, vectors in functions.items():
@@ -138,7 +138,7 @@ def vectors_text(definition: Definition, functions: Mapping[str, Vectors]) -> st
     return json.dumps(content, separators=(",", ":"), allow_nan=False)
 
 
-def make_vectors(definition: Definition, model: Model) -> Vectors:
+def make_vectors(definition: ProgramDefinition, model: Model) -> Vectors:
     """Return `COUNT` inputs of `model`, the same each time, and JAX' outputs in float32.
 
     Raises NeuroAnimatorError if these are too often not finite, or depend on the last digits of the inputs.
@@ -173,7 +173,9 @@ def make_vectors(definition: Definition, model: Model) -> Vectors:
     return _steady_vectors(function, inputs, units, definition.facts["system"])
 
 
-def make_gradient_vectors(definition: Definition, emulator: Emulator, vectors: Vectors) -> Vectors:
+def make_gradient_vectors(
+    definition: ProgramDefinition, emulator: Emulator, vectors: Vectors
+) -> Vectors:
     """Return the inputs of `vectors` with random cotangents, and JAX' vector-Jacobian products.
 
     Controls stay off their bounds: at a kink there are two gradients, and rounding chooses. Raises as `make_vectors`.

@@ -23,9 +23,9 @@ from neuroanimator.export.programs.c_header import (
 )
 from neuroanimator.export.programs.definition import (
     PHASE,
-    Definition,
     Model,
     Port,
+    ProgramDefinition,
     definition_of,
     emulator_of,
 )
@@ -84,7 +84,7 @@ def write_wasm(model: Model, path: str | Path, licence: str = "") -> ExportedFil
 
 
 def checked_wasm(
-    model: Model, definition: Definition, name: str, *, has_gradient: bool = True
+    model: Model, definition: ProgramDefinition, name: str, *, has_gradient: bool = True
 ) -> CheckedProgram:
     """Return the module, whose functions' names begin with `name`; raises as `write_wasm`.
 
@@ -98,7 +98,7 @@ def checked_wasm(
 
 
 def wasm_bytes(
-    model: Model, definition: Definition, name: str, *, has_gradient: bool = True
+    model: Model, definition: ProgramDefinition, name: str, *, has_gradient: bool = True
 ) -> bytes:
     """Return the module, whose functions' names begin with `name`."""
     header = c_header(model, definition, name, has_gradient=has_gradient)
@@ -165,7 +165,7 @@ class Module:
             memory.grow(self._store, -(-missing // PAGE))
 
 
-def _filled(suffix: str, model: Model, definition: Definition, name: str) -> str:
+def _filled(suffix: str, model: Model, definition: ProgramDefinition, name: str) -> str:
     """Return the ES module, or its types, with names, sizes and facts filled in."""
     facts = definition.facts
     emulator = emulator_of(model)
