@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -87,6 +88,27 @@ BEYOND_PUBLIC_NAMES = {
 """Modules of the core of which the studio uses more than `neuroanimator`'s public names: they may only become fewer."""
 
 
+NAMED_TWICE = {
+    "Curve",
+    "Driven",
+    "Episodes",
+    "Findings",
+    "Gait",
+    "Learner",
+    "Mesh",
+    "Motion",
+    "Outcome",
+    "Progress",
+    "Reading",
+    "Runs",
+    "Search",
+    "Segment",
+    "Table",
+    "Trial",
+}
+"""Names that more than one public class of the core has: they may only become fewer."""
+
+
 def imported_stages(path: Path) -> set[str]:
     tree = ast.parse(path.read_text())
     modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
@@ -133,6 +155,15 @@ def test_the_studio_uses_no_more_of_the_core_than_is_known():
             ):
                 used.add(str(node.module).removeprefix("neuroanimator."))
     assert used == BEYOND_PUBLIC_NAMES
+
+
+def test_no_two_public_classes_have_the_same_name():
+    names = Counter()
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                names[node.name] += 1
+    assert {name for name, count in names.items() if count > 1} == NAMED_TWICE
 
 
 def test_temporary_folders_are_made_where_it_is_known_that_they_must_go():
