@@ -35,7 +35,7 @@ WORKER = "neuroanimator_studio.job_worker"
 LOG = "log.txt"
 """The file of a job's folder for whatever its process prints."""
 
-MOST_RUNNING = 2
+MAX_RUNNING = 2
 """Trainings that run at once: each takes all the cores there are."""
 
 MAX_CURVE = 200
@@ -131,8 +131,8 @@ class Jobs:
 
     def _check_room(self) -> None:
         running = [row for row in self.list() if row["is_running"]]
-        if len(running) >= MOST_RUNNING:
-            raise ResourceError(f"{MOST_RUNNING} trainings are running already. Stop one, or wait.")
+        if len(running) >= MAX_RUNNING:
+            raise ResourceError(f"{MAX_RUNNING} trainings are running already. Stop one, or wait.")
 
     def _launch(self, folder: Path) -> None:
         (folder / STATUS).unlink(missing_ok=True)

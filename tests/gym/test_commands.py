@@ -15,7 +15,7 @@ from neuroanimator import Emulator, NeuroAnimatorError, Pilot, load_system
 from neuroanimator.cli.policy_returns import commanded_motion
 from neuroanimator.cli.train import train_in_policy
 from neuroanimator.control.policies.commands import (
-    LARGEST_CHANGE,
+    MAX_CHANGE,
     SLOW_SHARE,
     STANDING_SHARE,
     Commands,
@@ -467,8 +467,8 @@ def test_while_a_policy_learns_half_of_the_commands_are_slow_and_none_jumps(
     for speed in (0.0, 0.3, own, own + 0.9, own + 1.1):
         now = commands.give(states, np.full(len(states), speed), np.zeros(len(states)))
         drawn = commands.speed(commands.draw_change(np.random.default_rng(2), now))
-        assert np.abs(drawn - speed).max() <= LARGEST_CHANGE + 1e-9
-        low, high = max(speed - LARGEST_CHANGE, 0), min(speed + LARGEST_CHANGE, 3)
+        assert np.abs(drawn - speed).max() <= MAX_CHANGE + 1e-9
+        low, high = max(speed - MAX_CHANGE, 0), min(speed + MAX_CHANGE, 3)
         slow_of_the_rest = np.clip((own - low) / (high - low), 0, 1)
         can_stand = STANDING_SHARE if low == 0 else 0.0
         slow = SLOW_SHARE + (1 - SLOW_SHARE) * slow_of_the_rest if low < own else 0.0

@@ -25,7 +25,7 @@ MAX_SHAPES = 256
 LARGEST = 2**15 - 1
 """Largest signed 16-bit integer."""
 
-LARGEST_FINE = 2**7 - 1
+MAX_FINE = 2**7 - 1
 """Largest signed 8-bit integer."""
 
 COARSE_MODES = 16
@@ -99,7 +99,7 @@ class Shapes:
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays as files hold them: modes as 16-bit and 8-bit integers, each in units of its own scale."""
         largest = np.full(len(self.modes), LARGEST)
-        largest[COARSE_MODES:] = LARGEST_FINE
+        largest[COARSE_MODES:] = MAX_FINE
         scales = np.abs(self.modes).max(axis=(1, 2)) / largest
         whole = np.round(self.modes / scales[:, None, None])
         return {

@@ -33,7 +33,7 @@ SAMPLES_A_RUN = 36
 
 SECONDS_A_MINUTE = 60
 
-LEAST_SECONDS = 1e-3
+MIN_SECONDS = 1e-3
 
 MAX_MINUTES = 10_000
 
@@ -106,7 +106,7 @@ def run(
     limit = None
     if minutes is not None:
         # At least one update, even if making the emulator took all the time.
-        limit = max(SECONDS_A_MINUTE * minutes - (time.monotonic() - began), LEAST_SECONDS)
+        limit = max(SECONDS_A_MINUTE * minutes - (time.monotonic() - began), MIN_SECONDS)
     folder = run_folder(out)
     with progress_bar("learning", PERCENT) as bar:
         note = ""

@@ -33,7 +33,7 @@ from neuroanimator.executor.cores import in_parts
 from neuroanimator.files.atomic import canonical_json, digest
 from neuroanimator.files.remembered import UNKNOWN, Remembered
 
-FEWEST_LANES = 4
+MIN_LANES = 4
 """Minimum number of motions for lanes: fewer are faster one after the other."""
 
 STEPS_OF_THREAD = 512
@@ -200,7 +200,7 @@ class CEmulator:
         self, states: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "B T+1 S"], bool]:
         """Return (the trajectories from each of `states`, whether all are sound), sixteen at a time."""
-        lanes = self._lanes() if len(states) >= FEWEST_LANES else None
+        lanes = self._lanes() if len(states) >= MIN_LANES else None
         if lanes is not None:
             return _rollouts(lanes, states, controls)
         motions = np.empty((len(states), controls.shape[1] + 1, self._state_size), states.dtype)

@@ -11,7 +11,7 @@ from neuroanimator.state.arrays import AnyArray
 MARGIN = 0.02
 """Share of its range by which a feature may leave it if only ranges are known: samples seldom touch the ends."""
 
-LEAST_MARGIN = 1e-6
+MIN_MARGIN = 1e-6
 """Minimum margin: features that never varied have an empty range."""
 
 
@@ -37,4 +37,4 @@ class Domain(eqx.Module):
     @property
     def margin(self) -> Float[Array, " K"]:
         """Distance by which each feature may leave its range if only ranges are known."""
-        return jnp.maximum(MARGIN * (self.high - self.low), LEAST_MARGIN)
+        return jnp.maximum(MARGIN * (self.high - self.low), MIN_MARGIN)

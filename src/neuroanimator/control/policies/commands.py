@@ -48,17 +48,17 @@ MAX_PACE = 100.0
 
 MAX_FASTER_LAPS = 100
 
-LARGEST_ACCELERATION = 1.5
+MAX_ACCELERATION = 1.5
 """Maximum lateral acceleration of a body with a faster gait [m/s²]: the faster it goes, the wider it turns."""
 
-LARGEST_CHANGE = 1.0
+MAX_CHANGE = 1.0
 """Maximum change of the commanded speed between two commands while a policy learns [m/s]."""
 
 SLOW_SHARE = 0.5
 """Share of commands up to the motion's own speed among those during learning whose range allows it: below that speed strides are
 of every length, and bodies fell while turning at a tenth of it."""
 
-LEAST_RADIUS = 0.6
+MIN_RADIUS = 0.6
 """Minimum radius of a turn on shorter strides [m]: a standing body does not turn, since its feet do not leave the floor."""
 
 
@@ -164,12 +164,12 @@ class Commands(NamedTuple):
         pace = xp.where(share < 1, shortened, share)
         turned = xp.clip(turning, self.least.turning, self.most.turning)
         if self.standing_pace > 0:
-            fastest = pressed / LEAST_RADIUS
+            fastest = pressed / MIN_RADIUS
             turned = xp.clip(turned, -fastest, fastest)
         if self.faster is not None:
             running = self.faster.pace_at(xp.maximum(share, 1))
             pace = xp.where(share < 1, pace, running)
-            fastest = LARGEST_ACCELERATION / xp.maximum(pressed, TINY)
+            fastest = MAX_ACCELERATION / xp.maximum(pressed, TINY)
             turned = xp.clip(turned, -fastest, fastest)
         told = with_entry(states, self.clock_rate, self.own_rate * pace)
         return with_entry(told, self.turning, turned)
@@ -183,10 +183,10 @@ class Commands(NamedTuple):
     def draw_change(
         self, rng: np.random.Generator, states: Float[np.ndarray, "B S"]
     ) -> Float[np.ndarray, "B S"]:
-        """Return the states with random commands whose speeds differ from the present ones by at most `LARGEST_CHANGE`."""
+        """Return the states with random commands whose speeds differ from the present ones by at most `MAX_CHANGE`."""
         now = np.clip(self.speed(states), self.least.speed, self.most.speed)
-        low = np.maximum(now - LARGEST_CHANGE, self.least.speed)
-        high = np.minimum(now + LARGEST_CHANGE, self.most.speed)
+        low = np.maximum(now - MAX_CHANGE, self.least.speed)
+        high = np.minimum(now + MAX_CHANGE, self.most.speed)
         is_slow = (rng.random(len(states)) < SLOW_SHARE) & (low < self.own_speed)
         high = np.where(is_slow, np.minimum(high, self.own_speed), high)
         return self._drawn(rng, states, low, high)

@@ -46,7 +46,7 @@ DOUBT = "#ff8a1f"
 MAX_SCORE = 3.0
 """Score above which the curve is drawn at the top."""
 
-LEAST_TOP = 1.5
+MIN_TOP = 1.5
 """Minimum score at the top of the curve, so that the edge is visible."""
 
 
@@ -100,7 +100,7 @@ def _curve_image(
     figure = _figure(width, rows)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
-    top = float(np.clip(scores.max() * 1.1, LEAST_TOP, MAX_SCORE))
+    top = float(np.clip(scores.max() * 1.1, MIN_TOP, MAX_SCORE))
     shown = np.minimum(scores, top)
     frames = np.arange(len(scores))
     axes.set(xlim=(0, len(scores) - 1), ylim=(0, top * 1.05))

@@ -27,7 +27,7 @@ PHASE = Layout((Slice("phase", 1, "rad"),))
 TRUST = Layout((Slice("trust", 1, "1"),))
 """Trust score: the distance of an input from the training data, 1 at their edge."""
 
-LARGEST_SCORE = 1e30
+MAX_SCORE = 1e30
 """Score above which it counts as infinite: float32 ends soon after."""
 
 CONVENTIONS = "SI units, radians, Z up, right-handed, quaternions wxyz"
@@ -133,7 +133,7 @@ def _trusted_step(
 ) -> tuple[Float[Array, " S"], Float[Array, " 1"]]:
     following, score = step_trusted(emulator, state, control)
     is_number = _are_below(state, MAX_MAGNITUDE) & _are_below(control, MAX_MAGNITUDE)
-    is_number &= _are_below(score, LARGEST_SCORE)
+    is_number &= _are_below(score, MAX_SCORE)
     return following, jnp.where(is_number, score, jnp.inf)[None]
 
 

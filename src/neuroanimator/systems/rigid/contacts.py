@@ -24,7 +24,7 @@ from neuroanimator.state.segments import Segment, orientations_of
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.touching import is_limited, touching_geoms
 
-MOST_POINTS = 24
+MAX_POINTS = 24
 """Maximum number of points: more cost more than they help."""
 
 POSES = 16
@@ -35,10 +35,10 @@ SEED = 0
 POSE_SPREAD = 0.7
 """Spread of these poses about the reference pose [rad or m]."""
 
-LEAST_MOVED = 1e-6
+MIN_MOVED = 1e-6
 """Motion over all poses below which a point does not move [m]."""
 
-LEAST_RADIUS = 1e-3
+MIN_RADIUS = 1e-3
 """Distance, unless a radius is larger, within which points in all poses are one [m]."""
 
 RIM = 4
@@ -217,13 +217,13 @@ def _without_what_never_moves(contacts: Contacts, poses: Float[np.ndarray, "N S"
     """Return `contacts` without points of constant height, duplicate points, and axes along which none moves."""
     centres = contacts.centres(poses)
     heights = contacts.heights(centres).reshape(len(poses), len(contacts.planes), -1)
-    moves = (np.ptp(heights, axis=0) > LEAST_MOVED).any(axis=0)
+    moves = (np.ptp(heights, axis=0) > MIN_MOVED).any(axis=0)
     kept = _distinct(contacts, centres, moves)
     contacts = replace(contacts, points=tuple(contacts.points[point] for point in kept))
     if not kept:
         return replace(contacts, planes=())
     way = contacts.centres(contacts.coasted(poses, 1.0)) - contacts.centres(poses)
-    axes = np.flatnonzero(np.abs(way).max(axis=(0, 2)) > LEAST_MOVED)
+    axes = np.flatnonzero(np.abs(way).max(axis=(0, 2)) > MIN_MOVED)
     return replace(contacts, axes=tuple(int(axis) for axis in axes))
 
 
@@ -233,10 +233,10 @@ def _distinct(
     """Return the points that move and do not always coincide with another, the outermost first."""
     left = [int(point) for point in np.flatnonzero(moves)]
     kept: list[int] = []
-    while left and len(kept) < MOST_POINTS:
+    while left and len(kept) < MAX_POINTS:
         farthest = max(left, key=lambda point: _distance(centres, point, kept))
         left.remove(farthest)
-        own_radius = max(contacts.points[farthest].radius, LEAST_RADIUS)
+        own_radius = max(contacts.points[farthest].radius, MIN_RADIUS)
         if not kept or _distance(centres, farthest, kept) >= own_radius:
             kept.append(farthest)
     return sorted(kept)

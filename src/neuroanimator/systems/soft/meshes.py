@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.soft.mesh import Mesh, some
-from neuroanimator.systems.soft.polygons import LEAST_SIZE
+from neuroanimator.systems.soft.polygons import MIN_SIZE
 from neuroanimator.systems.soft.soft_body import SoftBody
 
 MAX_FACES_OF_AN_EDGE = 2
@@ -205,7 +205,7 @@ def _check_nodes(mesh: Mesh) -> None:
 
 def _check_sizes(mesh: Mesh, sizes: Float[np.ndarray, " E"], power: int, size: str) -> None:
     extent = float(np.ptp(mesh.positions, axis=0).max())
-    flat = np.flatnonzero(sizes < LEAST_SIZE * extent**power)
+    flat = np.flatnonzero(sizes < MIN_SIZE * extent**power)
     if len(flat):
         raise BadFileError(
             f"{mesh.name}: without {size}: {mesh.named_elements(flat)}. Remove them."

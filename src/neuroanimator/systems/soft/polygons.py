@@ -19,13 +19,13 @@ from neuroanimator.systems.soft.mesh import Mesh, named_lines
 WELD = 1e-6
 """Distance at which vertices are one, and a vertex lies on an edge, over the size of the mesh: six digits of a file."""
 
-LEAST_SIZE = 1e-9
+MIN_SIZE = 1e-9
 """Minimum area or volume of an element, over the square or cube of the mesh's size."""
 
 BENT = 1000.0
 """Doubled area at a corner, over the least one of a face, from which a face without area is no line, but a bow tie."""
 
-LEAST_SHAPE = 1e-5
+MIN_SHAPE = 1e-5
 """Minimum ratio of a triangle's doubled area to the sum of its squared edges; 0.58 if it is equilateral."""
 
 MAX_CORNERS = 256
@@ -120,7 +120,7 @@ def _with_area(
     np.maximum.at(turns, faces.owners, bends)
     areas = np.zeros(len(lines))
     areas[owners] = np.linalg.norm(_normals(places, following, first), axis=1)
-    least = 2 * LEAST_SIZE * extent**2
+    least = 2 * MIN_SIZE * extent**2
     is_flat = areas < least
     crossed = np.flatnonzero(is_flat & (turns > BENT * least))
     if len(crossed):
@@ -257,7 +257,7 @@ def _triangles_of(
     triangles = np.repeat(fan[None], rows, axis=0)
     of_corners = _shapes(places)
     of_fan = _shapes(places[:, fan].reshape(-1, 3, 2))[:, 0].reshape(rows, -1)
-    is_sound = np.minimum(of_corners.min(axis=1), of_fan.min(axis=1)) > LEAST_SHAPE
+    is_sound = np.minimum(of_corners.min(axis=1), of_fan.min(axis=1)) > MIN_SHAPE
     hard = np.flatnonzero(~is_sound)
     if len(hard):
         triangles[hard], is_sound[hard] = _clipped(places[hard])
@@ -278,7 +278,7 @@ def _clipped(
         for corner, turn in enumerate((-1, 0, 1)):
             place = (best + turn) % (size - step)
             triangles[:, step, corner] = np.take_along_axis(left, place, axis=1)[:, 0]
-        is_sound = np.take_along_axis(shapes, best, axis=1)[:, 0] > LEAST_SHAPE
+        is_sound = np.take_along_axis(shapes, best, axis=1)[:, 0] > MIN_SHAPE
         if not is_sound.all() or step == size - 3:
             break
         # without the ear: only its neighbours change, or all if none seems to be one any more
@@ -288,14 +288,14 @@ def _clipped(
         here = np.take_along_axis(places, left[:, :, None], axis=1)
         beside = np.concatenate([best - 1, best], axis=1) % left.shape[1]
         np.put_along_axis(shapes, beside, _ears(here, beside), axis=1)
-        stuck = np.flatnonzero(shapes.max(axis=1) <= LEAST_SHAPE)
+        stuck = np.flatnonzero(shapes.max(axis=1) <= MIN_SHAPE)
         everywhere = np.tile(np.arange(left.shape[1]), (len(stuck), 1))
         shapes[stuck] = _ears(here[stuck], everywhere)
     return triangles, is_sound
 
 
 def _shapes(places: Float[np.ndarray, "P C 2"]) -> Float[np.ndarray, "P C"]:
-    """Return how good the triangle of each corner and its neighbours is, see `LEAST_SHAPE`; negative where it turns right."""
+    """Return how good the triangle of each corner and its neighbours is, see `MIN_SHAPE`; negative where it turns right."""
     before = places - np.roll(places, 1, axis=1)
     after = np.roll(places, -1, axis=1) - places
     squares = (before**2 + after**2 + (before + after) ** 2).sum(axis=2)
@@ -320,7 +320,7 @@ def _ears(
     for start, end in pairwise([*corners, corners[0]]):
         away = places[:, None] - start[:, :, None]
         along = _cross((end - start)[:, :, None], away)
-        is_inside &= along > -LEAST_SHAPE * np.asarray(squares)[:, :, None]
+        is_inside &= along > -MIN_SHAPE * np.asarray(squares)[:, :, None]
         is_inside &= (away != 0).any(axis=-1)
     return np.where(is_inside.any(axis=2), 0.0, shapes)
 
