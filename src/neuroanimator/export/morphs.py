@@ -1,11 +1,11 @@
 """The surface of a soft body as a mesh with morph targets: the shapes of the emulator, fitted again to a motion.
 
     amplitudes (F, K) of all frames → singular value decomposition → targets that move the points, most important first
-    normals (F, N, 3) of some frames → the same → targets that turn the normals
+    normals (F, N, 3) of the frames that the others tell least → targets that turn the normals
 
 A motion of some seconds needs fewer shapes than the emulator has. Normals are not a linear function of the points, and
-deserve targets of their own: for a cape that flaps wildly, twenty leave an rms error of 19°, and the derivatives of
-the normals along the points' targets one of 46°.
+deserve targets of their own. Engines and packers cut off weights below 0 and above 1, or keep the normals that a target
+leads to and not the change. Frames mixed with weights between 0 and 1 are right in all of them.
 """
 
 from __future__ import annotations
@@ -29,11 +29,17 @@ TOLERANCE = 2.5e-4
 NORMAL_TOLERANCE = 0.05
 """The same for their normals, which have length 1."""
 
-MAX_BYTES = 64
+MAX_BYTES = 61
 """Maximum number of bytes per coordinate in all targets that move points: with normals and motion, 2 MB for 5,000 nodes."""
 
-MAX_NORMALS = 20
+MAX_NORMALS = 22
 """Maximum number of targets that turn normals."""
+
+ROUNDS = 3
+"""Number of times that normals' targets are fitted to their weights, which takes them from single frames to mixtures."""
+
+SWEEPS = 100
+"""Number of times that each weight of normals is set to the best one beside the others."""
 
 SAMPLES = 128
 """Maximum number of frames to which the normals' targets are fitted."""
@@ -60,10 +66,10 @@ class MorphTarget(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Morphs:
-    """A mesh and its targets. Weights of those that move nodes are between 0 and 1: Blender and gltfpack clip others."""
+    """A mesh and its targets. Weights are between 0 and 1: Blender and gltfpack clip others."""
 
     points: Float[np.ndarray, "N 3"]
-    """Nodes at zero weights, in the anchor's frame [m]."""
+    """Mean positions of the nodes, in the anchor's frame: those at zero weights [m]."""
     scale: float
     """Distance by which a 1 in a target moves a node at a weight of 1 [m]."""
     normals: Float[np.ndarray, "N 3"]
@@ -71,9 +77,9 @@ class Morphs:
     triangles: Int[np.ndarray, "M 3"]
     """Numbers of nodes, counterclockwise from outside."""
     moving: tuple[MorphTarget, ...]
-    """Targets that move the nodes."""
+    """Targets that move the nodes; the first, with the same weight always, to where all others have the weight 0."""
     turning: tuple[MorphTarget, ...]
-    """Targets that turn the normals; their weights, of any size, follow the others'."""
+    """Targets that turn the normals; their weights follow the others'."""
     error: float
     """Rms distance of the nodes, in the worst frame, from their true positions [m]."""
 
@@ -95,20 +101,15 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
     states = np.concatenate(motions)
     amplitudes = states[:, shapes.amplitudes]
     mean_amplitudes = amplitudes.mean(axis=0)
-    mean = shapes.mean + np.tensordot(mean_amplitudes, shapes.modes, axes=1)
-    tolerance = TOLERANCE * float(np.ptp(mean, axis=0).max())
+    points = shapes.mean + np.tensordot(mean_amplitudes, shapes.modes, axes=1)
+    tolerance = TOLERANCE * float(np.ptp(points, axis=0).max())
     moving, distances, error = _moving_targets(shapes, amplitudes - mean_amplitudes, tolerance)
-    least = distances.min(axis=0)
-    points = mean
-    for low, target in zip(least, moving, strict=True):
-        points = points + low * target.deltas
-    scale = float(np.ptp(distances, axis=0).max(initial=0.0)) or 1.0
-    weights = (distances - least) / scale
+    scale = float(distances.max(initial=0.0)) or 1.0
     # Blender keeps the angles between these normals and the mesh's own, so they must be the same.
     normals = surface_normals(shapes, points)
     turning, turns = _turning_targets(shapes, states, normals)
     morphs = Morphs(points, scale, normals, shapes.faces, moving, turning, error)
-    all_weights = np.concatenate([weights, turns], axis=1)
+    all_weights = np.concatenate([distances / scale, turns], axis=1)
     ends = np.cumsum([len(motion) for motion in motions])[:-1]
     nodes = []
     for motion, of_motion in zip(motions, np.split(all_weights, ends), strict=True):
@@ -132,7 +133,7 @@ def surface_normals(
 def _moving_targets(
     shapes: Shapes, amplitudes: Float[np.ndarray, "F K"], tolerance: float
 ) -> tuple[tuple[MorphTarget, ...], Float[np.ndarray, "F R"], float]:
-    """Return the targets that move the nodes, their distances [m], and the remaining distance [m].
+    """Return the targets that move the nodes, their distances, which are not negative [m], and the remaining distance [m].
 
     Each byte is spent where it removes most error: on one more target, or on a finer one.
     """
@@ -146,59 +147,78 @@ def _moving_targets(
     squares = paths.T**2
     rewards = np.concatenate([squares * (1 - rounding), squares * rounding])
     order = np.argsort(-rewards.sum(axis=1), kind="stable")[:MAX_BYTES]
-    errors = _errors_left(squares.sum(axis=0), rewards[order])
-    enough = _least_enough(errors, tolerance)
+    taken = np.cumsum(rewards[order], axis=0)
+    left = np.concatenate([squares.sum(axis=0)[None], squares.sum(axis=0) - taken])
+    errors = np.sqrt(np.maximum(left, 0).max(axis=1))
+    within = np.flatnonzero(errors <= tolerance)
+    enough = int(within[0]) if len(within) else len(errors) - 1
     numbers, byte_counts = np.unique(order[:enough] % len(sizes), return_counts=True)
+    if not len(numbers):
+        return (), np.zeros((len(amplitudes), 0)), float(errors[0])
     targets = []
-    distances = [np.zeros((len(amplitudes), 0))]
+    distances = [np.zeros(len(amplitudes))]
+    lowest = np.zeros(shapes.mean.shape)
     for number, byte_count in zip(numbers, byte_counts, strict=True):
-        target, scale = _rounded(modes[number], int(byte_count))
+        target, size = _rounded(modes[number], int(byte_count))
         targets.append(target)
-        distances.append(scale * paths[:, number : number + 1])
-    return tuple(targets), np.concatenate(distances, axis=1), float(errors[enough])
+        least = size * paths[:, number].min()
+        distances.append(size * paths[:, number] - least)
+        lowest += least * target.deltas
+    first, size = _rounded(lowest, 2)
+    distances[0] += size
+    return (first, *targets), np.stack(distances, axis=1), float(errors[enough])
 
 
 def _turning_targets(
     shapes: Shapes, states: Float[np.ndarray, "F S"], base: Float[np.ndarray, "N 3"]
 ) -> tuple[tuple[MorphTarget, ...], Float[np.ndarray, "F Q"]]:
-    """Return the targets that turn the normals, which are `base` without them, and their weights in all `states`."""
+    """Return the targets that turn the normals, which are `base` without them, and their weights in all `states`.
+
+    Each begins as the change in the sampled frame that the others tell worst.
+    """
     count = len(shapes.mean)
-    chosen = np.linspace(0, len(states) - 1, min(len(states), SAMPLES)).round().astype(int)
-    samples = surface_normals(shapes, shapes.unplaced(states[chosen]))
+    every = np.linspace(0, len(states) - 1, min(len(states), SAMPLES)).round().astype(int)
+    samples = surface_normals(shapes, shapes.unplaced(states[every]))
     changes = (samples - base).reshape(len(samples), -1)
-    # Only the first singular vectors of a few long rows are needed: from the products of the rows.
-    powers, left = np.linalg.eigh(changes @ changes.T)
-    powers = np.maximum(powers[::-1][:MAX_NORMALS], 0)
-    left = left[:, ::-1][:, :MAX_NORMALS]
-    errors = _errors_left((changes**2).sum(axis=1) / count, (left**2 * powers).T / count)
-    enough = _least_enough(errors, NORMAL_TOLERANCE)
-    used = left[:, :enough].T @ changes / np.sqrt(powers[:enough, None])
-    weights = np.zeros((len(states), len(used)))
+    products = changes @ changes.T
+    # Choose frames.
+    used: list[int] = []
+    weights = np.zeros((len(samples), 0))
+    while len(used) < MAX_NORMALS:
+        told = 2 * products[:, used] - weights @ products[np.ix_(used, used)]
+        errors = (np.diag(products) - (weights * told).sum(axis=1)) / count
+        errors[used] = 0
+        worst = int(np.argmax(errors))
+        if errors[worst] <= NORMAL_TOLERANCE**2:
+            break
+        used.append(worst)
+        weights = _mixed(products[:, used], products[np.ix_(used, used)])
+    # Fit targets to weights.
+    kept = changes[used]
+    for _ in range(ROUNDS if used else 0):
+        kept = np.clip(np.linalg.lstsq(weights, changes)[0], -1, 1)
+        weights = _mixed(changes @ kept.T, kept @ kept.T)
+    # Fit weights of all frames.
+    _, limit = LIMITS[1]
+    turning = [MorphTarget(np.round(row.reshape(count, 3) * limit).astype(np.int8)) for row in kept]
+    along = np.zeros((len(states), len(used)))
     for first in range(0, len(states), CHUNK):
         frames = slice(first, first + CHUNK)
         normals = surface_normals(shapes, shapes.unplaced(states[frames]))
-        weights[frames] = (normals - base).reshape(len(normals), -1) @ used.T
-    targets = []
-    for number, mode in enumerate(used):
-        target, scale = _rounded(mode.reshape(count, 3), 1)
-        targets.append(target)
-        weights[:, number] *= scale
-    return tuple(targets), weights
+        along[frames] = (normals - base).reshape(len(normals), -1) @ kept.T
+    return tuple(turning), _mixed(along, kept @ kept.T)
 
 
-def _errors_left(
-    squares: Float[np.ndarray, " F"], rewards: Float[np.ndarray, "R F"]
-) -> Float[np.ndarray, " _"]:
-    """Return the error in the worst frame after subtracting none, one and so on of the `rewards` from its square."""
-    taken = np.cumsum(rewards, axis=0)
-    left = np.concatenate([squares[None], squares - taken])
-    return np.sqrt(np.maximum(left, 0).max(axis=1))
-
-
-def _least_enough(errors: Float[np.ndarray, " _"], tolerance: float) -> int:
-    """Return the index of the first of the `errors` within the tolerance; of the last if there is none."""
-    within = np.flatnonzero(errors <= tolerance)
-    return int(within[0]) if len(within) else len(errors) - 1
+def _mixed(
+    along: Float[np.ndarray, "F Q"], products: Float[np.ndarray, "Q Q"]
+) -> Float[np.ndarray, "F Q"]:
+    """Return the best weights between 0 and 1 by coordinate descent, from products of vectors with the rows and each other."""
+    weights = np.zeros_like(along)
+    for _ in range(SWEEPS):
+        for number, row in enumerate(products):
+            step = (along[:, number] - weights @ row) / max(row[number], 1e-12)
+            weights[:, number] = np.clip(weights[:, number] + step, 0, 1)
+    return weights
 
 
 def _rounded(mode: Float[np.ndarray, "N 3"], byte_count: int) -> tuple[MorphTarget, float]:

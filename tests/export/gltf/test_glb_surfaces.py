@@ -84,28 +84,60 @@ def test_the_glb_has_every_node_where_the_states_have_it_in_every_frame(
     assert drawn.document["materials"][-1]["doubleSided"]
 
 
-def test_weights_of_what_moves_nodes_stay_between_0_and_1(shapes: Shapes, tmp_path: Path):
-    """Blender cuts off what is beyond in later frames than the first."""
-    clip = soft_clip(shapes)
-    write_glb(clip, tmp_path / "a.glb")
+@pytest.mark.parametrize("seed", range(6))
+def test_all_weights_stay_between_0_and_1(seed: int, shapes: Shapes, tmp_path: Path):
+    """Blender cuts off what is beyond in later frames than the first, gltfpack in all."""
+    write_glb(soft_clip(shapes, frames=8 + 5 * seed, seed=seed), tmp_path / "a.glb")
     drawn = Drawn(tmp_path / "a.glb")
     (node,) = drawn.surfaces
     names = drawn.mesh(node)["extras"]["targetNames"]
-    moving = [number for number, name in enumerate(names) if name.startswith("shape")]
-    weights = drawn.tracks[node, "weights"].reshape(len(clip.times), -1)[:, moving]
+    assert {name.split()[0] for name in names} == {"shape", "normals"}
+    weights = drawn.tracks[node, "weights"]
     assert weights.min() >= 0
     assert weights.max() <= 1
 
 
-def test_normals_in_the_glb_follow_the_surface(shapes: Shapes, tmp_path: Path):
+def test_without_targets_a_surface_has_its_mean_shape(shapes: Shapes, tmp_path: Path):
     clip = soft_clip(shapes)
     write_glb(clip, tmp_path / "a.glb")
     drawn = Drawn(tmp_path / "a.glb")
-    normals = drawn.decode(drawn.surfaces[0], "NORMAL", len(clip.times))
+    (node,) = drawn.surfaces
+    (primitive,) = drawn.mesh(node)["primitives"]
+    points = (
+        drawn.array(primitive["attributes"]["POSITION"]) * drawn.document["nodes"][node]["scale"]
+    )
+    own = shapes.decode(clip.states) - clip.states[:, None, :3]
+    assert np.abs(points - own.mean(axis=0)).max() < 1e-6
+    normals = drawn.array(primitive["attributes"]["NORMAL"])
+    assert np.abs(normals - surface_normals(shapes, points)).max() < 1e-4
+
+
+@pytest.mark.parametrize("is_by_frame", [False, True])
+def test_normals_in_the_glb_follow_the_surface(is_by_frame: bool, shapes: Shapes, tmp_path: Path):
+    """Also where an engine keeps the normals that each target leads to, with length 1, instead of changes."""
+    clip = soft_clip(shapes)
+    write_glb(clip, tmp_path / "a.glb")
+    drawn = Drawn(tmp_path / "a.glb")
+    (node,) = drawn.surfaces
+    normals = drawn.decode(node, "NORMAL", len(clip.times))
+    if is_by_frame:
+        (primitive,) = drawn.mesh(node)["primitives"]
+        base = drawn.array(primitive["attributes"]["NORMAL"])
+        ends = base + [drawn.array(target["NORMAL"]) for target in primitive["targets"]]
+        ends /= np.linalg.norm(ends, axis=2, keepdims=True)
+        weights = drawn.tracks[node, "weights"].reshape(len(clip.times), -1)
+        normals = base + np.tensordot(weights, ends - base, axes=1)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     expected = surface_normals(shapes, shapes.decode(clip.states))
     angles = np.degrees(np.arccos(np.clip((normals * expected).sum(axis=2), -1, 1)))
     assert np.sqrt((angles**2).mean()) < 5
+
+
+def test_every_number_of_the_file_is_written(shapes: Shapes, tmp_path: Path):
+    """The format lets zeros be left out; Assimp then refuses the file."""
+    write_glb(soft_clip(shapes), tmp_path / "a.glb")
+    document, _ = read_glb(tmp_path / "a.glb")
+    assert all("bufferView" in numbers for numbers in document["accessors"])
 
 
 def test_five_seconds_of_a_cape_are_a_small_file(tmp_path: Path):

@@ -84,24 +84,6 @@ class Buffer:
         self.accessors.append(accessor)
         return len(self.accessors) - 1
 
-    def add_zeros(self, count: int) -> int:
-        """Return the index of an accessor of `count` vectors of length 0, which take no space in the file."""
-        key = (count,)
-        if key not in self._known:
-            zero = [0, 0, 0]
-            self.accessors.append(
-                {
-                    "componentType": COMPONENTS["int8"],
-                    "normalized": True,
-                    "count": count,
-                    "type": "VEC3",
-                    "min": zero,
-                    "max": zero,
-                }
-            )
-            self._known[key] = len(self.accessors) - 1
-        return self._known[key]
-
 
 def as_float32(values: Float[np.ndarray, "*S"]) -> Float32[np.ndarray, "*S"]:
     """Return `values` in the file's number type, ready for `Buffer.add`."""

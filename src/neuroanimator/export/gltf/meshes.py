@@ -60,14 +60,15 @@ def surface_primitive(morphs: Morphs, buffer: Buffer) -> dict[str, Any]:
         },
         "indices": _indices(morphs.triangles, buffer),
     }
+    # three.js wants every target to have the same attributes, Assimp wants numbers for each.
+    none = np.zeros(points.shape, np.int8)
+    pairs = [(target.whole, none) for target in morphs.moving]
+    pairs += [(none, target.whole) for target in morphs.turning]
     targets = []
-    # three.js wants every target to have the same attributes.
-    for target in morphs.moving:
-        deltas = buffer.add(target.whole, "VEC3", target=ARRAY_BUFFER, has_bounds=True)
-        targets.append({"POSITION": deltas, "NORMAL": buffer.add_zeros(len(points))})
-    for target in morphs.turning:
-        deltas = buffer.add(target.whole, "VEC3", target=ARRAY_BUFFER)
-        targets.append({"POSITION": buffer.add_zeros(len(points)), "NORMAL": deltas})
+    for moves, turns in pairs:
+        positions = buffer.add(moves, "VEC3", target=ARRAY_BUFFER, has_bounds=True)
+        normals = buffer.add(turns, "VEC3", target=ARRAY_BUFFER, has_bounds=True)
+        targets.append({"POSITION": positions, "NORMAL": normals})
     if targets:
         primitive["targets"] = targets
     return primitive
