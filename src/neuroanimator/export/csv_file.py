@@ -104,10 +104,7 @@ def read_clip(path: str | Path, emulator: Emulator) -> Clip:
     """Return the clip that `write_clip` wrote of a motion of `emulator`'s system."""
     path = Path(path)
     times, states = read_table(path, emulator.state)
-    if len(times) < 2 or times[1] <= times[0] or not _is_even(times):
+    steps = np.diff(times)
+    if len(times) < 2 or steps[0] <= 0 or not np.allclose(steps, steps[0], rtol=UNEVEN):
         raise BadFileError(f"{path}: wanted at least two evenly spaced, rising times.")
     return Clip(emulator.system, emulator.skeleton, times, states)
-
-
-def _is_even(times: Float[np.ndarray, " T"]) -> bool:
-    return np.allclose(np.diff(times), times[1] - times[0], rtol=UNEVEN)

@@ -52,14 +52,10 @@ def export_clip(
     if is_pushed_out and any(path.suffix != ".csv" for path in outs):
         drawn = push_out(drawn, emulator)
     for path in outs:
-        if path.suffix == ".glb":
-            write_glb(drawn, path)
-        elif path.suffix.startswith(".usd"):
-            write_usd(drawn, path)
-        elif path.suffix == ".mp4":
-            _write_film(drawn, path, film)
-        else:
+        if path.suffix == ".csv":
             write_clip(clip, path, emulator.state)
+        else:
+            _draw(drawn, path, film)
 
 
 def export_school(clips: Sequence[Clip], outs: list[Path], film: Film = DEFAULT_FILM) -> None:
@@ -71,12 +67,16 @@ def export_school(clips: Sequence[Clip], outs: list[Path], film: Film = DEFAULT_
                 f"out: '{path.name}': a .csv holds one body, and a school has more. Choose another format."
             )
     for path in outs:
-        if path.suffix == ".glb":
-            write_glb(clips, path)
-        elif path.suffix == ".mp4":
-            _write_film(clips, path, film)
-        else:
-            write_usd(clips, path)
+        _draw(clips, path, film)
+
+
+def _draw(clips: Clip | Sequence[Clip], path: Path, film: Film) -> None:
+    if path.suffix == ".glb":
+        write_glb(clips, path)
+    elif path.suffix == ".mp4":
+        _write_film(clips, path, film)
+    else:
+        write_usd(clips, path)
 
 
 def _write_film(clips: Clip | Sequence[Clip], path: Path, film: Film) -> None:

@@ -47,9 +47,6 @@ SAMPLES = 128
 CHUNK = 32
 """Number of frames decoded at a time."""
 
-LIMITS = {1: (np.int8, 2**7 - 1), 2: (np.int16, 2**15 - 1)}
-"""Integer type, and the value that stands for 1, by number of bytes."""
-
 
 class MorphTarget(NamedTuple):
     """Changes of all nodes, or of their normals, at a weight of 1: integers, the largest of which stands for 1."""
@@ -60,8 +57,7 @@ class MorphTarget(NamedTuple):
     @property
     def deltas(self) -> Float[np.ndarray, "N 3"]:
         """The changes, at most 1."""
-        _, limit = LIMITS[self.whole.itemsize]
-        return self.whole / limit
+        return self.whole / np.iinfo(self.whole.dtype).max
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,12 +107,11 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
     morphs = Morphs(points, scale, normals, shapes.faces, moving, turning, error)
     all_weights = np.concatenate([distances / scale, turns], axis=1)
     ends = np.cumsum([len(motion) for motion in motions])[:-1]
-    nodes = []
-    for motion, of_motion in zip(motions, np.split(all_weights, ends), strict=True):
-        positions = shapes.placement.origin(motion)
-        orientations = shapes.placement.quaternions(motion)
-        nodes.append(SurfaceNode(morphs, positions, orientations, of_motion))
-    return nodes
+    place = shapes.placement
+    return [
+        SurfaceNode(morphs, place.origin(motion), place.quaternions(motion), of_motion)
+        for motion, of_motion in zip(motions, np.split(all_weights, ends), strict=True)
+    ]
 
 
 def surface_normals(
@@ -141,14 +136,12 @@ def _moving_targets(
     paths = left * sizes
     modes = np.tensordot(mixtures, shapes.modes, axes=1)
     # Modes are orthogonal and of root mean square 1, so squares add up. Rounding has a mean square error of step² / 12.
-    _, limit = LIMITS[1]
-    steps = np.abs(modes).max(axis=(1, 2)) / limit
+    steps = np.abs(modes).max(axis=(1, 2)) / np.iinfo(np.int8).max
     rounding = 3 * steps[:, None] ** 2 / 12
     squares = paths.T**2
     rewards = np.concatenate([squares * (1 - rounding), squares * rounding])
     order = np.argsort(-rewards.sum(axis=1), kind="stable")[:MAX_BYTES]
-    taken = np.cumsum(rewards[order], axis=0)
-    left = np.concatenate([squares.sum(axis=0)[None], squares.sum(axis=0) - taken])
+    left = -np.cumsum(np.concatenate([-squares.sum(axis=0)[None], rewards[order]]), axis=0)
     errors = np.sqrt(np.maximum(left, 0).max(axis=1))
     within = np.flatnonzero(errors <= tolerance)
     enough = int(within[0]) if len(within) else len(errors) - 1
@@ -176,43 +169,49 @@ def _turning_targets(
 
     Each begins as the change in the sampled frame that the others tell worst.
     """
-    count = len(shapes.mean)
     every = np.linspace(0, len(states) - 1, min(len(states), SAMPLES)).round().astype(int)
-    samples = surface_normals(shapes, shapes.unplaced(states[every]))
-    changes = (samples - base).reshape(len(samples), -1)
-    products = changes @ changes.T
+    changes = _normal_changes(shapes, states[every], base)
     # Choose frames.
     used: list[int] = []
-    weights = np.zeros((len(samples), 0))
-    while len(used) < MAX_NORMALS:
-        told = 2 * products[:, used] - weights @ products[np.ix_(used, used)]
-        errors = (np.diag(products) - (weights * told).sum(axis=1)) / count
+    weights = np.zeros((len(every), 0))
+    while True:
+        left = changes - weights @ changes[used]
+        errors = (left**2).sum(axis=1) / len(base)
         errors[used] = 0
         worst = int(np.argmax(errors))
-        if errors[worst] <= NORMAL_TOLERANCE**2:
+        if len(used) == MAX_NORMALS or errors[worst] <= NORMAL_TOLERANCE**2:
             break
         used.append(worst)
-        weights = _mixed(products[:, used], products[np.ix_(used, used)])
+        weights = _mixed(changes @ changes[used].T, changes[used])
     # Fit targets to weights.
     kept = changes[used]
-    for _ in range(ROUNDS if used else 0):
-        kept = np.clip(np.linalg.lstsq(weights, changes)[0], -1, 1)
-        weights = _mixed(changes @ kept.T, kept @ kept.T)
+    for _ in range(ROUNDS):
+        kept = np.clip(np.linalg.pinv(weights) @ changes, -1, 1)
+        weights = _mixed(changes @ kept.T, kept)
     # Fit weights of all frames.
-    _, limit = LIMITS[1]
-    turning = [MorphTarget(np.round(row.reshape(count, 3) * limit).astype(np.int8)) for row in kept]
     along = np.zeros((len(states), len(used)))
     for first in range(0, len(states), CHUNK):
         frames = slice(first, first + CHUNK)
-        normals = surface_normals(shapes, shapes.unplaced(states[frames]))
-        along[frames] = (normals - base).reshape(len(normals), -1) @ kept.T
-    return tuple(turning), _mixed(along, kept @ kept.T)
+        along[frames] = _normal_changes(shapes, states[frames], base) @ kept.T
+    targets = tuple(_whole(row.reshape(base.shape), 1) for row in kept)
+    return targets, _mixed(along, kept)
+
+
+def _normal_changes(
+    shapes: Shapes, states: Float[np.ndarray, "F S"], base: Float[np.ndarray, "N 3"]
+) -> Float[np.ndarray, "F M"]:
+    normals = surface_normals(shapes, shapes.unplaced(states))
+    return (normals - base).reshape(len(states), -1)
 
 
 def _mixed(
-    along: Float[np.ndarray, "F Q"], products: Float[np.ndarray, "Q Q"]
+    along: Float[np.ndarray, "F Q"], vectors: Float[np.ndarray, "Q M"]
 ) -> Float[np.ndarray, "F Q"]:
-    """Return the best weights between 0 and 1 by coordinate descent, from products of vectors with the rows and each other."""
+    """Return the best weights between 0 and 1 of `vectors` for rows whose products with them are `along`.
+
+    By coordinate descent.
+    """
+    products = vectors @ vectors.T
     weights = np.zeros_like(along)
     for _ in range(SWEEPS):
         for number, row in enumerate(products):
@@ -223,7 +222,11 @@ def _mixed(
 
 def _rounded(mode: Float[np.ndarray, "N 3"], byte_count: int) -> tuple[MorphTarget, float]:
     """Return a target in integers of `byte_count` bytes, and the weight at which it is the `mode`."""
-    kind, limit = LIMITS[byte_count]
     largest = float(np.abs(mode).max())
-    whole = np.round(mode / largest * limit).astype(kind)
-    return MorphTarget(whole), largest
+    return _whole(mode / largest, byte_count), largest
+
+
+def _whole(deltas: Float[np.ndarray, "N 3"], byte_count: int) -> MorphTarget:
+    """Return changes of at most 1 as a target in integers of `byte_count` bytes."""
+    kind = np.dtype(f"i{byte_count}")
+    return MorphTarget(np.round(deltas * np.iinfo(kind).max).astype(kind))

@@ -19,7 +19,7 @@ from neuroanimator.state.rotation import rotation_matrices
 
 pxr = pytest.importorskip("pxr")
 
-from pxr import Usd, UsdGeom, UsdShade, UsdSkel, UsdValidation  # noqa: E402
+from pxr import Gf, Usd, UsdGeom, UsdShade, UsdSkel, UsdValidation  # noqa: E402
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
 FRAMES = 7
@@ -91,6 +91,29 @@ def test_a_skin_follows_its_bones_as_the_skeleton_has_them(name: str, tmp_path: 
     ):  # what takes a point of the skin at rest along
         joint = np.append(bone.offset, 1) @ skinning[number]
         np.testing.assert_allclose(joint[:3], positions[0, number], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["fish", "dolphin"])
+def test_a_cache_of_boxes_goes_along_with_a_skin(name: str, tmp_path: Path):
+    """USD's own box of a skin without an extent is that of the first time asked for."""
+    clip = a_clip(name)
+    states = clip.states.copy()
+    states[:, :3] += np.linspace(0, 5, FRAMES)[:, None]
+    write_usd(replace(clip, states=states), tmp_path / "a.usda")
+    stage = opened(tmp_path / "a.usda")
+    (root,) = [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Root)]
+    cache = UsdGeom.BBoxCache(0, ["default"])
+    boxes = []
+    for frame in range(FRAMES):
+        cache.SetTime(frame)
+        boxes.append(cache.ComputeWorldBound(root).ComputeAlignedRange())
+    UsdSkel.BakeSkinning(UsdSkel.Root(root), Gf.Interval(0, FRAMES - 1))
+    (mesh,) = [prim for prim in Usd.PrimRange(root) if prim.IsA(UsdGeom.Mesh)]
+    for frame, box in enumerate(boxes):
+        points = np.array(UsdGeom.Mesh(mesh).GetPointsAttr().Get(frame))
+        assert (points.min(axis=0) >= np.array(box.GetMin()) - 1e-5).all()
+        assert (points.max(axis=0) <= np.array(box.GetMax()) + 1e-5).all()
+        assert (np.array(box.GetSize()) < 3 * np.ptp(points, axis=0).max()).all()
 
 
 def test_a_skins_parts_can_be_painted_and_hold_all_of_its_triangles(tmp_path: Path):

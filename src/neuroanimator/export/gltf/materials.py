@@ -13,11 +13,9 @@ SURFACES = {"dry": (0.1, 0.6), "ghost": (0.0, 0.5), "wet": (0.0, 0.45)}
 
 def material(paint: Paint) -> dict[str, Any]:
     """Return the glTF object of a material; where points have colours of their own it is white."""
-    surface = "dry"
+    surface = "dry" if paint.colour else "wet"
     if paint.colour == GHOST.colour:
         surface = "ghost"
-    if paint.colour is None:
-        surface = "wet"
     *colour, opacity = paint.colour or (1.0, 1.0, 1.0, 1.0)
     light = [round(float(amount), 6) for amount in linear_of(colour)]
     metallic, roughness = SURFACES[surface]

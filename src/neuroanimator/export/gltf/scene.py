@@ -21,7 +21,6 @@ from neuroanimator.export.bodies import (
     CLOTH,
     GHOST,
     THIN_GHOST,
-    BoneNode,
     Paint,
     SceneBody,
     SkinNode,
@@ -46,6 +45,9 @@ XYZW = [1, 2, 3, 0]
 
 MIN_TRAVEL = 1e-9
 """Motion relative to its parent below which a bone gets no track of positions [m]."""
+
+ELEMENTS = {"translation": "VEC3", "rotation": "VEC4", "weights": "SCALAR"}
+"""The format's type of the values of each property that moves."""
 
 QUANTISED = "KHR_mesh_quantization"
 """glTF extension by which morph targets are integers of one or two bytes."""
@@ -111,8 +113,9 @@ class _Scene:
             }
             if shapes:
                 node["mesh"] = self._mesh_of(body, bone, shapes)
+            # The topmost bones have the parent -1.
+            nodes[root + 1 + bone.parent].setdefault("children", []).append(len(nodes))
             nodes.append(node)
-        _add_children(nodes, root, body.nodes)
         times = self.buffer.add(as_float32(body.clip.times), "SCALAR", has_bounds=True)
         self._add_tracks(body, root, times)
         if body.surface is not None:
@@ -147,12 +150,11 @@ class _Scene:
         """Return the mesh of a bone's shapes: the same for the same bone of another clip."""
         key = (bone.name, bone.shapes, body.is_ghost)
         if key not in self._meshes:
-            primitives = []
-            for shape, paint in shapes:
-                primitive = shape_primitive(shape, self.buffer)
-                primitives.append(primitive | {"material": self._material(paint)})
-            name = GHOST_PREFIX + bone.name if body.is_ghost else bone.name
-            self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
+            primitives = [
+                shape_primitive(shape, self.buffer) | {"material": self._material(paint)}
+                for shape, paint in shapes
+            ]
+            self._meshes[key] = self._append_mesh(body, bone.name, primitives)
         return self._meshes[key]
 
     def _add_skin(self, body: SceneBody, skin: SkinNode, root: int) -> None:
@@ -165,8 +167,7 @@ class _Scene:
                     primitive["attributes"].pop("COLOR_0", None)
                 shown = GHOST if body.is_ghost else paint
                 primitives.append(primitive | {"material": self._material(shown)})
-            name = GHOST_PREFIX + "skin" if body.is_ghost else "skin"
-            self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
+            self._meshes[key] = self._append_mesh(body, "skin", primitives)
         title = self._own(f"{body.prefix}skin")
         # Blender names the armature after the glTF skin. Unreal wants one bone above all others: the root.
         described = {
@@ -188,10 +189,8 @@ class _Scene:
             primitive = surface_primitive(morphs, self.buffer) | {"material": self._material(paint)}
             names = [f"shape {number + 1}" for number in range(len(morphs.moving))]
             names += [f"normals {number + 1}" for number in range(len(morphs.turning))]
-            name = GHOST_PREFIX + "surface" if body.is_ghost else "surface"
             extras = {"targetNames": names, "error": float(f"{morphs.error:.2g}")}
-            mesh = {"name": name, "primitives": [primitive], "extras": extras}
-            self._meshes[key] = self._append("meshes", mesh)
+            self._meshes[key] = self._append_mesh(body, "surface", [primitive], extras=extras)
         node: dict[str, Any] = {
             "name": self._own(f"{body.prefix}surface"),
             "mesh": self._meshes[key],
@@ -200,16 +199,13 @@ class _Scene:
         }
         number = self._append("nodes", node)
         self.document["nodes"][root].setdefault("children", []).append(number)
-        translations = self.buffer.add(as_float32(surface.positions), "VEC3")
-        self._add_track(number, "translation", times, translations)
+        self._add_track(number, "translation", times, surface.positions)
         if surface.orientations is not None:
-            rotations = as_float32(surface.orientations[:, XYZW])
-            node["rotation"] = rotations[0].tolist()
-            self._add_track(number, "rotation", times, self.buffer.add(rotations, "VEC4"))
+            node["rotation"] = as_float32(surface.orientations[0, XYZW]).tolist()
+            self._add_track(number, "rotation", times, surface.orientations[:, XYZW])
         if surface.weights.size:
             node["weights"] = as_float32(surface.weights[0]).tolist()
-            weights = self.buffer.add(as_float32(surface.weights.ravel()), "SCALAR")
-            self._add_track(number, "weights", times, weights)
+            self._add_track(number, "weights", times, surface.weights.ravel())
             self.document["extensionsUsed"] = [QUANTISED]
             self.document["extensionsRequired"] = [QUANTISED]
 
@@ -222,6 +218,13 @@ class _Scene:
             self._materials[key] = self._append("materials", own)
         return self._materials[key]
 
+    def _append_mesh(
+        self, body: SceneBody, name: str, primitives: list[dict[str, Any]], **others: object
+    ) -> int:
+        """Return the index of a mesh of the body, appended."""
+        shown = GHOST_PREFIX + name if body.is_ghost else name
+        return self._append("meshes", {"name": shown, "primitives": primitives} | others)
+
     def _append(self, group: str, described: dict[str, Any]) -> int:
         """Return the index of `described`, appended to the list `group` of the document."""
         self.document[group].append(described)
@@ -232,22 +235,15 @@ class _Scene:
         for index, node in enumerate(body.nodes, start=root + 1):
             if not node.bone.is_moving:
                 continue
-            rotations = as_float32(node.orientations[:, XYZW])
-            self._add_track(index, "rotation", times, self.buffer.add(rotations, "VEC4"))
+            self._add_track(index, "rotation", times, node.orientations[:, XYZW])
             if np.ptp(node.positions, axis=0).max() >= MIN_TRAVEL:
-                translations = as_float32(node.positions)
-                self._add_track(index, "translation", times, self.buffer.add(translations, "VEC3"))
+                self._add_track(index, "translation", times, node.positions)
 
-    def _add_track(self, node: int, path: str, times: int, values: int) -> None:
-        """Let `path`, a property of `node`, follow the accessor `values` at `times`."""
+    def _add_track(self, node: int, path: str, times: int, values: np.ndarray) -> None:
+        """Let `path`, a property of `node`, have `values` at the accessor `times`."""
+        output = self.buffer.add(as_float32(values), ELEMENTS[path])
         animation = self.document["animations"][0]
         sampler = len(animation["samplers"])
         target = {"node": node, "path": path}
         animation["channels"].append({"sampler": sampler, "target": target})
-        animation["samplers"].append({"input": times, "output": values, "interpolation": "LINEAR"})
-
-
-def _add_children(nodes: list[dict[str, Any]], root: int, bones: Sequence[BoneNode]) -> None:
-    """Set the children of each node; bones follow the node `root` in order, which is the parent -1."""
-    for child, node in enumerate(bones, start=root + 1):
-        nodes[root + 1 + node.bone.parent].setdefault("children", []).append(child)
+        animation["samplers"].append({"input": times, "output": output, "interpolation": "LINEAR"})

@@ -27,7 +27,6 @@ from neuroanimator.export.bodies import (
     CLOTH,
     GHOST,
     THIN_GHOST,
-    BoneNode,
     Paint,
     SceneBody,
     SkinNode,
@@ -135,6 +134,8 @@ class _BodyWriter:
                 root.children.append(self._surface(body.surface))
         else:
             root.children = [*self._rig(body.skin), self._skin(body.skin)]
+            # Without it USD's cache of boxes keeps that of the first time asked for.
+            root.properties = animated("float3[] extent", map(array, _boxes(body.clip, body.skin)))
             if any(node.shapes for node in body.nodes):
                 root.children += self._transforms()
         root.children.append(self._looks)
@@ -151,7 +152,7 @@ class _BodyWriter:
             prim = Prim("Xform", identifier(bone.name, taken[bone.parent]))
             taken[index] = set()
             prim.metadata = [f"displayName = {string(bone.name)}"]
-            prim.properties = _track(node)
+            prim.properties = _track(node.positions, node.orientations, is_moving=bone.is_moving)
             for shape, paint in node.shapes:
                 mesh_name = identifier(shape.kind, taken[index])
                 prim.children.append(self._shape(shape, paint, mesh_name))
@@ -191,14 +192,7 @@ class _BodyWriter:
         rest = np.tile(np.eye(4), (len(joints), 1, 1))
         rest[1:, :3, :3] = rotation_matrices(np.array([node.bone.orientation for node in nodes]))
         rest[1:, :3, 3] = [node.bone.offset for node in nodes]
-        rig = Prim("Skeleton", "bones", metadata=['prepend apiSchemas = ["SkelBindingAPI"]'])
-        rig.properties = [
-            f"uniform token[] joints = {tokens(joints)}",
-            f"uniform matrix4d[] bindTransforms = {_matrices(skin.rest)}",
-            f"uniform matrix4d[] restTransforms = {_matrices(rest)}",
-            f"rel skel:animationSource = <{self._path}/motion>",
-        ]
-        return [rig, animation]
+        return [_skeleton(joints, _matrices(skin.rest), _matrices(rest), self._path), animation]
 
     def _skin(self, skin: SkinNode) -> Prim:
         mesh = skin.mesh
@@ -228,19 +222,8 @@ class _BodyWriter:
         morphs = surface.morphs
         names = [f"shape{number}" for number in range(1, len(morphs.moving) + 1)]
         root = Prim("SkelRoot", SURFACE)
-        root.properties = [*animated("double3 xformOp:translate", map(vector, surface.positions))]
-        order = ["xformOp:translate"]
-        if surface.orientations is not None:
-            root.properties += animated("quatd xformOp:orient", map(turn, surface.orientations))
-            order.append("xformOp:orient")
-        root.properties.append(f"uniform token[] xformOpOrder = {tokens(order)}")
-        rig = Prim("Skeleton", "bones", metadata=['prepend apiSchemas = ["SkelBindingAPI"]'])
-        rig.properties = [
-            'uniform token[] joints = ["root"]',
-            f"uniform matrix4d[] bindTransforms = [{IDENTITY}]",
-            f"uniform matrix4d[] restTransforms = [{IDENTITY}]",
-            f"rel skel:animationSource = <{path}/motion>",
-        ]
+        root.properties = _track(surface.positions, surface.orientations)
+        rig = _skeleton(["root"], f"[{IDENTITY}]", f"[{IDENTITY}]", path)
         motion = Prim("SkelAnimation", "motion")
         weights = surface.weights[:, : len(names)]
         motion.properties = [
@@ -336,26 +319,48 @@ def _custom_data(clip: Clip) -> list[str]:
     return ["customData = {", *rows, "}"]
 
 
-def _track(node: BoneNode) -> list[str]:
-    """Return the pose of a bone in its parent's frame: constant, or for every frame."""
-    order = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]'
-    if not node.bone.is_moving:
-        return [
-            f"double3 xformOp:translate = {vector(node.positions[0])}",
-            f"quatd xformOp:orient = {turn(node.orientations[0])}",
-            order,
-        ]
-    return [
-        *animated("double3 xformOp:translate", map(vector, node.positions)),
-        *animated("quatd xformOp:orient", map(turn, node.orientations)),
-        order,
+def _track(
+    positions: Float[np.ndarray, "F 3"],
+    orientations: Float[np.ndarray, "F 4"] | None,
+    *,
+    is_moving: bool = True,
+) -> list[str]:
+    """Return the pose of a prim in its parent's frame: for every frame, or constant."""
+    tracks = {"double3 xformOp:translate": map(vector, positions)}
+    if orientations is not None:
+        tracks["quatd xformOp:orient"] = map(turn, orientations)
+    lines = []
+    for declaration, values in tracks.items():
+        lines += animated(declaration, values) if is_moving else [f"{declaration} = {next(values)}"]
+    order = tokens(declaration.split()[1] for declaration in tracks)
+    return [*lines, f"uniform token[] xformOpOrder = {order}"]
+
+
+def _skeleton(joints: Sequence[str], bind: str, rest: str, path: str) -> Prim:
+    """Return a skeleton of `joints` with poses in the bind pose and at rest, which follows the motion at the `path`."""
+    rig = Prim("Skeleton", "bones", metadata=['prepend apiSchemas = ["SkelBindingAPI"]'])
+    rig.properties = [
+        f"uniform token[] joints = {tokens(joints)}",
+        f"uniform matrix4d[] bindTransforms = {bind}",
+        f"uniform matrix4d[] restTransforms = {rest}",
+        f"rel skel:animationSource = <{path}/motion>",
     ]
+    return rig
 
 
 def _matrices(matrices: Float[np.ndarray, "J 4 4"]) -> str:
     """Return column-vector matrices in the format's convention, row vectors."""
     rows = [f"({', '.join(map(vector, matrix.T))})" for matrix in matrices]
     return f"[{', '.join(rows)}]"
+
+
+def _boxes(clip: Clip, skin: SkinNode) -> Float[np.ndarray, "F 2 3"]:
+    """Return the corners of a box around the skin in each frame: the bones, and as far as the skin reaches from one."""
+    mesh = skin.mesh
+    away = np.linalg.norm(mesh.points[:, None] - mesh.bind_positions[mesh.bones], axis=2)
+    reach = away[mesh.weights > 0].max()
+    positions, _ = clip.skeleton.world_poses(clip.states)
+    return np.stack([positions.min(axis=1) - reach, positions.max(axis=1) + reach], axis=1)
 
 
 def _mesh_prim(
