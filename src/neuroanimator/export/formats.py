@@ -74,15 +74,11 @@ def _draw(clips: Clip | Sequence[Clip], path: Path, film: Film) -> None:
     if path.suffix == ".glb":
         write_glb(clips, path)
     elif path.suffix == ".mp4":
-        _write_film(clips, path, film)
+        from neuroanimator.export.film.video import write_video  # with it comes MuJoCo, which draws
+
+        write_video(clips, path, size=film.size, camera=film.camera)
     else:
         write_usd(clips, path)
-
-
-def _write_film(clips: Clip | Sequence[Clip], path: Path, film: Film) -> None:
-    from neuroanimator.export.film.video import write_video  # with it comes MuJoCo, which draws
-
-    write_video(clips, path, size=film.size, camera=film.camera)
 
 
 def _check_formats(outs: list[Path]) -> None:
