@@ -32,8 +32,8 @@ def keep_results_apart() -> None:
     if sys.stdout is None or sys.stderr is None:
         return
     results = os.fdopen(os.dup(STDOUT), "w", encoding=sys.stdout.encoding)
-    # As PYTHONUNBUFFERED asks for.
-    results.reconfigure(line_buffering=sys.stdout.line_buffering or sys.stdout.write_through)
+    if os.environ.get("PYTHONUNBUFFERED"):
+        results.reconfigure(line_buffering=True)
     os.dup2(STDERR, STDOUT)
     sys.stdout = sys.__stdout__ = results
 
