@@ -11,6 +11,7 @@ import pytest
 from neuroanimator import load_system
 from neuroanimator.definitions.model import Definition
 from neuroanimator.gym.models import reset_states
+from neuroanimator.scaffold import teacher
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.motion import free_spread, turns_freely
 from neuroanimator.scaffold.write_toml import write_definition
@@ -60,7 +61,10 @@ SLOW_AND_FAST = """<mujoco><worldbody>
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.1, 30.0])
-def test_starts_are_as_fast_as_an_environments_resets(speed: float, tmp_path: Path):
+def test_starts_are_as_fast_as_an_environments_resets(
+    speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(teacher, "MAX_TRIAL_SECONDS", 0.02)  # the teacher does not matter here
     path = tmp_path / "thrown.xml"
     path.write_text(SLOW_AND_FAST)
     rest = np.tile([0.0, 1, 0, 0, 0], (64, 1))
