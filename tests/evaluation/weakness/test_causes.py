@@ -21,14 +21,15 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.verdict import GOOD, POOR, Verdict
 from neuroanimator.evaluation.component_errors import ComponentError
-from neuroanimator.evaluation.held_out import SuperSteps
+from neuroanimator.evaluation.held_out import HeldOut, make_test
 from neuroanimator.evaluation.weakness.causes import (
     Extrapolation,
-    at_contacts,
+    StepErrors,
     causes_in_training,
+    concentrated,
     largest_part,
+    weak_spots,
 )
-from neuroanimator.systems.system import System
 
 
 def components(relative: list[float]) -> list[ComponentError]:
@@ -88,36 +89,27 @@ def test_a_wilder_test_is_told_by_name_wherever_its_middle_is(seed: int):
 
 
 @cache
-def landings() -> tuple[System, SuperSteps]:
-    """Return the lander, and super steps of it that begin in the air, on the ground, or land."""
-    data = simulate_transitions(DatasetConfig(system="lander", substeps=5, count=720))
-    return data.system, SuperSteps(data.states[:, 0], data.controls[:, 0], data.states[:, 1])
-
-
-@pytest.mark.parametrize("kind", ["touching", "changing", "everywhere", "in the air"])
-def test_an_error_that_sits_at_contacts_is_said_to_be_there(kind: str):
-    system, steps = landings()
-    before = system.contact_counts(steps.states)
-    after = system.contact_counts(steps.next_states)
-    assert before is not None
-    assert after is not None
-    is_touching = (before > 0) | (after > 0)
-    assert 0.05 < is_touching.mean() < 0.95
-    holds = {
-        "touching": is_touching,
-        "changing": before != after,
-        "everywhere": np.ones(len(before), bool),
-        "in the air": ~is_touching,
-    }[kind]
-    told = at_contacts(system, steps, np.where(holds, 1.0, 1e-4))
-    assert ("of samples that touch" in told or "made or lost" in told) == (
-        kind in ("touching", "changing")
+def landings() -> tuple[HeldOut, np.ndarray, np.ndarray]:
+    """Return super steps of landers in the air, on the ground, or landing; the run of each, and whether it touches."""
+    data = simulate_transitions(DatasetConfig(system="lander", substeps=5, count=1080))
+    test = make_test(
+        data.system, 5 * data.system.physics_dt, data.states[:, :2], data.controls[:, :1]
     )
+    contacts = data.system.contact_counts(data.states[:, 0])
+    assert contacts is not None
+    return test, data.run, contacts > 0
 
 
-def test_a_body_that_touches_nothing_has_no_error_at_contacts(small: Transitions):
-    steps = SuperSteps(small.states[:, 0], small.controls[:, 0], small.states[:, 1])
-    assert not at_contacts(small.system, steps, np.ones(len(steps.states)))
+@pytest.mark.parametrize("kind", ["touching", "everywhere"])
+def test_an_error_that_sits_at_contacts_is_said_to_be_there(kind: str):
+    test, runs, is_touching = landings()
+    assert 0.04 < is_touching.mean() < 0.5
+    holds = is_touching if kind == "touching" else np.ones(len(runs), bool)
+    relative = np.where(holds, 1.0, 1e-2)[:, None] * np.ones(int(test.moves.sum()))
+    errors = np.zeros((len(runs), len(test.moves)))
+    found = StepErrors(test.transitions, errors, relative, np.zeros(len(runs)))
+    told = concentrated(weak_spots(test, found, runs))
+    assert ("where contacts > 0" in told) == (kind == "touching")
 
 
 @pytest.fixture(scope="module")

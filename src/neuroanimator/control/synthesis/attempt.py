@@ -58,15 +58,8 @@ class SearchCost:
     """J on the emulator initially and after each sweep, for each descent in order."""
 
     def __add__(self, other: SearchCost) -> SearchCost:
-        return SearchCost(
-            self.iterations + other.iterations,
-            self.seconds + other.seconds,
-            self.corrections + other.corrections,
-            self.refinements + other.refinements,
-            self.minutes_wanted + other.minutes_wanted,
-            self.physics_steps + other.physics_steps,
-            self.courses + other.courses,
-        )
+        parts = zip(vars(self).values(), vars(other).values(), strict=True)
+        return SearchCost(*(one + more for one, more in parts))
 
     @classmethod
     def of_descent(cls, descent: Descent) -> SearchCost:

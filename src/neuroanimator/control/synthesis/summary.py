@@ -53,10 +53,14 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     if outcome.fault:
         trust += "; yet the replay shows that it is wrong about this motion"
     rows.append(("trust in the emulator's motion", trust))
-    if synthesis.is_reached is not None:
-        answer = "yes" if synthesis.is_reached else "no"
-        rows.append(("goal reached on the true physics", answer))
-    return rows
+    return rows + _goal_rows(synthesis, "goal reached on the true physics")
+
+
+def _goal_rows(synthesis: Synthesis, name: str) -> list[tuple[str, object]]:
+    """Return a row called `name` on whether the goal is reached; none without a goal."""
+    if synthesis.is_reached is None:
+        return []
+    return [(name, "yes" if synthesis.is_reached else "no")]
 
 
 def _refinements_in_words(spent: SearchCost) -> str:
@@ -78,10 +82,7 @@ def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         ("trust in the emulator's motion", trust_along(synthesis)),
         ("in words", UNPROVED),
     ]
-    if synthesis.is_reached is not None:
-        answer = "yes" if synthesis.is_reached else "no"
-        rows.append(("goal reached on the emulator, which verifies nothing", answer))
-    return rows
+    return rows + _goal_rows(synthesis, "goal reached on the emulator, which verifies nothing")
 
 
 def trust_along(synthesis: Synthesis) -> TrustSummary:
@@ -149,6 +150,6 @@ def warnings_of(synthesis: Synthesis, improve: str) -> list[str]:
     fault = synthesis.outcome.fault
     if fault:
         lines.append(f"{fault}. {_remedy(synthesis, improve)}")
-    if synthesis.trust is not None and synthesis.trust.warning():
+    if synthesis.trust is not None:
         lines.append(synthesis.trust.warning())
-    return lines
+    return [line for line in lines if line]

@@ -81,15 +81,7 @@ class Synthesis:
         cls, attempt: Attempt, trust: GradientTrust | None, is_reached: bool | None = None
     ) -> Synthesis:
         """Return the synthesis of the best attempt."""
-        return cls(
-            attempt.emulator,
-            attempt.descent,
-            attempt.controls,
-            attempt.outcome,
-            attempt.spent,
-            trust,
-            is_reached,
-        )
+        return cls(**vars(attempt), trust=trust, is_reached=is_reached)
 
     def __repr__(self) -> str:
         """Return J on emulator and physics, whether the goal is reached, and whether the emulator is wrong about the motion."""

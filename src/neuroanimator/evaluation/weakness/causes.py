@@ -7,16 +7,21 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from neuroanimator.data.shortcomings import shortcomings
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
-from neuroanimator.evaluation.accuracy import next_states, step_errors
-from neuroanimator.evaluation.component_errors import ComponentError, component_errors
+from neuroanimator.evaluation.accuracy import bounded, step_differences, step_errors
+from neuroanimator.evaluation.component_errors import (
+    ComponentError,
+    change_names,
+    component_errors,
+)
 from neuroanimator.evaluation.held_out import HeldOut, SuperSteps, make_test
-from neuroanimator.systems.system import System
+from neuroanimator.evaluation.weakness.conditions import WeakSpot, find_spots
+from neuroanimator.evaluation.weakness.readings import Reading, control_readings, state_readings
 from neuroanimator.text import short_number
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.survey import validation_mask
@@ -27,8 +32,17 @@ LARGE_PART = 0.5
 MANY_OUTSIDE = 0.05
 """Share of unseen samples outside the training data above which a verdict may say so."""
 
+LARGE_SHARE = 1 / 3
+"""Share of the error under one condition above which a verdict may name it: conditions hold for half of the samples at most."""
+
 MUCH_WORSE = 2.0
 """Ratio of the error there to that elsewhere above which it does."""
+
+MAX_READINGS = 256
+"""Maximum number of readings in conditions."""
+
+CONTACTS_CHANGE = "contacts made or lost"
+"""Name of the reading that counts the contacts made or lost between the ends of a super step."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +100,7 @@ class StepErrors(NamedTuple):
 def errors_of_steps(emulator: Emulator, test: HeldOut) -> StepErrors:
     """Return the errors of `emulator` in the super steps of `test`."""
     steps = test.transitions
-    emulated = next_states(emulator, steps.states, steps.controls)
-    errors = test.frame.difference(steps.next_states, emulated)
+    errors = step_differences(emulator, test)
     scores = emulator.trust(steps.states, steps.controls)
     return StepErrors(steps, errors, test.relative(errors), scores)
 
@@ -107,17 +120,16 @@ def outside_of_training(
 
 
 def causes_of(
-    test: HeldOut,
     found: StepErrors,
     components: Sequence[ComponentError],
+    spots: Sequence[WeakSpot],
     data: Dataset | None,
 ) -> tuple[str, ...]:
     """Return why an emulator errs as in `found`: what its `data` lack, and where the error sits."""
     causes = [] if data is None else shortcomings(data)
-    squares = step_errors(found.relative) ** 2
     causes += [
         largest_part(components),
-        at_contacts(test.system, found.steps, squares),
+        concentrated(spots),
         found.outside.cause,
     ]
     return tuple(cause for cause in causes if cause)
@@ -131,9 +143,15 @@ def causes_in_training(
     kept = validation_mask(part.run, config)
     # The unit of errors is that of all runs: few may hardly move.
     test = make_test(data.system, emulator.dt, part.states, part.controls)
-    test = replace(test, states=part.states[kept], controls=part.controls[kept])
+    test = replace(
+        test,
+        states=part.states[kept],
+        controls=part.controls[kept],
+        most_transitions=int(kept.sum()),
+    )
     found = errors_of_steps(emulator, test)
-    return causes_of(test, found, component_errors(test, found.errors), data)
+    spots = weak_spots(test, found, part.run[kept])
+    return causes_of(found, component_errors(test, found.errors), spots, data)
 
 
 def largest_part(components: Sequence[ComponentError]) -> str:
@@ -146,20 +164,46 @@ def largest_part(components: Sequence[ComponentError]) -> str:
     return f"{squares[most] / total:.0%} of the error is in {components[most].name}"
 
 
-def at_contacts(system: System, steps: SuperSteps, squares: Float[np.ndarray, " N"]) -> str:
-    """Return half a sentence if most of the squared error is in super steps with contacts, or in which some change."""
+def concentrated(spots: Sequence[WeakSpot]) -> str:
+    """Return half a sentence on the condition, such as contacts, under which much of the error is; nothing if none is."""
+    for spot in spots:
+        if spot.share_of_error > LARGE_SHARE and spot.ratio > MUCH_WORSE:
+            return f"{spot.share_of_error:.0%} of the error is in the {spot.share:.0%} of samples where {spot.condition}"
+    return ""
+
+
+def weak_spots(
+    test: HeldOut, found: StepErrors, runs: Int[np.ndarray, " N"]
+) -> tuple[WeakSpot, ...]:
+    """Return where the errors `found` are large within the training data; each super step is of one of `runs`."""
+    holds = found.is_covered
+    known = SuperSteps(*(rows[holds] for rows in found.steps))
+    return find_weak_spots(test, known, found.relative[holds], runs[holds])
+
+
+def find_weak_spots(
+    test: HeldOut,
+    steps: SuperSteps,
+    relative: Float[np.ndarray, "N M"],
+    runs: Int[np.ndarray, " N"],
+) -> tuple[WeakSpot, ...]:
+    """Return where the errors `relative` (N, M) of super `steps` are large, worst first; each step is of one of `runs`."""
+    names = np.array([name for name, _ in change_names(test.system)])[test.moves]
+    squares = bounded(relative) ** 2
+    found = []
+    for spot, holds in find_spots(step_errors(relative), runs, _readings(test, steps)):
+        worst = int(np.argmax(squares[holds].mean(axis=0)))
+        found.append(replace(spot, component=str(names[worst])))
+    return tuple(found)
+
+
+def _readings(test: HeldOut, steps: SuperSteps) -> list[Reading]:
+    """Return the readings that conditions may be made of."""
+    system = test.system
+    readings = state_readings(system, steps.states) + control_readings(system, steps.controls)
+    readings = [reading for reading in readings if reading.can_matter][:MAX_READINGS]
     before = system.contact_counts(steps.states)
     after = system.contact_counts(steps.next_states)
-    if before is None or after is None:
-        return ""
-    changing = before != after
-    touching = (before > 0) | (after > 0)
-    cases = {"that touch something": touching, "in which contacts are made or lost": changing}
-    for words, holds in cases.items():
-        share = float(holds.mean())
-        inside = float(squares[holds].sum())
-        elsewhere = float(squares[~holds].sum())
-        is_most = inside > LARGE_PART * (inside + elsewhere)
-        if is_most and inside * (1 - share) > MUCH_WORSE**2 * elsewhere * share:
-            return f"{inside / (inside + elsewhere):.0%} of the error is in the {share:.0%} of samples {words}"
-    return ""
+    if before is not None and after is not None:
+        readings.append(Reading(CONTACTS_CHANGE, "1", np.abs(after - before).astype(float)))
+    return readings

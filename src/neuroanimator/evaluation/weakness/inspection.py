@@ -6,23 +6,20 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.accuracy import bounded, step_errors
+from neuroanimator.evaluation.accuracy import step_errors
 from neuroanimator.evaluation.component_errors import (
     ComponentError,
     ErrorSpread,
-    change_names,
     component_errors,
     error_spread,
 )
 from neuroanimator.evaluation.held_out import (
     HELD_OUT_RUNS,
     HeldOut,
-    SuperSteps,
     held_out_runs,
     recorded_runs,
     system_of,
@@ -32,15 +29,15 @@ from neuroanimator.evaluation.weakness.causes import (
     Extrapolation,
     causes_of,
     errors_of_steps,
+    weak_spots,
 )
-from neuroanimator.evaluation.weakness.conditions import WeakSpot, find_spots
+from neuroanimator.evaluation.weakness.conditions import WeakSpot
 from neuroanimator.evaluation.weakness.coverage import (
     Coverage,
     as_plain,
     coverage,
     coverage_of_states,
 )
-from neuroanimator.evaluation.weakness.readings import Reading, control_readings, state_readings
 from neuroanimator.evaluation.weakness.worst_segments import Segment, worst_segments
 from neuroanimator.terminal import phase
 
@@ -49,12 +46,6 @@ INSPECTED_RUNS = 4 * HELD_OUT_RUNS
 
 INSPECTED_SEED = 2**20
 """Seed of the first inspected runs, which differ from those of the figures of `evaluate`."""
-
-MAX_READINGS = 256
-"""Maximum number of readings in conditions."""
-
-CONTACTS_CHANGE = "contacts made or lost"
-"""Name of the reading that counts the contacts made or lost between the ends of a super step."""
 
 
 @dataclass(frozen=True)
@@ -136,8 +127,7 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Dataset | None) -> Inspe
     sizes = step_errors(found.relative)
     components = component_errors(test, found.errors)
     runs = np.arange(len(steps.states)) // (len(steps.states) // len(test.states))
-    is_covered = found.is_covered
-    known = SuperSteps(*(rows[is_covered] for rows in steps))
+    spots = weak_spots(test, found, runs)
     if data is None:
         covered = coverage_of_states(test.system, steps.states, steps.controls, len(test.states))
     else:
@@ -150,40 +140,12 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Dataset | None) -> Inspe
         samples=len(steps.states),
         errors=error_spread(sizes),
         components=components,
-        weak_spots=find_weak_spots(test, known, found.relative[is_covered], runs[is_covered]),
+        weak_spots=spots,
         outside=found.outside,
         trust=trust_bands(found.scores, sizes) if emulator.meter is not None else (),
         worst=worst_segments(emulator, test),
         coverage=covered,
         has_data=data is not None,
         is_recorded=test.system.recordings is not None,
-        causes=causes_of(test, found, components, data),
+        causes=causes_of(found, components, spots, data),
     )
-
-
-def find_weak_spots(
-    test: HeldOut,
-    steps: SuperSteps,
-    relative: Float[np.ndarray, "N M"],
-    runs: Int[np.ndarray, " N"],
-) -> tuple[WeakSpot, ...]:
-    """Return where the errors `relative` (N, M) of super `steps` are large, worst first; each step is of one of `runs`."""
-    names = np.array([name for name, _ in change_names(test.system)])[test.moves]
-    squares = bounded(relative) ** 2
-    found = []
-    for spot, holds in find_spots(step_errors(relative), runs, _readings(test, steps)):
-        worst = int(np.argmax(squares[holds].mean(axis=0)))
-        found.append(replace(spot, component=str(names[worst])))
-    return tuple(found)
-
-
-def _readings(test: HeldOut, steps: SuperSteps) -> list[Reading]:
-    """Return the readings that conditions may be made of."""
-    system = test.system
-    readings = state_readings(system, steps.states) + control_readings(system, steps.controls)
-    readings = [reading for reading in readings if reading.can_matter][:MAX_READINGS]
-    before = system.contact_counts(steps.states)
-    after = system.contact_counts(steps.next_states)
-    if before is not None and after is not None:
-        readings.append(Reading(CONTACTS_CHANGE, "1", np.abs(after - before).astype(float)))
-    return readings
