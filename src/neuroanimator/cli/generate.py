@@ -74,7 +74,7 @@ def run(
         settings["samples_per_run"] = samples_per_run
     config = DatasetConfig.usual(name, definition, substeps, count=count, **settings)
     config = limited_to_recordings(config)
-    tell_shortcomings(config)
+    tell_shortcomings(config, shortcomings_of(config))
     with chosen_executor(executor, workers, threads) as spread:
         diverged = generate_with_bar(config, place, spread)
     rows: list[tuple[str, object]] = [
@@ -87,10 +87,10 @@ def run(
     print_rows(rows)
 
 
-def tell_shortcomings(config: DatasetConfig) -> None:
-    """Say on stderr what the data of `config` will lack."""
-    for lacking in shortcomings_of(config):
-        warn_once(f"{config.system}: {lacking}.")
+def tell_shortcomings(config: DatasetConfig, lacking: list[str]) -> None:
+    """Say on stderr what the data of `config` are `lacking`."""
+    for text in lacking:
+        warn_once(f"{config.system}: {text}.")
 
 
 def generate_with_bar(
@@ -128,6 +128,6 @@ def ensure_data(reference: str, emulator: Path, executor: Executor | None = None
     stem = emulator.name.removesuffix(".safetensors").removesuffix(".emulator")
     folder = emulator.with_name(stem + ".data")
     config = limited_to_recordings(DatasetConfig.usual(name, definition, usual_substeps))
-    tell_shortcomings(config)
+    tell_shortcomings(config, shortcomings_of(config))
     generate_with_bar(config, folder, executor)
     return folder

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from neuroanimator.cli.generate import ensure_data
+from neuroanimator.cli.generate import ensure_data, tell_shortcomings
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 from neuroanimator.data.shortcomings import shortcomings
@@ -25,7 +25,7 @@ from neuroanimator.evaluation.fleets.train_fleet import TABLE, train_fleet
 from neuroanimator.evaluation.weakness.causes import causes_in_training
 from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.files.tables import read_toml
-from neuroanimator.terminal import phase, print_rows, print_table, progress_bar, warn_once
+from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.train import METRICS, Report, run_folder, train
@@ -133,8 +133,7 @@ def run(
     with chosen_executor(executor, workers) as spread:
         place = ensure_data(data, out, spread)
     transitions = open_transitions(place, memory_limit)
-    for lacking in shortcomings(transitions):
-        warn_once(f"{transitions.system.name}: {lacking}.")
+    tell_shortcomings(transitions.config, shortcomings(transitions))
     checked = TrainingConfig.usual(transitions.system.structure, **settings)
     emulator, last = _train_with_bar(transitions, checked, out)
     rows = _rows(emulator, last, out, _judged(emulator, transitions, checked))
