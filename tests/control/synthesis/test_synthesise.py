@@ -360,7 +360,9 @@ def test_an_emulator_that_is_wrong_about_the_motion_is_said_to_be_so(
     (warning,) = warnings_of(wrong, "learn it")
     assert "J is 1.14e+03 on the physics and 357 on the emulator" in warning
     assert ("--minutes 3" if minutes_wanted else "learn it") in warning
-    assert "wrong about this motion" in dict(outcome_rows(wrong))["trust in the emulator's motion"]
+    assert "wrong about this motion" in str(
+        dict(outcome_rows(wrong))["trust in the emulator's motion"]
+    )
 
 
 @pytest.mark.parametrize("is_better", [False, True])
