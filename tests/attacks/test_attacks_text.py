@@ -30,9 +30,10 @@ from neuroanimator.emulator.description import describe
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.component_errors import ComponentError, error_spread
 from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.evaluation.weakness.causes import Extrapolation
 from neuroanimator.evaluation.weakness.conditions import WeakSpot
 from neuroanimator.evaluation.weakness.coverage import Coverage, Divergence, Spread
-from neuroanimator.evaluation.weakness.inspection import Extrapolation, Inspection
+from neuroanimator.evaluation.weakness.inspection import Inspection
 from neuroanimator.evaluation.weakness.readings import Reading
 from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
@@ -171,6 +172,7 @@ def an_inspection(text: str) -> Inspection:
         worst=(segment,),
         coverage=covered,
         has_data=True,
+        causes=(text,),
     )
 
 

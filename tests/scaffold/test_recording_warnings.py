@@ -79,7 +79,7 @@ def test_positions_alone_are_told_and_their_velocities_estimated(tmp_path: Path)
 @pytest.mark.parametrize(("rows", "is_told"), [(600, True), (3000, False)])
 def test_too_few_super_steps_are_told(tmp_path: Path, rows: int, is_told: bool):
     assert (
-        "to learn 3 numbers from; wanted about 300" in warnings(write(tmp_path, swing(rows)))
+        "to learn 3 numbers from, wanted about 300" in warnings(write(tmp_path, swing(rows)))
     ) == is_told
 
 

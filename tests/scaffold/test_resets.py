@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.gym.models import reset_positions
+from neuroanimator.definitions.model import Definition
+from neuroanimator.gym.models import reset_states
+from neuroanimator.scaffold import teacher
+from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.motion import free_spread, turns_freely
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.rigid.model_system import ModelSystem
@@ -35,7 +38,7 @@ def test_random_starts_cover_the_environments_resets(env_id: str, tmp_path: Path
     toml, _ = write_definition(env_id, tmp_path / "env.toml")
     system = load_system(str(toml))
     assert isinstance(system, ModelSystem)
-    resets = reset_positions(env_id)
+    resets = reset_states(env_id)
     assert resets is not None
     starts = system.sample_starts(np.random.default_rng(0), 2000)
     for view in system.views:
@@ -45,6 +48,39 @@ def test_random_starts_cover_the_environments_resets(env_id: str, tmp_path: Path
             wanted = np.percentile(resets[:, entry], [1, 99])
             assert starts[:, entry].min() <= wanted[0] + 0.05 * width + 0.01, view.name
             assert starts[:, entry].max() >= wanted[1] - 0.05 * width - 0.01, view.name
+        if view.kind in ("hinge", "slide"):
+            entry = view.velocity_entry
+            fastest = np.abs(starts[:, entry]).max()
+            assert fastest >= np.percentile(np.abs(resets[:, entry]), 95), view.name
+
+
+SLOW_AND_FAST = """<mujoco><worldbody>
+  <body><joint name="arm" axis="0 1 0" damping="9"/><geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.02"/>
+    <body pos="0.5 0 0"><joint name="hand" type="ball" damping="1"/><geom size="0.1"/></body>
+  </body></worldbody><actuator><motor joint="arm" gear="0.1" ctrlrange="-1 1"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.1, 30.0])
+def test_starts_are_as_fast_as_an_environments_resets(
+    speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(teacher, "MAX_TRIAL_SECONDS", 0.02)  # the teacher does not matter here
+    path = tmp_path / "thrown.xml"
+    path.write_text(SLOW_AND_FAST)
+    rest = np.tile([0.0, 1, 0, 0, 0], (64, 1))
+    rng = np.random.default_rng(0)
+    resets = np.hstack([rest, rng.uniform(-speed, speed, (64, 4))])
+    usual = propose(path).definition
+    thrown = propose(path, resets=resets).definition
+    assert isinstance(usual, Definition)
+    assert isinstance(thrown, Definition)
+    for joint, first in (("arm", 5), ("hand", 6)):
+        asked = np.sqrt(np.mean(resets[:, first : first + 3] ** 2, axis=0))
+        velocities = np.array(thrown.sampling.velocity[joint])
+        if speed:
+            assert (velocities >= 0.94 * asked[: len(velocities)]).all()
+        else:
+            assert thrown.sampling.velocity[joint] == usual.sampling.velocity[joint]
 
 
 @pytest.mark.parametrize("kind", ["hinge", "ball"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +48,10 @@ BANNER = """\
 import ctypes, os
 import numpy as np
 if os.name == "posix":
-    ctypes.CDLL(None).puts(b"build time: today")
+    puts = ctypes.CDLL(None).puts
+else:
+    puts = print
+puts(b"build time: today")
 print("a banner")
 STEP = 0.1
 STATE = {"x": "m"}
@@ -54,17 +59,29 @@ CONTROL = {"push": ("N", -1.0, 1.0)}
 
 def step(state, control, dt):
     print("a step")
+    puts(b"WARNING: Nan, Inf or huge value in QACC")
     return np.array([0.9 * state[0] + dt * control[0]])
 """
 
 
-def test_what_a_step_file_prints_is_kept_out_of_the_results(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-):
+def test_what_a_step_file_prints_is_kept_out_of_the_results(tmp_path: Path):
     path = tmp_path / "loud.py"
     path.write_text(BANNER)
+    program = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
+    told = subprocess.run([*program, "new", str(path)], capture_output=True, text=True, check=True)
+    for noise in ("build time: today", "a banner", "a step", "WARNING: Nan"):
+        assert noise in told.stderr
+    rows = told.stdout.splitlines()
+    assert [row.split()[0] for row in rows] == ["system", "super", "written", "next"]
+
+
+def test_a_step_that_prints_does_so_on_stderr_in_python_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    path = tmp_path / "loud.py"
+    path.write_text(BANNER.replace('os.name == "posix"', "False"))
     write_definition(str(path))
-    out, err = capfd.readouterr()
+    out, err = capsys.readouterr()
     assert out == ""
     assert "a banner" in err
     assert "a step" in err

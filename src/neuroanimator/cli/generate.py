@@ -12,13 +12,14 @@ from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.diverged_runs import PATTERN
 from neuroanimator.data.generate import generate
 from neuroanimator.data.recorded_segments import limited_to_recordings
+from neuroanimator.data.shortcomings import shortcomings_of
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.executor import Executor
 from neuroanimator.files.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
 from neuroanimator.files.sources import refuse_source
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.terminal import phase, print_rows, progress_bar
+from neuroanimator.terminal import phase, print_rows, progress_bar, warn_once
 
 EXAMPLE = (
     "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
@@ -73,6 +74,7 @@ def run(
         settings["samples_per_run"] = samples_per_run
     config = DatasetConfig.usual(name, definition, substeps, count=count, **settings)
     config = limited_to_recordings(config)
+    tell_shortcomings(config, shortcomings_of(config))
     with chosen_executor(executor, workers, threads) as spread:
         diverged = generate_with_bar(config, place, spread)
     rows: list[tuple[str, object]] = [
@@ -83,6 +85,12 @@ def run(
         rows.append(("kept for replay in", place / PATTERN))
     rows += [("shards", config.shards), ("folder", place)]
     print_rows(rows)
+
+
+def tell_shortcomings(config: DatasetConfig, lacking: list[str]) -> None:
+    """Say on stderr what the data of `config` are `lacking`."""
+    for text in lacking:
+        warn_once(f"{config.system}: {text}.")
 
 
 def generate_with_bar(
@@ -119,6 +127,7 @@ def ensure_data(reference: str, emulator: Path, executor: Executor | None = None
     name, definition, usual_substeps = resolve(reference)
     stem = emulator.name.removesuffix(".safetensors").removesuffix(".emulator")
     folder = emulator.with_name(stem + ".data")
-    config = DatasetConfig.usual(name, definition, usual_substeps)
-    generate_with_bar(limited_to_recordings(config), folder, executor)
+    config = limited_to_recordings(DatasetConfig.usual(name, definition, usual_substeps))
+    tell_shortcomings(config, shortcomings_of(config))
+    generate_with_bar(config, folder, executor)
     return folder

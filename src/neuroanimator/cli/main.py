@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from neuroanimator.cli.stop import STOP
+from neuroanimator.cli.stop import STDERR, STOP
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.text import open_streams, print_line
 
@@ -13,14 +13,29 @@ from neuroanimator.text import open_streams, print_line
 # (docs/decisions/0014-compiled-once-a-machine.md); what matters comes as a Python exception.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
+STDOUT = 1
+"""The file descriptor of stdout."""
+
 
 def main() -> None:
     """Run the command line; end with the exit code of the error and never with a traceback."""
     STOP.listen()
+    keep_results_apart()
     try:
         _run()
     finally:
         STOP.ignore()
+
+
+def keep_results_apart() -> None:
+    """Leave stdout to results: what C libraries print there, such as a simulator's banner, goes to stderr from now on."""
+    if sys.stdout is None or sys.stderr is None:
+        return
+    results = os.fdopen(os.dup(STDOUT), "w", encoding=sys.stdout.encoding)
+    if os.environ.get("PYTHONUNBUFFERED"):
+        results.reconfigure(line_buffering=True)
+    os.dup2(STDERR, STDOUT)
+    sys.stdout = sys.__stdout__ = results
 
 
 def _run() -> None:

@@ -220,17 +220,24 @@ def emulator_rows(
 
 
 def _as_json(task: PolicyTask, returns: _Returns) -> dict[str, object]:
-    found: dict[str, object] = {
-        "environment": task.environment or "the physics",
-        "episodes": len(returns.outside),
-        "mean_return": float(returns.outside.mean()),
-        "least_return": float(returns.outside.min()),
-        "largest_return": float(returns.outside.max()),
-        "mean_return_inside": float(returns.inside.mean()),
-    }
+    found = _figures(task, returns.outside, returns.inside)
     if returns.of_family is not None:
         found["mean_return_of_family"] = float(returns.of_family.mean())
     return found
+
+
+def _figures(
+    task: PolicyTask, outside: Float[np.ndarray, " E"], inside: Float[np.ndarray, " E"]
+) -> dict[str, object]:
+    """Return the figures that every policy has, by their published names."""
+    return {
+        "environment": task.environment or "the physics",
+        "episodes": len(outside),
+        "mean_return": float(outside.mean()),
+        "least_return": float(outside.min()),
+        "largest_return": float(outside.max()),
+        "mean_return_inside": float(inside.mean()),
+    }
 
 
 def _evaluate_following(
@@ -253,15 +260,10 @@ def _evaluate_following(
     kept = int(episodes - found.is_fallen.sum())
     kept_inside = int(episodes - inside.is_fallen.sum())
     if as_json:
-        numbers = {
+        numbers = _figures(task, found.returns, inside.returns) | {
             "environment": "the physics",
-            "episodes": episodes,
-            "mean_return": float(found.returns.mean()),
-            "least_return": float(found.returns.min()),
-            "largest_return": float(found.returns.max()),
             "largest_possible_return": task.steps,
             "on_the_motion_at_its_end": kept,
-            "mean_return_inside": float(inside.returns.mean()),
             "on_the_motion_at_its_end_inside": kept_inside,
         }
         print(dumps(numbers, indent=2))

@@ -8,22 +8,24 @@ from typing import Annotated, Any
 
 import typer
 
-from neuroanimator.cli.generate import ensure_data
+from neuroanimator.cli.generate import ensure_data, tell_shortcomings
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
+from neuroanimator.data.shortcomings import shortcomings
 from neuroanimator.data.store import Dataset
 from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.departures import departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
-from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE, missing_rates
+from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, GOOD, IN_WORDS, NO_CHANGE, Verdict
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.fleets.fleet_file import is_fleet, read_fleet
 from neuroanimator.evaluation.fleets.train_fleet import TABLE, train_fleet
+from neuroanimator.evaluation.weakness.causes import causes_in_training
 from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.files.tables import read_toml
-from neuroanimator.terminal import phase, print_rows, print_table, progress_bar, tell
+from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.train import METRICS, Report, run_folder, train
@@ -131,13 +133,10 @@ def run(
     with chosen_executor(executor, workers) as spread:
         place = ensure_data(data, out, spread)
     transitions = open_transitions(place, memory_limit)
-    system_of_data = transitions.system
-    missing = missing_rates([part.unit for part in system_of_data.state.slices])
-    if system_of_data.recordings is not None and missing:
-        tell(f"{missing}.")
+    tell_shortcomings(transitions.config, shortcomings(transitions))
     checked = TrainingConfig.usual(transitions.system.structure, **settings)
     emulator, last = _train_with_bar(transitions, checked, out)
-    rows = _rows(emulator, last, out)
+    rows = _rows(emulator, last, out, _judged(emulator, transitions, checked))
     if error_bounds:
         rows.append(("drifts", _bound_errors(emulator, transitions, out)))
     print_rows(rows)
@@ -176,10 +175,14 @@ def train_in_policy(
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / f"{system.name}.emulator.safetensors"
     emulator, last = _train_with_bar(data, config, place)
+    verdict = _judged(emulator, data, config)
     trained = replace(policy, emulator=emulator)
     trained.save(out, {"emulator": config.model_dump(mode="json")})
     print_rows(
-        [("trained on", f"{count:,} super steps of its motions"), *_rows(emulator, last, place)]
+        [
+            ("trained on", f"{count:,} super steps of its motions"),
+            *_rows(emulator, last, place, verdict),
+        ]
     )
     evaluate_policy(out, toml, EPISODES, 0, as_json=False)
 
@@ -217,7 +220,19 @@ def _train_with_bar(
     return emulator, last
 
 
-def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str, object]]:
+def _judged(emulator: Emulator, data: Dataset, config: TrainingConfig) -> Verdict:
+    """Return the verdict on an emulator trained on `data`, with the causes of its faults."""
+    verdict = emulator.verdict
+    assert verdict is not None
+    if verdict.word == GOOD:
+        return verdict
+    with phase("looking for causes"):
+        return verdict.because(causes_in_training(emulator, data, config))
+
+
+def _rows(
+    emulator: Emulator, last: Report | None, out: Path, verdict: Verdict
+) -> list[tuple[str, object]]:
     """Return the rows to print about a training."""
     rows: list[tuple[str, object]] = [
         ("emulator", out),
@@ -234,7 +249,7 @@ def _rows(emulator: Emulator, last: Report | None, out: Path) -> list[tuple[str,
         ("one-step error (validation)", f"{float(errors.emulator):.4f}"),
         (IN_WORDS[NO_CHANGE], f"{float(errors.no_change):.4f}"),
         (IN_WORDS[CONSTANT_VELOCITY], f"{float(errors.constant_velocity):.4f}"),
-        ("verdict", emulator.verdict),
+        ("verdict", verdict),
         ("controls that are held", departures_in_words(departures)),
     ]
 

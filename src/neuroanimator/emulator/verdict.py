@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -190,6 +189,12 @@ class Verdict:
             return Verdict(USABLE, (flaw,))
         return Verdict(self.word, (*self.reasons, flaw))
 
+    def because(self, causes: tuple[str, ...]) -> Verdict:
+        """Return the verdict with the `causes` of its faults; unchanged if it is good."""
+        if self.word == GOOD:
+            return self
+        return Verdict(self.word, (*self.reasons, *causes))
+
     def __str__(self) -> str:
         """Return the word and its reasons."""
         return f"{self.word}: {'; '.join(self.reasons)}"
@@ -241,16 +246,6 @@ def judge(
     if rollouts:
         merits.append(on_divergence)
     return Verdict(GOOD, tuple(merits))
-
-
-def missing_rates(units: Collection[str]) -> str:
-    """Return half a sentence on a state of these units that holds angles and no angular velocity; empty for others."""
-    if "rad" in units and "rad/s" not in units:
-        return (
-            "the state holds angles without their velocities, and angles alone do not say where a limb is going: add them "
-            "(new --velocities estimates those of recordings)"
-        )
-    return ""
 
 
 def beyond_noise(error: float, noise: float) -> float:

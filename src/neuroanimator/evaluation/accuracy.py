@@ -51,11 +51,15 @@ def next_states(
     return emulate(emulator, states, controls[:, None])[:, 1]
 
 
+def step_differences(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, "N V"]:
+    """Return the errors in the test's super steps, one by one, in units of the state."""
+    states, controls, truth = test.transitions
+    return test.frame.difference(truth, next_states(emulator, states, controls))
+
+
 def one_step_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"]:
     """Return rms one-step errors of what moves, over the standard deviation of the change."""
-    states, controls, truth = test.transitions
-    errors = test.frame.difference(truth, next_states(emulator, states, controls))
-    return root_mean_square(test.relative(errors))
+    return root_mean_square(test.relative(step_differences(emulator, test)))
 
 
 def rollout_error(
@@ -97,7 +101,12 @@ def runs_error(test: HeldOut, runs: Runs) -> float:
     """Return the error of `runs` that took the test's super steps, one each; infinite if one diverged."""
     if runs.has_diverged.any():
         return float("inf")
-    errors = test.frame.difference(test.transitions.next_states, runs.states[:, 1])
+    return guess_error(test, runs.states[:, 1])
+
+
+def guess_error(test: HeldOut, guess: Float[np.ndarray, "N S"]) -> float:
+    """Return the error of a `guess` at the states after the test's super steps."""
+    errors = test.frame.difference(test.transitions.next_states, guess)
     return float(root_mean_square(test.relative(errors), axis=(0, 1)))
 
 

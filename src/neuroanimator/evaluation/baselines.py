@@ -8,7 +8,7 @@ from jaxtyping import Float
 from neuroanimator.data.store import Dataset
 from neuroanimator.data.stored import super_steps
 from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, NO_CHANGE
-from neuroanimator.evaluation.accuracy import root_mean_square
+from neuroanimator.evaluation.accuracy import guess_error
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.training.validation import coasted
 
@@ -29,12 +29,7 @@ def baselines(data: Dataset | None, test: HeldOut) -> dict[str, float]:
     }
     if data is not None:
         guesses[RIDGE_REGRESSION] = _regressed(data, test)
-    return {name: _error(test, guess) for name, guess in guesses.items()}
-
-
-def _error(test: HeldOut, guess: Float[np.ndarray, "N S"]) -> float:
-    errors = test.frame.difference(test.transitions.next_states, guess)
-    return float(root_mean_square(test.relative(errors), axis=(0, 1)))
+    return {name: guess_error(test, guess) for name, guess in guesses.items()}
 
 
 def _regressed(data: Dataset, test: HeldOut) -> Float[np.ndarray, "N S"]:

@@ -12,7 +12,6 @@ from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.departures import Departure, departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.verdict import (
-    GOOD,
     NOISE_TOLD,
     Verdict,
     WindowErrors,
@@ -170,9 +169,9 @@ class Evaluation:
             verdict = self.window.judged(verdict)
         if self.departures:
             verdict = verdict.with_flaw(str(self.departures[0]))
-        if self.inspection is not None and verdict.word != GOOD:
-            verdict = replace(verdict, reasons=(*verdict.reasons, *self.inspection.causes))
-        return verdict
+        if self.inspection is None:
+            return verdict
+        return verdict.because(self.inspection.causes)
 
     @property
     def is_unmatched(self) -> bool:

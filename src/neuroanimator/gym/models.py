@@ -55,8 +55,8 @@ def default_of(env_id: str, argument: str) -> Any:
     return None
 
 
-def reset_positions(env_id: str) -> Float[np.ndarray, "B Q"] | None:
-    """Return the positions (qpos) after `RESETS` resets of Gymnasium's MuJoCo environment `env_id`.
+def reset_states(env_id: str) -> Float[np.ndarray, "B S"] | None:
+    """Return positions and velocities (qpos, qvel) after `RESETS` resets of Gymnasium's MuJoCo environment `env_id`.
 
     None if it cannot be made: some need an imaging library.
     """
@@ -64,12 +64,12 @@ def reset_positions(env_id: str) -> Float[np.ndarray, "B Q"] | None:
         env: Any = gymnasium.make(env_id).unwrapped
     except (ImportError, gymnasium.error.Error):
         return None
-    positions = []
+    states = []
     for seed in range(RESETS):
         env.reset(seed=seed)
-        positions.append(env.data.qpos.copy())
+        states.append(np.concatenate([env.data.qpos, env.data.qvel]))
     env.close()
-    return np.array(positions)
+    return np.array(states)
 
 
 class _Infinities(ast.NodeTransformer):

@@ -60,7 +60,7 @@ COMMENTS = {
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
     "or as far as one number to either side of rest: over a joint's range, all the way round, or as in trial runs;\n"
     "an environment's own resets lie within.",
-    "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
+    "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs, or in an environment's own resets.",
 }
 """Titles of tables, and comments on values that are the same for every model."""
 

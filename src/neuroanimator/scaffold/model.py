@@ -60,15 +60,15 @@ def propose(
     passive: tuple[str, ...] = (),
     tree: Path | None = None,
     reset_noise: float = 0.0,
-    resets: Float[np.ndarray, "B Q"] | None = None,
+    resets: Float[np.ndarray, "B S"] | None = None,
 ) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`; one with a soft body is `propose_flex`'s.
 
     `keyframe` names the state of rest; `base` says whether the root of a URDF is fixed or free. No motor drives its
-    `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`; random starts cover the positions
-    `resets`. Includes and meshes may lie in the
-    folder `tree`; without it, in the model's own, or in its ROS package. Raises BadFileError with the reason for a model
-    that cannot be emulated; ArgumentError for a missing keyframe or passive joint, and if every scheme diverges.
+    `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`; random starts cover the positions and
+    velocities of `resets`. Includes and meshes may lie in the folder `tree`; without it, in the model's own, or in its ROS
+    package. Raises BadFileError with the reason for a model that cannot be emulated; ArgumentError for a missing keyframe or
+    passive joint, and if every scheme diverges.
     """
     files = read_model_files(path, tree)
     model = compile_model(files, base, passive)

@@ -135,8 +135,8 @@ class Search:
     longest: float
     """Maximum length of a super step [s]."""
     stance: Stance | None
-    resets: Float[np.ndarray, "B Q"] | None
-    """Positions after an environment's resets, which random starts cover; None if there are none."""
+    resets: Float[np.ndarray, "B S"] | None
+    """States after an environment's resets, without sensors, which random starts cover; None if there are none."""
 
     def is_good(self, motion: Motion) -> bool:
         """Return whether the controls need not be narrowed further.
@@ -153,13 +153,13 @@ def choose_motion(
     model: mujoco.MjModel,
     hold: Hold,
     growth: float,
-    resets: Float[np.ndarray, "B Q"] | None = None,
+    resets: Float[np.ndarray, "B S"] | None = None,
 ) -> Motion:
     """Return controls, sampling and super step that make the model's motions learnable.
 
     Controls keep their full range if the super step need not become too short, and if a root that may fall is then upright
     most of the time; else a smaller share. A root that falls is not driven before recording, and starts higher if it
-    hovers. `growth` is the rate of a fall from rest [1/s]; starts cover the positions `resets`. Raises BadFileError if the model
+    hovers. `growth` is the rate of a fall from rest [1/s]; starts cover the states `resets`. Raises BadFileError if the model
     always explodes.
     """
     longest = WANTED_SUPER_STEP
@@ -280,7 +280,11 @@ def _fill_sampling(values: dict[str, Any], search: Search) -> Trial | None:
         _fill_joint(sampling, system, trial, view)
         if search.resets is not None and view.name in sampling["position"]:
             _cover(sampling["position"], system, search.resets, view)
-    sampling["velocity"] = usual_velocities(system, trial)
+    velocities = usual_velocities(system, trial.states)
+    if search.resets is not None:
+        for name, reset in usual_velocities(system, search.resets).items():
+            velocities[name] = tuple(map(max, velocities[name], reset))
+    sampling["velocity"] = velocities
     trial = run_trial(system_of(values, search.model), values["substeps"])
     return None if 2 * trial.diverged >= trial.runs else trial
 
@@ -314,7 +318,7 @@ def _fill_joint(
 
 
 def _cover(
-    position: dict[str, Any], system: ModelSystem, resets: Float[np.ndarray, "B Q"], view: JointView
+    position: dict[str, Any], system: ModelSystem, resets: Float[np.ndarray, "B S"], view: JointView
 ) -> None:
     """Widen the spread of a hinge's or a slide's random starts so that it covers `resets`."""
     if view.kind not in ("hinge", "slide"):

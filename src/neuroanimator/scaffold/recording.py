@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,13 @@ from jaxtyping import Bool, Float, Int
 from neuroanimator.data.config import window_length
 from neuroanimator.data.recorded_noise import noise_of
 from neuroanimator.data.recorded_segments import split_runs
+from neuroanimator.data.shortcomings import (
+    RECORD,
+    learning_steps,
+    too_few,
+    wilder_test,
+    without_velocities,
+)
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.tables import check_table
@@ -34,7 +41,7 @@ from neuroanimator.scaffold.scales import (
 )
 from neuroanimator.systems.recorded.rates import Runs, changes_of, rate_entries
 from neuroanimator.systems.recorded.recording import Recording
-from neuroanimator.systems.recorded.velocities import positions_alone, prepared, unwrapped
+from neuroanimator.systems.recorded.velocities import prepared, unwrapped
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.text import listed
 
@@ -52,12 +59,6 @@ USUAL_SHARE = 99
 
 FAR_OUT = 10
 """Multiple of the usual distance at which a sample is mentioned."""
-
-PER_NUMBER = 100
-"""Number of super steps, for each number of state and control, from which an emulator learns something."""
-
-WILDER = 1.3
-"""Reach of what is kept for the test, as a multiple of what is learnt from, from which it is mentioned."""
 
 
 def propose_recording(path: Path, *, resample: bool = False, velocities: bool = False) -> Proposal:
@@ -117,8 +118,7 @@ def propose_recording(path: Path, *, resample: bool = False, velocities: bool = 
     }
     warnings += [
         *_outliers(recording),
-        *_without_rates(recording),
-        *_few_or_tame(recording, samples, substeps),
+        *_lacking(recording, substeps, rates),
         *_fast_turns(names, runs, turning),
         *_short_runs(recording, window_length(substeps)),
         *warn_of_small(with_units, changes_of(runs, substeps)),
@@ -253,49 +253,27 @@ def _are_far(distances: Float[np.ndarray, "N D"]) -> Bool[np.ndarray, "N D"]:
     return (distances > FAR_OUT * usual) & (usual > 0)
 
 
-def _without_rates(recording: Recording) -> Iterator[str]:
-    """Yield a line if there are positions, and no velocity of any in the recordings."""
-    alone = [f"state.{recording.state[entry][0]}" for entry in positions_alone(recording)]
-    if alone and not any(unit in ("rad/s", "m/s") for _, unit in recording.state):
-        yield (
-            f"{listed(alone)}: no column holds a velocity, and positions alone do not say where a limb is going. Add "
-            "velocities, or let 'new' estimate them: --velocities."
-        )
+def _lacking(recording: Recording, substeps: int, rates: Collection[int]) -> Iterator[str]:
+    """Yield a line on what the recordings lack: velocities, samples to learn from, motion as in what is kept for the test.
 
-
-def _few_or_tame(
-    recording: Recording, samples: Float[np.ndarray, "N S"], substeps: int
-) -> Iterator[str]:
-    """Yield a line if there is little to learn from, and if what is kept for the test goes further than that."""
+    State entries in `rates` have a rate of change.
+    """
+    names = [f"state.{name}" for name, _ in recording.state]
+    units = [unit for _, unit in recording.state]
     rows = [len(states) for states in recording.states]
     split = split_runs(recording.file, rows, window_length(substeps))
+    learnt, tested = (
+        np.concatenate([recording.states[run][start:stop] for run, start, stop in segments])
+        for segments in split
+    )
     numbers = len(recording.state) + len(recording.control)
-    length = sum(segment.stop - segment.start for segment in split.learning) // substeps
-    if length < PER_NUMBER * numbers:
-        yield (
-            f"only {length} super steps, one after another, to learn {numbers} numbers from; wanted about "
-            f"{PER_NUMBER * numbers}. Record longer, or expect a poor emulator."
-        )
-    begins = np.cumsum(rows) - rows
-    reach = []
-    middle = np.median(samples, axis=0)
-    for segments in split:
-        pieces = [
-            samples[begins[part.run] + part.start : begins[part.run] + part.stop]
-            for part in segments
-        ]
-        reach.append(np.abs(np.concatenate(pieces) - middle).max(axis=0))
-    learnt, tested = reach
-    wild = [
-        f"state.{name} ({far / near:.2g} times as far)"
-        for (name, _), near, far in zip(recording.state, learnt, tested, strict=True)
-        if far > WILDER * near > 0
+    lacking = [
+        without_velocities(names, units, rates),
+        too_few(learning_steps(recording.file, rows, substeps), numbers, RECORD),
+        wilder_test(names, units, learnt, tested),
     ]
-    if wild:
-        yield (
-            f"{listed(wild)}: the pieces kept for the test go further than those to learn from, so errors will be large "
-            "there. Record more of such motion."
-        )
+    for text in filter(None, lacking):
+        yield f"{text}."
 
 
 def _fast_turns(names: list[str], runs: Runs, turning: Int[np.ndarray, " T"]) -> Iterator[str]:

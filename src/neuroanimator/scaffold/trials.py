@@ -97,15 +97,17 @@ def velocities_of(view: JointView, states: Float[np.ndarray, "*B S"]) -> Float[n
     return states[..., first : first + RATE_SIZES.get(view.kind, 1)]
 
 
-def usual_velocities(system: ModelSystem, trial: Trial) -> dict[str, tuple[float, ...]]:
+def usual_velocities(
+    system: ModelSystem, states: Float[np.ndarray, "*B S"]
+) -> dict[str, tuple[float, ...]]:
     """Return the rms velocities of each joint, a root's along its own axes: random starts should be as fast as in use."""
     usual = {}
     for view in system.views:
-        velocities = velocities_of(view, trial.states).copy()
+        velocities = velocities_of(view, states).copy()
         if view.kind == "free":
-            orientation = trial.states[..., view.position_entry + 3 : view.position_entry + 7]
+            orientation = states[..., view.position_entry + 3 : view.position_entry + 7]
             velocities[..., :3] = rotate_back(orientation, velocities[..., :3])
-        rms = np.sqrt(np.mean(velocities**2, axis=(0, 1)))
+        rms = np.sqrt(np.mean(velocities.reshape(-1, velocities.shape[-1]) ** 2, axis=0))
         usual[view.name] = tuple(rounded(value, 2) for value in rms)
     return usual
 

@@ -179,11 +179,11 @@ def _propose_without_model(
 
 def _copy_from_gymnasium(
     name: str, folder: Path
-) -> tuple[Path, TaskTable | None, float, Float[np.ndarray, "B Q"] | None]:
+) -> tuple[Path, TaskTable | None, float, Float[np.ndarray, "B S"] | None]:
     """Copy the MJCF of the environment `name` into `folder`; return its path there, its task, reset noise, and resets."""
     from neuroanimator.gym import mjcf_of
     from neuroanimator.gym.locomotion import gymnasium_task
-    from neuroanimator.gym.models import default_of, reset_positions
+    from neuroanimator.gym.models import default_of, reset_states
 
     original = mjcf_of(name)
     target = folder / original.name
@@ -193,4 +193,4 @@ def _copy_from_gymnasium(
     task = None
     if default_of(name, "forward_reward_weight") is not None:
         task = gymnasium_task(name)
-    return target, task, default_of(name, "reset_noise_scale") or 0.0, reset_positions(name)
+    return target, task, default_of(name, "reset_noise_scale") or 0.0, reset_states(name)

@@ -49,14 +49,12 @@ def sample_of(data: Dataset, config: TrainingConfig) -> Transitions:
     share = config.memory / memory_taken(data.config, data.system)
     count = min(data.part_count, max(1, int(share * data.part_count)), MAX_SAMPLED_PARTS)
     numbers = np.unique(np.linspace(0, data.part_count - 1, count).astype(int))
-    taken = 0
     training = []
     for number in numbers:
-        part = data.read_part(int(number))
-        taken += len(part.states)
-        training.append(part.where(~validation_mask(part.run, config, int(number))))
+        training.append(training_windows(data, int(number), config))
     sample = join_transitions(training)
     if not len(sample.states):
+        taken = sum(len(data.read_part(int(number)).states) for number in numbers)
         lost = ""
         if sample.diverged:
             lost = f" {sample.diverged} runs diverged and were dropped: use a smaller step."

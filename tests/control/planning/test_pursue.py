@@ -11,6 +11,8 @@ from swing_up import PENDULUM, is_upright
 
 from neuroanimator import Emulator, NeuroAnimatorError
 from neuroanimator.control import pursue_goal
+from neuroanimator.control.planning.plants import ControlledMotion
+from neuroanimator.control.planning.pursue import Pursuit, pursuit_rows
 
 
 def test_a_goal_is_reached_and_kept_on_the_physics(shipped: Emulator):
@@ -57,3 +59,14 @@ def test_what_does_not_go_together_is_refused_and_nothing_written(
 def test_a_weight_that_is_no_number_is_refused(shipped: Emulator):
     with pytest.raises(NeuroAnimatorError, match="effort_weight: wanted a finite number"):
         pursue_goal(shipped, PENDULUM, "upright", effort_weight=float("nan"))
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05, 2.0])
+@pytest.mark.parametrize("share", [0.02, 0.9, 1.1, 40.0])
+def test_planning_that_takes_longer_than_a_super_step_is_told(dt: float, share: float):
+    seconds = np.full(9, share * dt)
+    seconds[0] = 100 * dt  # a single slow plan is told as such
+    motion = ControlledMotion(np.zeros((10, 6)), np.zeros((9, 3)), seconds)
+    rows = dict(pursuit_rows(Pursuit(motion, np.ones(10, bool), dt, is_on_physics=True)))
+    told = f"slower than real time, as a super step lasts {1e3 * dt:.3g} ms"
+    assert (told in str(rows["a plan takes"])) == (share > 1)

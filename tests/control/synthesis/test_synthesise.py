@@ -39,6 +39,7 @@ from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS, Search, make_attempt
 from neuroanimator.control.synthesis.finetune import transitions_near
+from neuroanimator.control.synthesis.replay import LARGE_GAP
 from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
 from neuroanimator.control.synthesis.synthesise import restart, synthesise_goal
 from neuroanimator.data.store import Transitions
@@ -359,4 +360,31 @@ def test_an_emulator_that_is_wrong_about_the_motion_is_said_to_be_so(
     (warning,) = warnings_of(wrong, "learn it")
     assert "J is 1.14e+03 on the physics and 357 on the emulator" in warning
     assert ("--minutes 3" if minutes_wanted else "learn it") in warning
-    assert "wrong about this motion" in dict(outcome_rows(wrong))["trust in the emulator's motion"]
+    assert "wrong about this motion" in str(
+        dict(outcome_rows(wrong))["trust in the emulator's motion"]
+    )
+
+
+@pytest.mark.parametrize("is_better", [False, True])
+@pytest.mark.parametrize("cost", [0.2, 30.0])
+@pytest.mark.parametrize("ratio", [1.05, 1.5, 3.0, 60.0])
+def test_a_result_says_itself_that_its_emulator_is_wrong(
+    is_better: bool, cost: float, ratio: float, shipped: Emulator
+):
+    options = DescentOptions(iterations=1)
+    found = synthesise(
+        shipped, load_system("pendulum"), stand_upright(), REST, steps=5, options=options
+    )
+    costs = (ratio * cost, cost) if is_better else (cost, ratio * cost)
+    found = replace(
+        found, outcome=replace(found.outcome, cost_emulator=costs[0], cost_physics=costs[1])
+    )
+    is_wrong = ratio >= 2 and (ratio - 1) * cost > LARGE_GAP
+    assert bool(found.outcome.fault) == is_wrong
+    assert ("emulator is wrong about the motion" in repr(found)) == is_wrong
+    assert f"J {costs[0]:.3g} on the emulator, {costs[1]:.3g} on the physics" in repr(found)
+    assert bool(warnings_of(found, "learn it")) == is_wrong
+    trust = str(dict(outcome_rows(found))["trust in the emulator's motion"])
+    assert ("wrong about this motion" in trust) == is_wrong
+    unproved = replace(found.outcome, is_on_physics=False)
+    assert not unproved.fault

@@ -23,11 +23,10 @@ from neuroanimator.evaluation.component_errors import (
 )
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.evaluation.weakness import inspection
+from neuroanimator.evaluation.weakness.causes import find_weak_spots, outside_of_training
 from neuroanimator.evaluation.weakness.inspection import (
     Inspection,
-    find_weak_spots,
     inspect,
-    outside_of_training,
 )
 
 

@@ -17,18 +17,13 @@ from neuroanimator.control.synthesis.replay import (
     Replay,
     ReplayedMotion,
     beside_emulated,
+    is_gap_large,
     ranked_motions,
 )
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import DivergedError
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
-
-LARGE_GAP = 0.5
-"""Maximum small gap of J: half the cost of one number of the final state that is off by its scale."""
-
-LARGE_GAP_SHARE = 0.25
-"""Maximum small gap of J as a share of J on the physics."""
 
 SMALL_GAIN = 0.05
 """Minimum gain predicted for a correction to be worth a replay, as a share of J on the physics."""
@@ -63,15 +58,8 @@ class SearchCost:
     """J on the emulator initially and after each sweep, for each descent in order."""
 
     def __add__(self, other: SearchCost) -> SearchCost:
-        return SearchCost(
-            self.iterations + other.iterations,
-            self.seconds + other.seconds,
-            self.corrections + other.corrections,
-            self.refinements + other.refinements,
-            self.minutes_wanted + other.minutes_wanted,
-            self.physics_steps + other.physics_steps,
-            self.courses + other.courses,
-        )
+        parts = zip(vars(self).values(), vars(other).values(), strict=True)
+        return SearchCost(*(one + more for one, more in parts))
 
     @classmethod
     def of_descent(cls, descent: Descent) -> SearchCost:
@@ -139,11 +127,6 @@ class Attempt:
     def has_large_gap(self) -> bool:
         """Whether the physics disagrees so much that training the emulator on it is worth the time."""
         return is_gap_large(self.outcome.cost_emulator, self.outcome.cost_physics)
-
-
-def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
-    """Return whether the physics disagrees with the emulator so much that more effort is worth the time."""
-    return cost_physics - cost_emulator > max(LARGE_GAP, LARGE_GAP_SHARE * cost_physics)
 
 
 def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) -> Attempt:

@@ -16,6 +16,20 @@ from neuroanimator.errors import DivergedError
 from neuroanimator.systems.system import Runs, System
 from neuroanimator.terminal import phase
 
+LARGE_GAP = 0.5
+"""Maximum small gap of J: half the cost of one number of the final state that is off by its scale."""
+
+LARGE_GAP_SHARE = 0.25
+"""Maximum small gap of J as a share of J on the physics."""
+
+WRONG_FACTOR = 2.0
+"""Ratio of the larger J to the smaller from which on the emulator is called wrong about a motion."""
+
+
+def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
+    """Return whether the physics disagrees with the emulator so much that more effort is worth the time."""
+    return cost_physics - cost_emulator > max(LARGE_GAP, LARGE_GAP_SHARE * cost_physics)
+
 
 @dataclass(frozen=True)
 class Replay:
@@ -34,6 +48,17 @@ class Replay:
     def gap(self) -> float:
         """J on the physics minus J on the emulator."""
         return self.cost_physics - self.cost_emulator
+
+    @property
+    def fault(self) -> str:
+        """Sentence that the emulator is wrong about this motion, for better or worse; empty if it is not, or without physics."""
+        least, most = sorted((self.cost_emulator, self.cost_physics))
+        if not self.is_on_physics or not is_gap_large(least, most) or most < WRONG_FACTOR * least:
+            return ""
+        return (
+            f"The emulator is wrong about the motion found, whatever its trust: J is {self.cost_physics:.3g} on the physics "
+            f"and {self.cost_emulator:.3g} on the emulator"
+        )
 
 
 def replay(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from neuroanimator.control.synthesis.attempt import SearchCost, is_gap_large
+from neuroanimator.control.synthesis.attempt import SearchCost
+from neuroanimator.control.synthesis.replay import is_gap_large
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 
@@ -13,9 +14,6 @@ MINUTES_SPARE = 2.0
 
 SMALL_GAP = 0.05
 """Relative difference up to which two values of J are called equal."""
-
-WRONG_FACTOR = 2.0
-"""Ratio of J on the physics to J on the emulator from which on the emulator is called wrong about the motion."""
 
 UNPROVED = "not verified: this controller was tried on the emulator alone. Use it with care"
 """Text for a controller that was tried on the emulator alone."""
@@ -52,13 +50,17 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         ("in words", words),
     ]
     trust = str(trust_along(synthesis))
-    if is_wrong(synthesis):
+    if outcome.fault:
         trust += "; yet the replay shows that it is wrong about this motion"
     rows.append(("trust in the emulator's motion", trust))
-    if synthesis.is_reached is not None:
-        answer = "yes" if synthesis.is_reached else "no"
-        rows.append(("goal reached on the true physics", answer))
-    return rows
+    return rows + _goal_rows(synthesis, "goal reached on the true physics")
+
+
+def _goal_rows(synthesis: Synthesis, name: str) -> list[tuple[str, object]]:
+    """Return a row called `name` on whether the goal is reached; none without a goal."""
+    if synthesis.is_reached is None:
+        return []
+    return [(name, "yes" if synthesis.is_reached else "no")]
 
 
 def _refinements_in_words(spent: SearchCost) -> str:
@@ -80,10 +82,7 @@ def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         ("trust in the emulator's motion", trust_along(synthesis)),
         ("in words", UNPROVED),
     ]
-    if synthesis.is_reached is not None:
-        answer = "yes" if synthesis.is_reached else "no"
-        rows.append(("goal reached on the emulator, which verifies nothing", answer))
-    return rows
+    return rows + _goal_rows(synthesis, "goal reached on the emulator, which verifies nothing")
 
 
 def trust_along(synthesis: Synthesis) -> TrustSummary:
@@ -129,25 +128,13 @@ def gap_in_words(
     return meaning + "the physics does a little worse than the emulator predicted"
 
 
-def is_wrong(synthesis: Synthesis) -> bool:
-    """Return whether the emulator is wrong about the motion found: the physics' J is a multiple of the emulator's."""
-    outcome = synthesis.outcome
-    if not outcome.is_on_physics or not is_gap_large(outcome.cost_emulator, outcome.cost_physics):
-        return False
-    return outcome.cost_physics >= WRONG_FACTOR * outcome.cost_emulator
-
-
-def _on_wrong_emulator(synthesis: Synthesis, improve: str) -> str:
-    """Return that the emulator is wrong about the motion found, and what to do; `improve` is the command for it."""
-    outcome = synthesis.outcome
+def _remedy(synthesis: Synthesis, improve: str) -> str:
+    """Return what to do about an emulator that is wrong about the motion found; `improve` is the command for it."""
     if synthesis.spent.minutes_wanted:
-        remedy = f"Let it learn the physics around the motion: --minutes {_enough_minutes(synthesis.spent)}."
-    else:
-        remedy = f"Let it learn the physics around these controls, then search again: {improve}"
-    return (
-        f"The emulator is wrong about the motion found, whatever its trust: J is {outcome.cost_physics:.3g} on the physics "
-        f"and {outcome.cost_emulator:.3g} on the emulator. {remedy}"
-    )
+        return f"Let it learn the physics around the motion: --minutes {_enough_minutes(synthesis.spent)}."
+    if synthesis.outcome.gap < 0:
+        return f"The controls are the physics' best; to let the emulator learn the physics around them: {improve}"
+    return f"Let it learn the physics around these controls, then search again: {improve}"
 
 
 def warnings_of(synthesis: Synthesis, improve: str) -> list[str]:
@@ -160,8 +147,9 @@ def warnings_of(synthesis: Synthesis, improve: str) -> list[str]:
         lines.append(
             "The descent diverged: J stopped being finite. The best controls before that are kept."
         )
-    if is_wrong(synthesis):
-        lines.append(_on_wrong_emulator(synthesis, improve))
-    if synthesis.trust is not None and synthesis.trust.warning():
+    fault = synthesis.outcome.fault
+    if fault:
+        lines.append(f"{fault}. {_remedy(synthesis, improve)}")
+    if synthesis.trust is not None:
         lines.append(synthesis.trust.warning())
-    return lines
+    return [line for line in lines if line]

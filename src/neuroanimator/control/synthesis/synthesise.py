@@ -81,15 +81,19 @@ class Synthesis:
         cls, attempt: Attempt, trust: GradientTrust | None, is_reached: bool | None = None
     ) -> Synthesis:
         """Return the synthesis of the best attempt."""
-        return cls(
-            attempt.emulator,
-            attempt.descent,
-            attempt.controls,
-            attempt.outcome,
-            attempt.spent,
-            trust,
-            is_reached,
-        )
+        return cls(**vars(attempt), trust=trust, is_reached=is_reached)
+
+    def __repr__(self) -> str:
+        """Return J on emulator and physics, whether the goal is reached, and whether the emulator is wrong about the motion."""
+        outcome = self.outcome
+        told = f"{len(self.controls)} super steps, J {outcome.cost_emulator:.3g} on the emulator"
+        if outcome.is_on_physics:
+            told += f", {outcome.cost_physics:.3g} on the physics"
+        if self.is_reached is not None:
+            told += f", goal {'reached' if self.is_reached else 'missed'}"
+        if outcome.fault:
+            told += f". {outcome.fault}"
+        return f"Synthesis({told})"
 
     @property
     def attempt(self) -> Attempt:

@@ -6,83 +6,46 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.trust import EDGE
-from neuroanimator.emulator.verdict import missing_rates
-from neuroanimator.evaluation.accuracy import bounded, next_states, step_errors
+from neuroanimator.evaluation.accuracy import step_errors
 from neuroanimator.evaluation.component_errors import (
     ComponentError,
     ErrorSpread,
-    change_names,
     component_errors,
     error_spread,
 )
 from neuroanimator.evaluation.held_out import (
     HELD_OUT_RUNS,
     HeldOut,
-    SuperSteps,
     held_out_runs,
     recorded_runs,
     system_of,
 )
 from neuroanimator.evaluation.trust_bands import TrustBand, trust_bands
-from neuroanimator.evaluation.weakness.conditions import WeakSpot, find_spots
+from neuroanimator.evaluation.weakness.causes import (
+    Extrapolation,
+    causes_of,
+    errors_of_steps,
+    weak_spots,
+)
+from neuroanimator.evaluation.weakness.conditions import WeakSpot
 from neuroanimator.evaluation.weakness.coverage import (
     Coverage,
     as_plain,
     coverage,
     coverage_of_states,
 )
-from neuroanimator.evaluation.weakness.readings import Reading, control_readings, state_readings
 from neuroanimator.evaluation.weakness.worst_segments import Segment, worst_segments
 from neuroanimator.terminal import phase
-from neuroanimator.text import short_number
 
 INSPECTED_RUNS = 4 * HELD_OUT_RUNS
 """Number of unseen runs inspected: a condition that one super step in twenty fulfils then has 250 of them."""
 
 INSPECTED_SEED = 2**20
 """Seed of the first inspected runs, which differ from those of the figures of `evaluate`."""
-
-MAX_READINGS = 256
-"""Maximum number of readings in conditions."""
-
-CONTACTS_CHANGE = "contacts made or lost"
-"""Name of the reading that counts the contacts made or lost between the ends of a super step."""
-
-
-LARGE_PART = 0.5
-"""Share of the squared error in one number of the state above which a verdict names it."""
-
-MANY_OUTSIDE = 0.05
-"""Share of unseen samples outside the training data above which a verdict may say so."""
-
-MUCH_WORSE = 2.0
-"""Ratio of the error there to that inside above which it does."""
-
-
-@dataclass(frozen=True)
-class Extrapolation:
-    """The super steps that begin outside the training data: the emulator's inputs are clipped to its range."""
-
-    samples: int
-    share: float
-    """Share of all super steps."""
-    ratio: float
-    """Mean error there over the mean error inside; 0 where there are none."""
-
-    def __str__(self) -> str:
-        """Return it as a sentence."""
-        if not self.samples:
-            return "all unseen runs stay within what training showed"
-        return (
-            f"{self.samples:,} samples ({short_number(100 * self.share)} % of all) lie outside the training data, and the error "
-            f"there is {short_number(self.ratio)} times that inside: generate more, so that the data cover what occurs in use"
-        )
 
 
 @dataclass(frozen=True)
@@ -113,28 +76,8 @@ class Inspection:
     """Whether `coverage` is that of given data."""
     is_recorded: bool = False
     """Whether the reference is recordings, which hold noise, instead of the teaching physics."""
-
-    @property
-    def causes(self) -> tuple[str, ...]:
-        """Half sentences on why it errs: without velocities, in one number of the state, or outside the training data."""
-        causes = []
-        missing = missing_rates([part.unit for part in self.components])
-        # A function's or a model's state says all; a recording's may not.
-        if self.is_recorded and missing:
-            causes.append(missing)
-        squares = [(part.relative or 0.0) ** 2 for part in self.components]
-        total = sum(squares)
-        if len(squares) > 1 and 0 < total < np.inf and max(squares) > LARGE_PART * total:
-            most = int(np.argmax(squares))
-            causes.append(
-                f"{squares[most] / total:.0%} of the error is in {self.components[most].name}"
-            )
-        if self.outside.share > MANY_OUTSIDE and self.outside.ratio > MUCH_WORSE:
-            causes.append(
-                f"{self.outside.share:.0%} of the unseen samples are outside the training data, with "
-                f"{short_number(self.outside.ratio)} times the error"
-            )
-        return tuple(causes)
+    causes: tuple[str, ...] = ()
+    """Half sentences on why it errs."""
 
     @property
     def truth_name(self) -> str:
@@ -179,15 +122,12 @@ def inspect(
 
 
 def _inspected(emulator: Emulator, test: HeldOut, data: Dataset | None) -> Inspection:
-    steps = test.transitions
-    emulated = next_states(emulator, steps.states, steps.controls)
-    errors = test.frame.difference(steps.next_states, emulated)
-    relative = test.relative(errors)
-    sizes = step_errors(relative)
+    found = errors_of_steps(emulator, test)
+    steps = found.steps
+    sizes = step_errors(found.relative)
+    components = component_errors(test, found.errors)
     runs = np.arange(len(steps.states)) // (len(steps.states) // len(test.states))
-    scores = emulator.trust(steps.states, steps.controls)
-    is_covered = scores <= EDGE
-    known = SuperSteps(*(rows[is_covered] for rows in steps))
+    spots = weak_spots(test, found, runs)
     if data is None:
         covered = coverage_of_states(test.system, steps.states, steps.controls, len(test.states))
     else:
@@ -199,54 +139,13 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Dataset | None) -> Inspe
         runs=len(test.states),
         samples=len(steps.states),
         errors=error_spread(sizes),
-        components=component_errors(test, errors),
-        weak_spots=find_weak_spots(test, known, relative[is_covered], runs[is_covered]),
-        outside=outside_of_training(is_covered, relative),
-        trust=trust_bands(scores, sizes) if emulator.meter is not None else (),
+        components=components,
+        weak_spots=spots,
+        outside=found.outside,
+        trust=trust_bands(found.scores, sizes) if emulator.meter is not None else (),
         worst=worst_segments(emulator, test),
         coverage=covered,
         has_data=data is not None,
         is_recorded=test.system.recordings is not None,
+        causes=causes_of(found, components, spots, data),
     )
-
-
-def outside_of_training(
-    is_covered: Bool[np.ndarray, " N"], relative: Float[np.ndarray, "N M"]
-) -> Extrapolation:
-    """Return the number and share of super steps that begin outside the training data, and the ratio of their errors."""
-    errors = step_errors(relative)
-    outside = errors[~is_covered]
-    share = len(outside) / len(errors)
-    if not 0 < share < 1:
-        return Extrapolation(len(outside), share, share)
-    inside = errors[is_covered].mean()
-    ratio = outside.mean() / inside if inside > 0 else np.inf
-    return Extrapolation(len(outside), share, float(ratio))
-
-
-def find_weak_spots(
-    test: HeldOut,
-    steps: SuperSteps,
-    relative: Float[np.ndarray, "N M"],
-    runs: Int[np.ndarray, " N"],
-) -> tuple[WeakSpot, ...]:
-    """Return where the errors `relative` (N, M) of super `steps` are large, worst first; each step is of one of `runs`."""
-    names = np.array([name for name, _ in change_names(test.system)])[test.moves]
-    squares = bounded(relative) ** 2
-    found = []
-    for spot, holds in find_spots(step_errors(relative), runs, _readings(test, steps)):
-        worst = int(np.argmax(squares[holds].mean(axis=0)))
-        found.append(replace(spot, component=str(names[worst])))
-    return tuple(found)
-
-
-def _readings(test: HeldOut, steps: SuperSteps) -> list[Reading]:
-    """Return the readings that conditions may be made of."""
-    system = test.system
-    readings = state_readings(system, steps.states) + control_readings(system, steps.controls)
-    readings = [reading for reading in readings if reading.can_matter][:MAX_READINGS]
-    before = system.contact_counts(steps.states)
-    after = system.contact_counts(steps.next_states)
-    if before is not None and after is not None:
-        readings.append(Reading(CONTACTS_CHANGE, "1", np.abs(after - before).astype(float)))
-    return readings

@@ -22,14 +22,12 @@ A step file looks like this; declarations after CONTROL may be left out:
 
 from __future__ import annotations
 
-import ctypes
-import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
-from functools import lru_cache, partial
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
+from functools import lru_cache
 from types import MappingProxyType, ModuleType
 from typing import Any
 
@@ -70,10 +68,9 @@ def run_file(digest: str, name: str) -> ModuleType:
     )
     module = ModuleType(f"neuroanimator_step_{digest[:DIGEST_SHOWN]}")
     module.__file__ = name
-    module.__dict__["print"] = partial(print, file=sys.stderr)  # results alone go to stdout
     sys.modules[module.__name__] = module  # dataclasses look up their module there
     try:
-        with _stdout_on_stderr():
+        with redirect_stdout(sys.stderr):  # results alone go to stdout
             exec(compile(source, name, "exec"), module.__dict__)
     except SyntaxError as error:
         raise BadFileError(f"{name}, line {error.lineno}: {error.msg}.") from error
@@ -86,28 +83,6 @@ def run_file(digest: str, name: str) -> ModuleType:
             f"{name}: wanted a function `def step(state, control, dt): return next_state`. Add one."
         )
     return module
-
-
-@contextmanager
-def _stdout_on_stderr() -> Iterator[None]:
-    """Send what is printed meanwhile, by C libraries too, to stderr: results alone go to stdout."""
-    sys.stdout.flush()
-    _flush_c()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        with redirect_stdout(sys.stderr):
-            yield
-    finally:
-        _flush_c()
-        os.dup2(kept, 1)
-        os.close(kept)
-
-
-def _flush_c() -> None:
-    """Print what C libraries have written to stdout, and hold back if it is no terminal."""
-    if os.name == "posix":
-        ctypes.CDLL(None).fflush(None)
 
 
 def call_step(
@@ -123,7 +98,7 @@ def call_step(
     Any exception of the function becomes a BadFileError of one line.
     """
     try:
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), redirect_stdout(sys.stderr):
             answer = function(state.copy(), control.copy(), dt, **arguments)
             following = _as_numbers(answer)
     except BaseException as error:
