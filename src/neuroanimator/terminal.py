@@ -292,7 +292,7 @@ class _Screen:
     @contextmanager
     def shown(self) -> Iterator[Display | None]:
         """Yield the display, which lasts as long as it is used; None if progress is not shown."""
-        is_terminal = sys.stderr.isatty()
+        is_terminal = sys.stderr is not None and sys.stderr.isatty()
         if self.is_hidden or not (is_terminal or self.shows_phases):
             yield None
             return

@@ -59,3 +59,22 @@ def test_f15_a_mistake_in_a_foreign_script_is_one_line(tmp_path: Path):
     told = [line for line in wrong.stderr.splitlines() if line.startswith(b"neuroanimator: ")]
     assert len(told) == 1
     assert b"Traceback" not in wrong.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full here")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("verb", ["list", "--help"])
+def test_f15_results_that_cannot_be_written_are_one_line_and_exit_code_4(
+    verb: str, unbuffered: str
+):
+    """What could not be written is not tried again at the end, which Python would say at length."""
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", MAIN, verb],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+            timeout=PATIENCE,
+        )
+    assert (done.returncode, done.stderr) == (4, "neuroanimator: No space left on device\n")

@@ -45,16 +45,25 @@ def _run() -> None:
 
         try:
             app()
+        except SystemExit:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            raise
         finally:
             say_what_mujoco_warned_of()
     except NeuroAnimatorError as error:
         fail(str(error), error.exit_code)
     except MemoryError:
         fail("Out of memory. Reduce the size of the job.", 4)
+    except BrokenPipeError:
+        # Whoever reads the results has read enough, as `head` does.
+        drop_results()
+        sys.exit(1)
     except OSError as error:
         name = ""
         if error.filename:
             name = f": {error.filename}"
+        drop_results()
         fail(f"{error.strerror or error}{name}", 4)
     except Exception as error:
         if os.environ.get("NEUROANIMATOR_DEBUG"):
@@ -63,6 +72,12 @@ def _run() -> None:
             f"Unexpected {type(error).__name__}: {error}. NEUROANIMATOR_DEBUG=1 shows where; please report it.",
             1,
         )
+
+
+def drop_results() -> None:
+    """Forget what could not be written to stdout, which Python would try again at its end."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def say_what_mujoco_warned_of() -> None:
