@@ -32,7 +32,7 @@ from jaxtyping import Array, Float
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.state_policy import StatePolicy, policy_leaves
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_rows import c_rows
+from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.tensors import to_numpy
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
@@ -151,9 +151,12 @@ def speed(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[s
     starts, controls, _ = walk(policy, task, system)
     driven = np.ascontiguousarray(np.swapaxes(controls, 0, 1))
     states = as_float32(np.tile(starts, (COPIES, 1)))
-    in_c = c_rows(
-        walking_step, policy, lambda: [digest(to_numpy(policy_leaves(policy)))], lambda: [states]
+    rows = RowFunction(
+        walking_step,
+        lambda policy: [digest(to_numpy(policy_leaves(policy)))],
+        lambda policy: [states],
     )
+    in_c = rows.in_c(policy)
     if in_c is None:
         raise SystemExit("There is no C compiler.")
     simulate = partial(system.simulate, starts, driven, policy.dt, scheme=system.scheme, threads=1)

@@ -20,10 +20,9 @@ from jaxtyping import Float
 
 from neuroanimator import Emulator
 from neuroanimator.codegen.compiler import compiled_library
-from neuroanimator.codegen.kept import FLAGS, aligned
+from neuroanimator.codegen.kept import FLAGS, address, aligned, declared
 from neuroanimator.codegen.program import WIDTH
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_emulator import address, pointer
 from neuroanimator.emulator.encoding import KEPT_MARGIN
 from neuroanimator.emulator.networks.gated import Gated
 from neuroanimator.emulator.networks.mirrored import Mirrored
@@ -61,8 +60,8 @@ class ByHand:
     ) -> Float[np.ndarray, "T S"]:
         """Return the states after each super step from the `latent` start."""
         states = np.empty((len(controls), self.state_size), np.float32)
-        count = ctypes.c_long(len(controls))
-        self.library.rollout(self.table, pointer(latent), pointer(controls), count, pointer(states))
+        arrays = (address(controls), len(controls), address(states))
+        self.library.rollout(self.table, address(latent), *arrays)
         return states
 
 
@@ -80,6 +79,7 @@ def written_by_hand(emulator: Emulator) -> ByHand | None:
     library = compiled_library("\n".join([*lines, *parts]), FLAGS)
     if library is None:
         raise ResourceError("runtimes: C written by hand needs a C compiler.")
+    declared(library, "rollout", 5, None)
     kept = [_aligned(array) for array in weights]
     table = (ctypes.c_void_p * len(kept))(*map(address, kept))
     program = ByHand(library, kept, table, emulator.state.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -10,14 +11,15 @@ import pytest
 from jaxtyping import Array
 
 from neuroanimator.codegen.c_map import (
+    Caller,
     CMap,
     MapDefinition,
-    WorkspacePool,
+    c_struct,
     map_references,
     program_of_maps,
 )
 from neuroanimator.codegen.compiler import compiled_library, find_compiler
-from neuroanimator.codegen.kept import FLAGS, LoadedProgram, WrongProgramError, aligned
+from neuroanimator.codegen.kept import FLAGS, LoadedProgram, WrongProgramError, aligned, declared
 from neuroanimator.codegen.program import WIDTH
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
@@ -73,9 +75,31 @@ def test_more_or_fewer_than_sixteen_rows_are_computed_one_for_one():
         np.testing.assert_allclose(y, in_c.forward(x)[0], rtol=1e-5, atol=1e-6)
 
 
-def test_workspaces_are_lent_to_one_at_a_time_and_used_again():
-    pool = WorkspacePool(3)
-    with pool.acquire() as first, pool.acquire() as second:
-        assert first != second
-    with pool.acquire() as third:
-        assert third in (first, second)
+NESTED = """
+long room(const void *nothing) { return 3; }
+void lend(const void *nothing, void (*borrow)(void *), void *memory) { borrow(memory); }
+"""
+"""A function that hands on its working memory."""
+
+
+@needs_compiler
+def test_working_memory_is_lent_to_one_at_a_time_and_used_again():
+    library = compiled_library(NESTED)
+    assert library is not None
+    declared(library, "room", 1, ctypes.c_long)
+    declared(library, "lend", 3)
+    call = Caller(library, c_struct(0), "room")
+    lent: list[int] = []
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+    def borrow(memory: int) -> None:
+        lent.append(memory)
+        if len(lent) == 1:
+            call("lend", at)
+
+    at = ctypes.cast(borrow, ctypes.c_void_p).value or 0
+    call("lend", at)
+    call("lend", at)
+    first, second, third = lent
+    assert first != second
+    assert third in (first, second)

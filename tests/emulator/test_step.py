@@ -176,7 +176,7 @@ def test_an_emulator_that_is_gone_is_forgotten():
     emulator = Emulator.load("pendulum-25")
     emulator.step(*inputs(emulator))
     gc.collect()  # others that are gone
-    known = len(compiled._known)
+    known = len(compiled._taken_apart)
     del emulator
     gc.collect()
-    assert len(compiled._known) == known - 1
+    assert len(compiled._taken_apart) == known - 1

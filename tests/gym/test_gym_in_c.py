@@ -11,7 +11,7 @@ import pytest
 import neuroanimator.gym  # noqa: F401 - registers the environments
 from neuroanimator import set_backend
 from neuroanimator.codegen.compiler import find_compiler
-from neuroanimator.emulator import c_rows
+from neuroanimator.emulator.c_rows import CRows, RowFunction
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
@@ -46,15 +46,15 @@ def test_an_environment_in_c_is_the_one_in_jax(
 ):
     monkeypatch.setattr("neuroanimator.codegen.backend._chosen", [])
     made = set()
-    load = c_rows.c_rows
+    load = RowFunction.in_c
 
-    def noted(function: c_rows.Function, *others: Any) -> c_rows.CRows | None:
-        program = load(function, *others)
+    def noted(rows: RowFunction, module: Any) -> CRows | None:
+        program = load(rows, module)
         if program is not None:
-            made.add(function.__name__)
+            made.add(rows.function.__name__)
         return program
 
-    monkeypatch.setattr(c_rows, "c_rows", noted)
+    monkeypatch.setattr(RowFunction, "in_c", noted)
     in_c = episodes("auto", name)
     assert made == programs
     in_jax = episodes("jax", name)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
@@ -18,11 +17,20 @@ import jax.extend.core as jaxprs
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
 
 from neuroanimator.codegen.c_function import CFunction, LatePart, c_function, prelude
+from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.codegen.jax_settings import compiled_quickly
-from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, aligned
-from neuroanimator.codegen.program import WIDTH, Constants
+from neuroanimator.codegen.kept import (
+    FLAGS,
+    CProgram,
+    LoadedProgram,
+    WrongProgramError,
+    address,
+    declared,
+)
+from neuroanimator.codegen.program import WIDTH, Constants, aligned_zeros
 from neuroanimator.codegen.trace import Input, constant_array
 from neuroanimator.files.atomic import digest
 
@@ -156,25 +164,28 @@ def callers(*files: tuple[str, str]) -> str:
     return "\n".join(pieces)
 
 
-FORMS = ("forward", "backward", "push", "slope", "lanes")
-"""Forms of a map, in the order of `na_map`."""
+def compiled_callers(
+    files: Sequence[tuple[str, str]], functions: dict[str, tuple[int, Any]]
+) -> ctypes.CDLL | None:
+    """Return the library of `callers`; None if nothing can be compiled.
+
+    `functions` are the number of parameters and the result of each of its functions.
+    """
+    library = compiled_library(callers(*files), FLAGS)
+    if library is not None:
+        for name, declaration in functions.items():
+            declared(library, name, *declaration)
+    return library
 
 
-class MapStruct(ctypes.Structure):
-    """`na_map` of `map.c`."""
+FORMS = {"forward": 6, "backward": 5, "push": 5, "slope": 5, "lanes": 4}
+"""Number of parameters of each form of a map, in the order of `na_map`."""
 
-    _fields_ = (
-        ("constants", ctypes.c_void_p),
-        ("numbers", ctypes.c_void_p),
-        ("forward", ctypes.c_void_p),
-        ("backward", ctypes.c_void_p),
-        ("push", ctypes.c_void_p),
-        ("slope", ctypes.c_void_p),
-        ("lanes", ctypes.c_void_p),
-        ("inputs", ctypes.c_long),
-        ("outputs", ctypes.c_long),
-        ("tape", ctypes.c_long),
-    )
+
+def c_struct(*members: ArrayLike) -> np.ndarray:
+    """Return a struct of C whose members are addresses, counts and other such structs."""
+    # Addresses and counts are of one length.
+    return np.concatenate([np.atleast_1d(member) for member in members], dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,84 +196,58 @@ class CMap:
     name: str
     numbers: Float[np.ndarray, " P"]
 
-    @property
-    def inputs(self) -> int:
-        """Length of x."""
-        return self.program.sizes[f"{self.name} inputs"]
-
-    @property
-    def outputs(self) -> int:
-        """Length of y."""
-        return self.program.sizes[f"{self.name} outputs"]
-
-    @property
-    def tape(self) -> int:
-        """Number of floats on the tape that `forward` writes for the derivatives."""
-        return self.program.sizes[f"{self.name} tape"]
+    def size(self, what: str) -> int:
+        """Return the length of x ("inputs") or of y ("outputs"), or the floats on the "tape" that derivatives need."""
+        return self.program.sizes[f"{self.name} {what}"]
 
     def forward(
         self, x: Float[np.ndarray, " X"]
     ) -> tuple[Float[np.ndarray, " Y"], Float[np.ndarray, " T"]]:
         """Return (y, the tape that the derivatives need)."""
-        y = np.empty(self.outputs, np.float32)
-        tape = aligned_room(self.tape + WIDTH)
-        self._call("forward", self.numbers, x, tape, NOTHING, y)
-        return y, tape
+        tape = aligned_zeros(self.size("tape") + WIDTH)
+        y = np.empty(self.size("outputs"), np.float32)
+        return self._call("forward", y, self.numbers, x, tape, NOTHING), tape
 
     def backward(self, tape: Float[np.ndarray, " T"], of_y: Lanes) -> Lanes:
         """Return the cotangents of x for sixteen cotangents of y."""
-        of_x = lanes(self.inputs)
-        self._call("backward", tape, NOTHING, of_y, of_x)
-        return of_x
+        return self._call("backward", lanes(self.size("inputs")), tape, NOTHING, of_y)
 
     def slope(
         self, tape: Float[np.ndarray, " T"], of_y: Float[np.ndarray, " Y"]
     ) -> Float[np.ndarray, " X"]:
         """Return the cotangent of x for one cotangent of y."""
-        of_x = np.empty(self.inputs, np.float32)
-        self._call("slope", tape, NOTHING, of_y, of_x)
-        return of_x
+        of_x = np.empty(self.size("inputs"), np.float32)
+        return self._call("slope", of_x, tape, NOTHING, of_y)
 
     def push(self, tape: Float[np.ndarray, " T"], tangents: Lanes) -> Lanes:
         """Return the tangents of y for sixteen tangents of x."""
-        result = lanes(self.outputs)
-        self._call("push", tape, NOTHING, tangents, result)
-        return result
-
-    def lanes(self, xs: Lanes) -> Lanes:
-        """Return y for sixteen x."""
-        ys = lanes(self.outputs)
-        self._call("lanes", self.numbers, xs, ys)
-        return ys
+        return self._call("push", lanes(self.size("outputs")), tape, NOTHING, tangents)
 
     def of_rows(self, xs: Float[np.ndarray, "N X"]) -> Float[np.ndarray, "N Y"]:
-        """Return y for each x."""
-        ys = np.empty((len(xs), self.outputs), np.float32)
+        """Return y for each x, sixteen at a time."""
+        ys = np.empty((len(xs), self.size("outputs")), np.float32)
         for first in range(0, len(xs), WIDTH):
             some = xs[first : first + WIDTH]
-            wide = lanes(self.inputs)
+            wide = lanes(self.size("inputs"))
             wide[:, : len(some)] = some.T
-            ys[first : first + WIDTH] = self.lanes(wide)[:, : len(some)].T
+            of_wide = self._call("lanes", lanes(self.size("outputs")), self.numbers, wide)
+            ys[first : first + WIDTH] = of_wide[:, : len(some)].T
         return ys
 
-    def struct(self) -> MapStruct:
-        """Return the struct for C; it points into this map, which must outlive it."""
-        functions = [self._address(form) for form in FORMS]
-        return MapStruct(
-            self.program.constants.ctypes.data,
-            self.numbers.ctypes.data,
-            *functions,
-            self.inputs,
-            self.outputs,
-            self.tape,
-        )
+    def struct(self) -> np.ndarray:
+        """Return `na_map` of `map.c`; it points into this map, which must outlive it."""
+        functions = []
+        for form in FORMS:
+            functions.append(ctypes.cast(self._function(form), ctypes.c_void_p).value or 0)
+        sizes = [self.size(what) for what in ("inputs", "outputs", "tape")]
+        return c_struct(address(self.program.constants), address(self.numbers), functions, sizes)
 
     def check(self, reference: MapReference) -> None:
         """Raise WrongProgramError unless y and the cotangents of x at the points of `reference` are JAX's.
 
         Tangents are checked against the cotangents, as push is the transpose of backward, and lanes against the values.
         """
-        tangents = random_lanes(np.random.default_rng(0), self.inputs)
+        tangents = random_lanes(np.random.default_rng(0), self.size("inputs"))
         of_y = reference.of_y
         one_of_y = np.ascontiguousarray(of_y[:, 0])
         rows = zip(reference.points, reference.values, reference.pulled, strict=True)
@@ -284,15 +269,13 @@ class CMap:
                 f"Generated C disagrees with JAX on '{self.name}', or on its derivatives."
             )
 
-    def _call(self, form: str, *arrays: np.ndarray) -> None:
-        addresses = [
-            ctypes.c_void_p(array.ctypes.data) for array in (self.program.constants, *arrays)
-        ]
-        getattr(self.program.library, f"{self.name}_{form}")(*addresses)
+    def _function(self, form: str) -> Any:
+        return declared(self.program.library, f"{self.name}_{form}", FORMS[form])
 
-    def _address(self, form: str) -> int | None:
-        function = getattr(self.program.library, f"{self.name}_{form}")
-        return ctypes.cast(function, ctypes.c_void_p).value
+    def _call(self, form: str, result: np.ndarray, *arrays: np.ndarray) -> np.ndarray:
+        """Return `result`, filled by a form of the map."""
+        self._function(form)(*map(address, (self.program.constants, *arrays, result)))
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,14 +327,9 @@ def _products(left: Lanes, right: Lanes) -> Float[np.ndarray, "16 16"]:
     return left.T.astype(float) @ right
 
 
-def aligned_room(count: int) -> Float[np.ndarray, " N"]:
-    """Return `count` zeros, aligned for the widest register."""
-    return aligned(np.zeros(count, np.float32))
-
-
 def lanes(count: int) -> Lanes:
     """Return zeros with sixteen lanes."""
-    return aligned_room(count * WIDTH).reshape(count, WIDTH)
+    return aligned_zeros(count * WIDTH).reshape(count, WIDTH)
 
 
 def random_lanes(rng: np.random.Generator, count: int) -> Lanes:
@@ -361,25 +339,29 @@ def random_lanes(rng: np.random.Generator, count: int) -> Lanes:
     return result
 
 
-NOTHING = aligned_room(WIDTH)
+NOTHING = aligned_zeros(WIDTH)
 """Stand-in for an absent tape of lanes."""
 
 
-class WorkspacePool:
-    """Working memory of generated C, kept between calls: each call has a workspace of its own, on any thread."""
+class Caller:
+    """Functions of C that call maps, with a struct of these, and with working memory of their own; threads may share it."""
 
-    def __init__(self, size: int):
-        self._size = size
+    def __init__(self, library: ctypes.CDLL, struct: np.ndarray, room: str):
+        """`room` is the function that tells how many floats of working memory the others take with `struct`."""
+        self._library = library
+        self._struct = struct
+        self._address = address(struct)
+        self._size = getattr(library, room)(self._address)
         self._free: list[Float[np.ndarray, " N"]] = []
 
-    @contextmanager
-    def acquire(self) -> Iterator[int]:
-        """Yield the address of `size` floats, aligned for the widest register."""
+    def __call__(self, name: str, *arguments: np.ndarray | int) -> Any:
+        """Return what a function returns of arrays in C's order and counts; it writes into arrays, too."""
+        numbers = [some if isinstance(some, int) else address(some) for some in arguments]
         try:
             workspace = self._free.pop()
         except IndexError:
-            workspace = aligned(np.zeros(self._size, np.float32))
+            workspace = aligned_zeros(self._size)
         try:
-            yield workspace.ctypes.data
+            return getattr(self._library, name)(self._address, *numbers, address(workspace))
         finally:
             self._free.append(workspace)

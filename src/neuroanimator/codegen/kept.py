@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.codegen.compiler import compiled_library, compiler_facts
-from neuroanimator.codegen.program import ALIGNMENT
+from neuroanimator.codegen.program import aligned_zeros
 from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
@@ -173,12 +173,26 @@ def _compiled(program: CProgram) -> LoadedProgram | None:
     return LoadedProgram(library, aligned(program.constants), program.sizes)
 
 
+def declared(
+    library: ctypes.CDLL, name: str, parameters: int, returned: Any = ctypes.c_int
+) -> Callable[..., Any]:
+    """Return a library's function with `parameters` addresses and counts as arguments."""
+    function = getattr(library, name)
+    function.restype = returned
+    function.argtypes = [ctypes.c_void_p] * parameters  # counts are as long as addresses
+    return function
+
+
+def address(array: np.ndarray) -> int:
+    """Return the address of an array in C order; C may use it as long as the array lives."""
+    if array.nbytes and array.flags.writeable:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))  # four times as fast
+    return array.ctypes.data
+
+
 def aligned(numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     """Return a float32 copy, aligned for the widest register."""
-    spare = ALIGNMENT // numbers.itemsize
-    raw = np.empty(len(numbers) + spare, np.float32)
-    first = -(raw.ctypes.data // raw.itemsize) % spare
-    result = raw[first : first + len(numbers)]
+    result = aligned_zeros(len(numbers))
     result[:] = numbers
     return result
 

@@ -23,9 +23,6 @@ WIDTH = 16
 FLOAT_BYTES = 4
 """Size of a float32 [bytes]."""
 
-ALIGNMENT = FLOAT_BYTES * WIDTH
-"""Alignment of arrays [bytes]."""
-
 FEW = 4
 """Maximum length of arrays that share a line of memory: scalars, vectors and quaternions."""
 
@@ -102,14 +99,19 @@ class Constants:
         return self._laid_out(sorted(self._read))
 
     def _laid_out(self, blocks: Iterable[int]) -> np.ndarray:
-        raw = np.zeros(self.size + WIDTH, np.float32)
-        first = -(raw.ctypes.data // FLOAT_BYTES) % WIDTH
-        aligned = raw[first : first + self.size]
+        numbers = aligned_zeros(self.size)
         for number in blocks:
             start = self.starts[number]
             block = self.blocks[number]
-            aligned[start : start + len(block)] = block
-        return aligned
+            numbers[start : start + len(block)] = block
+        return numbers
+
+
+def aligned_zeros(count: int) -> np.ndarray:
+    """Return `count` float32 zeros, aligned for the widest register."""
+    raw = np.zeros(count + WIDTH, np.float32)
+    first = -(raw.ctypes.data // FLOAT_BYTES) % WIDTH
+    return raw[first : first + count]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,14 @@ from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.compiler import find_compiler
-from neuroanimator.codegen.kept import CProgram, LoadedProgram, Reference, load_program
+from neuroanimator.codegen.kept import (
+    CProgram,
+    LoadedProgram,
+    Reference,
+    address,
+    declared,
+    load_program,
+)
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
@@ -31,7 +38,7 @@ from neuroanimator.emulator.super_step import SuperStep, latent_size
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.executor.cores import in_parts
 from neuroanimator.files.atomic import canonical_json, digest
-from neuroanimator.files.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import Remembered
 
 MIN_LANES = 4
 """Minimum number of motions for lanes: fewer are faster one after the other."""
@@ -142,15 +149,15 @@ class CEmulator:
         control_size: int,
     ):
         """`lanes` loads the program for sixteen parallel motions, when it is needed."""
-        self._constants = program.constants
+        self._program = program
         self._constants_at = address(program.constants)
         self._lanes = lanes
         self._state_size = state_size
         self._control_size = control_size
-        self._step = _function(program, "step", 5)
-        self._rollout = _function(program, "rollout", 6)
-        self._rollout_trusted = _function(program, "rollout_trusted", 7)
-        self._trust = _function(program, "trust", 4, ctypes.c_float)
+        self._step = declared(program.library, "step", 5)
+        self._rollout = declared(program.library, "rollout", 6)
+        self._rollout_trusted = declared(program.library, "rollout_trusted", 7)
+        self._trust = declared(program.library, "trust", 4, ctypes.c_float)
 
     def takes_step(self, state: np.ndarray, control: np.ndarray) -> bool:
         """Return whether these have the shapes that `step` takes."""
@@ -253,7 +260,7 @@ def _rollouts(
     """Return (the trajectories by the program for sixteen parallel motions, whether all are sound)."""
     count, steps, _ = controls.shape
     motions = np.empty((count, steps + 1, states.shape[1]), states.dtype)
-    function = _function(lanes, "rollouts", 7)
+    function = declared(lanes.library, "rollouts", 7)
 
     def run(rows: slice) -> int:
         return function(
@@ -270,49 +277,20 @@ def _rollouts(
     return motions, all(in_parts(run, count, smallest=smallest))
 
 
-def _function(
-    program: LoadedProgram, name: str, parameters: int, returned: Any = ctypes.c_int
-) -> Callable[..., Any]:
-    """Return a program's function with `parameters` addresses and counts as arguments."""
-    function = program.library[name]
-    function.restype = returned
-    function.argtypes = [ctypes.c_void_p] * parameters  # counts are as long as addresses
-    return function
-
-
-def address(array: np.ndarray) -> int:
-    """Return the address of an array in C order; C may use it as long as the array lives."""
-    if array.nbytes and array.flags.writeable:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))  # four times as fast
-    return array.ctypes.data
-
-
-def pointer(array: np.ndarray) -> ctypes.c_void_p:
-    """Return `address` in the form that ctypes needs for undeclared parameters."""
-    return ctypes.c_void_p(address(array))
-
-
-_known: Remembered[CEmulator | None] = Remembered()
-"""The program of each emulator."""
-
-
+@Remembered
 def c_emulator(emulator: SuperStep) -> CEmulator | None:
     """Return the emulator as compiled C, remembered as long as it lives.
 
     None without a C compiler, for operations without C, or while JAX is transforming it. A program whose results differ
     from JAX's is refused, which is reported once.
     """
-    known = _known.of(emulator)
-    if known is not UNKNOWN:
-        return known
     if is_traced(emulator):
         return None
     program = load_checked(emulator, c_program, probes_of, _check)
-    result = None
-    if program is not None:
-        lanes = _lanes_of(weakref.ref(emulator))
-        result = CEmulator(program, lanes, emulator.state.size, emulator.control.size)
-    return _known.keep(result, emulator)
+    if program is None:
+        return None
+    lanes = _lanes_of(weakref.ref(emulator))
+    return CEmulator(program, lanes, emulator.state.size, emulator.control.size)
 
 
 def _lanes_of(emulator: weakref.ref[SuperStep]) -> Callable[[], LoadedProgram | None]:

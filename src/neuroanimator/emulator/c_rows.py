@@ -5,11 +5,10 @@ The definition is in JAX. The program is generated from it, and checked against 
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -21,15 +20,21 @@ from jaxtyping import Array, Float, Shaped
 from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.jax_settings import compiled_quickly
-from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
+from neuroanimator.codegen.kept import (
+    CProgram,
+    LoadedProgram,
+    WrongProgramError,
+    address,
+    declared,
+    load_program,
+)
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_emulator import address
 from neuroanimator.emulator.compiled import call_compiled, is_traced, of_rows
 from neuroanimator.emulator.probes import BORDERLINE, Expected, rounded
 from neuroanimator.executor.cores import in_parts
-from neuroanimator.files.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import Remembered
 
 SOUND_SHARE = 0.5
 """Minimum share of the inputs for a program's check for which JAX gives finite numbers: fewer would prove little."""
@@ -45,13 +50,12 @@ class CRows:
     """A function of rows, loaded. Arrays are float32 in C order; threads may share it."""
 
     def __init__(self, program: LoadedProgram):
-        self._constants = program.constants
+        self._program = program
         self._constants_at = address(program.constants)
         sizes = program.sizes
         self._widths = [sizes[f"y{number}"] for number in range(sizes["outputs"])]
-        self._run = program.library["rows"]
         parameters = 2 + sizes["inputs"] + sizes["outputs"]
-        self._run.argtypes = [ctypes.c_void_p] * parameters
+        self._run = declared(program.library, "rows", parameters)
 
     def __call__(self, *inputs: Float[np.ndarray, "B _"]) -> list[Float[np.ndarray, "B _"]]:
         """Return the function of each row of `inputs`: an array for each of its outputs."""
@@ -67,30 +71,38 @@ class CRows:
         return outputs
 
 
-_known: Remembered[CRows | None] = Remembered()
-"""Programs of each module, by their functions' names."""
+@dataclass(frozen=True, eq=False)
+class RowFunction:
+    """A function of a module and vectors, to be called with rows of vectors."""
+
+    function: Function
+    about: Callable[[Any], list[str]]
+    """What its program depends on besides the package's code, from the module."""
+    samples: Callable[[Any], Sequence[Float[np.ndarray, "N _"]]]
+    """A thousand rows or more of each input of the module, on which C must agree with JAX."""
+
+    def in_c(self, module: Any) -> CRows | None:
+        """Return it in C, remembered as long as the module lives; None if the backend is JAX, or if there is no C."""
+        return None if backend() == "jax" else _c_rows(module, self)
+
+    def __call__(
+        self, module: Any, *inputs: Float[np.ndarray, "B _"]
+    ) -> list[Float[np.ndarray, "B _"]]:
+        """Return the results for each row of `inputs`: in C if there is a program, otherwise in JAX."""
+        in_c = self.in_c(module)
+        rows = tuple(as_float32(array) for array in inputs)
+        if in_c is not None:
+            return in_c(*rows)
+        outputs = call_compiled(of_rows(self.function), module, *rows)
+        return [_as_rows(np.array(output, np.float32)) for output in outputs]
 
 
-def c_rows(
-    function: Function,
-    module: Any,
-    about: Callable[[], list[str]],
-    samples: Callable[[], Sequence[Float[np.ndarray, "N _"]]],
-) -> CRows | None:
-    """Return `function` of `module` in C, remembered as long as the module lives.
-
-    `about` returns what a program depends on besides the package's code; `samples` returns a thousand rows or more of each
-    input, on which C must agree with JAX. None if the backend is JAX, or there is no C, as for `c_emulator`.
-    """
-    if backend() == "jax":
-        return None
-    name = function.__name__
-    known = _known.of(module, name)
-    if known is not UNKNOWN:
-        return known
+@Remembered
+def _c_rows(module: Any, rows: RowFunction) -> CRows | None:
     if is_traced(module) or not _is_float32(module):
         return None
-    inputs = cache(samples)  # not needed for a kept program
+    function = rows.function
+    inputs = cache(partial(rows.samples, module))  # not needed for a kept program
 
     def make() -> CProgram:
         return _program(function, module, [array.shape[1] for array in inputs()])
@@ -98,24 +110,8 @@ def c_rows(
     def refer() -> RowsReference:
         return RowsReference.of(function, module, inputs())
 
-    program = load_program(lambda: [name, *about()], make, refer, _check)
-    return _known.keep(None if program is None else CRows(program), module, name)
-
-
-def call_rows(
-    function: Function,
-    module: Any,
-    about: Callable[[], list[str]],
-    samples: Callable[[], Sequence[Float[np.ndarray, "N _"]]],
-    *inputs: Float[np.ndarray, "B _"],
-) -> list[Float[np.ndarray, "B _"]]:
-    """Return `function` of `module` for each row of `inputs`: in C if `c_rows` has it, otherwise in JAX."""
-    in_c = c_rows(function, module, about, samples)
-    inputs = tuple(as_float32(array) for array in inputs)
-    if in_c is not None:
-        return in_c(*inputs)
-    outputs = call_compiled(of_rows(function), module, *inputs)
-    return [_as_rows(np.array(output, np.float32)) for output in outputs]
+    program = load_program(lambda: [function.__name__, *rows.about(module)], make, refer, _check)
+    return None if program is None else CRows(program)
 
 
 def _is_float32(module: Any) -> bool:

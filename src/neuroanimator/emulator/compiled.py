@@ -16,7 +16,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.files.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import Remembered
 from neuroanimator.state.arrays import AnyArray
 
 PROGRAMS = 256
@@ -47,10 +47,6 @@ class CompiledProgram:
     run: Callable[..., Any]
     compiled_for: set[Shapes] = field(default_factory=set)
     """Shapes of the arrays that `Compiled.compile` compiled it for."""
-
-
-_known: Remembered[tuple[Leaves, Form]] = Remembered()
-"""Arrays and form of each module."""
 
 
 class Compiled:
@@ -88,11 +84,9 @@ def call_compiled(function: Callable[..., Any], module: Any, *arrays: Any) -> An
     return _program(function, form).run(leaves, *arrays)
 
 
+@Remembered
 def _taken_apart(module: Any) -> tuple[Leaves, Form]:
-    """Return the arrays of a module and its form; remembered as long as the module lives."""
-    known = _known.of(module)
-    if known is not UNKNOWN:
-        return known
+    """Return the arrays of a module and its form."""
     flat, structure = jax.tree_util.tree_flatten(module)
     leaves = tuple(leaf for leaf in flat if eqx.is_array(leaf))
     others = tuple(None if eqx.is_array(leaf) else leaf for leaf in flat)
@@ -101,8 +95,7 @@ def _taken_apart(module: Any) -> tuple[Leaves, Form]:
         return leaves, form
     # Once, not at every call. Inside a user's `jax.jit` they would be part of that program, of no use to others.
     with jax.ensure_compile_time_eval():
-        on_device = tuple(jax.device_put(leaf) for leaf in leaves)
-    return _known.keep((on_device, form), module)
+        return tuple(jax.device_put(leaf) for leaf in leaves), form
 
 
 def is_traced(module: Any) -> bool:

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import WrongProgramError
 from neuroanimator.emulator.super_step import SuperStep, rollout, step_trusted
-from neuroanimator.files.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import Remembered
 from neuroanimator.state.arrays import as_rows
 
 MOTIONS = 40
@@ -127,9 +127,8 @@ class Probes:
             raise WrongProgramError("Trust scores in generated C disagree with those in JAX.")
 
 
-_known: Remembered[Probes] = Remembered()
+_probes = Remembered(Probes.of)
 """Probes of each emulator, which several programs are checked with."""
-
 
 _one_at_a_time = threading.Lock()
 """Lock for computing probes: JAX on a CPU was seen to deadlock when two threads did, and one result serves both."""
@@ -138,7 +137,4 @@ _one_at_a_time = threading.Lock()
 def probes_of(emulator: SuperStep) -> Probes:
     """Return the probes of `emulator`, remembered as long as it lives."""
     with _one_at_a_time:
-        known = _known.of(emulator)
-        if known is not UNKNOWN:
-            return known
-        return _known.keep(Probes.of(emulator), emulator)
+        return _probes(emulator)

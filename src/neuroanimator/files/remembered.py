@@ -6,33 +6,35 @@ Keyed by address: modules of equinox are slow to compare, and cannot be hashed.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
+from functools import update_wrapper
 from typing import Any, Generic, TypeVar
 
 Value = TypeVar("Value")
 
-UNKNOWN: Any = object()
-"""Stands for a missing value."""
-
 
 class Remembered(Generic[Value]):
-    """Values by the object they were made from, and by further keys; a value is dropped with its object."""
+    """A function of an object and of further keys, whose result is kept until the object is gone."""
 
-    def __init__(self) -> None:
+    def __init__(self, function: Callable[..., Value]) -> None:
+        self._function = function
         self._values: dict[Hashable, tuple[weakref.ref[Any], Value]] = {}
+        update_wrapper(self, function)
 
     def __len__(self) -> int:
         return len(self._values)
 
-    def of(self, thing: Any, *further: Hashable) -> Value:
-        """Return the value of `thing`, or `UNKNOWN`."""
-        found = self._values.get((id(thing), *further))
-        if found is not None and found[0]() is thing:
-            return found[1]
-        return UNKNOWN
-
-    def keep(self, value: Value, thing: Any, *further: Hashable) -> Value:
-        """Remember `value` as that of `thing`, and return it."""
+    def __call__(self, thing: Any, *further: Hashable) -> Value:
+        """Return the function's value, computed at the first call."""
         key = (id(thing), *further)
+        known = self._values.get(key)
+        if known is not None and known[0]() is thing:
+            return known[1]
+        value = self._function(thing, *further)
         self._values[key] = (weakref.ref(thing, lambda _: self._values.pop(key, None)), value)
         return value
+
+    def knows(self, thing: Any) -> bool:
+        """Return whether a call with `thing` alone has nothing left to compute."""
+        known = self._values.get((id(thing),))
+        return known is not None and known[0]() is thing

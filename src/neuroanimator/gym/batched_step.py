@@ -15,7 +15,7 @@ from neuroanimator.control.policies.steering import leftward, unit
 from neuroanimator.control.tasks.task import Aim
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import facts_of_emulator
-from neuroanimator.emulator.c_rows import call_rows
+from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.state.pose import read_pose
@@ -45,14 +45,7 @@ def step_rows(
     emulator: Emulator, latent: Float[np.ndarray, "B I"], controls: Float[np.ndarray, "B C"]
 ) -> Steps:
     """Return the results of a super step from the states `latent` under `controls`."""
-    states, following, scores, *flags = call_rows(
-        step_row,
-        emulator,
-        lambda: facts_of_emulator(emulator),
-        lambda: _step_samples(emulator),
-        latent,
-        controls,
-    )
+    states, following, scores, *flags = STEP(emulator, latent, controls)
     return Steps(states, following, scores[:, 0], *[flag[:, 0] > 0 for flag in flags])
 
 
@@ -111,18 +104,7 @@ def observe_rows(
     time_left: Float[np.ndarray, " B"],
 ) -> Float[np.ndarray, "B O"]:
     """Return the observations, see `TaskEnv`; `time_left` is the remaining share of the episodes' time."""
-    (observations,) = call_rows(
-        observe_row,
-        observer,
-        lambda: [
-            *facts_of_emulator(observer.emulator),
-            f"{observer.scale} {observer.is_in_a_fixed_world}",
-        ],
-        lambda: _observer_samples(observer),
-        latent,
-        *aims,
-        time_left[:, None],
-    )
+    (observations,) = OBSERVE(observer, latent, *aims, time_left[:, None])
     return observations
 
 
@@ -169,3 +151,12 @@ def _observer_samples(observer: Observer) -> list[Float[np.ndarray, "N _"]]:
     directions = unit(rng.normal(size=(count, 3)))
     times = rng.uniform(0, 1, (count, 1))
     return [latent, *map(as_float32, (matters * positions, matters, directions, times))]
+
+
+def _facts_of_observer(observer: Observer) -> list[str]:
+    settings = f"{observer.scale} {observer.is_in_a_fixed_world}"
+    return [*facts_of_emulator(observer.emulator), settings]
+
+
+STEP = RowFunction(step_row, facts_of_emulator, _step_samples)
+OBSERVE = RowFunction(observe_row, _facts_of_observer, _observer_samples)

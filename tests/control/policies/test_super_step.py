@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -84,9 +85,8 @@ def test_a_program_that_does_something_else_is_refused(
         return c_rows.CProgram(program.text, program.constants * np.float32(1.01), program.sizes)
 
     monkeypatch.setattr(c_rows, "_program", wrong)
-    monkeypatch.setattr(
-        module, "facts_of_policy", lambda policy: ["one nobody has made a program of"]
-    )
+    unknown = replace(module.ROWS, about=lambda policy: ["one nobody has made a program of"])
+    monkeypatch.setattr(module, "ROWS", unknown)
     in_jax = super_step_in("auto", policy)
     assert "disagrees with policy_super_step in JAX" in capsys.readouterr().err
     set_backend("jax")

@@ -21,68 +21,38 @@ from jaxtyping import Array, Float
 
 from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_map import (
+    Caller,
     CMap,
     MapDefinition,
     MapReference,
-    MapStruct,
-    WorkspacePool,
-    callers,
+    c_struct,
+    compiled_callers,
     facts_computed,
     facts_of,
     map_references,
     program_of_maps,
 )
-from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.codegen.kept import (
-    FLAGS,
     LoadedProgram,
-    aligned,
+    address,
     has_code_in_sources,
     load_program,
 )
-from neuroanimator.codegen.program import WIDTH
-from neuroanimator.control.descent.defects import is_link_known, link_of
+from neuroanimator.codegen.program import WIDTH, aligned_zeros
+from neuroanimator.control.descent.defects import link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem, VariedParameters
-from neuroanimator.control.objective.c_objective import (
-    CALLER,
-    CObjective,
-    ObjectiveStruct,
-    c_objective,
-)
+from neuroanimator.control.objective.c_objective import CALLER, CObjective, c_objective
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.files.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import Remembered
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
 """C files that call the maps of a problem."""
 
 CONTROLS = "controls"
 """Name of a parametrisation's map in C."""
-
-
-class ProblemStruct(ctypes.Structure):
-    """`na_problem` of `descent.c`."""
-
-    _fields_ = (
-        ("objective", ObjectiveStruct),
-        ("controls", MapStruct),
-        ("link", MapStruct),
-        ("defect", ctypes.c_long),
-        ("varied", ctypes.c_long),
-        ("entries", ctypes.c_void_p),
-    )
-
-
-class BeginStruct(ctypes.Structure):
-    """`na_begin` of `descent.c`."""
-
-    _fields_ = (
-        ("latent", ctypes.c_void_p),
-        ("observed", ctypes.c_void_p),
-        ("defects", ctypes.c_void_p),
-    )
 
 
 class CEvaluator(Evaluator):
@@ -97,24 +67,20 @@ class CEvaluator(Evaluator):
         link: CMap,
     ):
         self._emulator: Emulator = problem.emulator
-        self._library = library
         self._objective = objective
-        self._controls = controls
-        self._link = link
         self._defects = as_float32(problem.defects)
         entries = () if problem.varied is None else problem.varied.latent_entries
-        self._entries = np.array(entries, "long")
-        struct = ProblemStruct(
+        varied = np.array(entries, "long")
+        struct = c_struct(
             objective.struct,
             controls.struct(),
             link.struct(),
             self._defects.shape[1],
-            len(self._entries),
-            self._entries.ctypes.data,
+            len(varied),
+            address(varied),
         )
-        self._struct = struct
-        self._problem = ctypes.addressof(struct)
-        self._workspaces = WorkspacePool(library.room_of_problem(self._problem))
+        self._kept = (controls, link, varied)  # the struct points into them
+        self._call = Caller(library, struct, "room_of_problem")
         self._begin_at(problem.start)
 
     def _begin_at(self, state: Float[Array | np.ndarray, " S"]) -> None:
@@ -124,15 +90,11 @@ class CEvaluator(Evaluator):
         self._latent = start
         if self._objective.encoding is not None:
             self._latent = as_float32(self._emulator.encode(start))
-        self._observed = np.zeros(self._objective.residuals.inputs, np.float32)
+        self._observed = np.zeros(self._objective.observations, np.float32)
         if self._objective.looks_at_start:
-            with self._workspaces.acquire() as workspace:
-                self._library.observe_start(
-                    self._problem, start.ctypes.data, self._observed.ctypes.data, workspace
-                )
+            self._call("observe_start", start, self._observed)
         begin = (self._latent, self._observed, self._defects)
-        self._begin_struct = BeginStruct(*(array.ctypes.data for array in begin))
-        self._begin = ctypes.addressof(self._begin_struct)
+        self._begin = c_struct(*map(address, begin))
 
     def at(self, start: Float[np.ndarray, " S"]) -> CEvaluator:
         other = copy(self)
@@ -142,29 +104,17 @@ class CEvaluator(Evaluator):
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
         rows = as_float32(zs)
         costs = np.empty(len(rows))
-        with self._workspaces.acquire() as workspace:
-            self._library.costs(
-                self._problem,
-                self._begin,
-                rows.ctypes.data,
-                len(rows),
-                costs.ctypes.data,
-                workspace,
-            )
+        self._call("costs", self._begin, rows, len(rows), costs)
         return costs
 
     def gradients(
         self, zs: Float[np.ndarray, "K Z"]
     ) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, "K Z"]]:
         rows = as_float32(zs)
-        costs = np.empty(len(rows))
         slopes = np.empty(rows.shape, np.float32)
-        with self._workspaces.acquire() as workspace:
-            for number, (z, slope) in enumerate(zip(rows, slopes, strict=True)):
-                costs[number] = self._library.gradient(
-                    self._problem, self._begin, z.ctypes.data, slope.ctypes.data, workspace
-                )
-        return costs, slopes.astype(float)
+        pairs = zip(rows, slopes, strict=True)
+        costs = [self._call("gradient", self._begin, z, slope) for z, slope in pairs]
+        return np.array(costs), slopes.astype(float)
 
     def quadratic_models(self, zs: Float[np.ndarray, "K Z"]) -> list[QuadraticModel]:
         return [self._quadratic_model(z) for z in as_float32(zs)]
@@ -172,19 +122,14 @@ class CEvaluator(Evaluator):
     def _quadratic_model(self, z: Float[np.ndarray, " Z"]) -> QuadraticModel:
         curvature = np.empty((len(z), len(z)), np.float32)
         slope = np.empty(len(z), np.float32)
-        arrays = [array.ctypes.data for array in (z, curvature, slope)]
-        with self._workspaces.acquire() as workspace:
-            cost = self._library.quadratic_model(self._problem, self._begin, *arrays, workspace)
+        cost = self._call("quadratic_model", self._begin, z, curvature, slope)
         return QuadraticModel(curvature, slope.astype(float), cost)
 
     def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
-        z = as_float32(z)
         shape = self._objective.shape
         controls = np.empty((shape.steps, shape.control), np.float32)
         latents = np.empty((shape.steps + 1, len(self._latent)), np.float32)
-        arrays = [array.ctypes.data for array in (z, controls, latents)]
-        with self._workspaces.acquire() as workspace:
-            self._library.motion(self._problem, self._begin, *arrays, workspace)
+        self._call("motion", self._begin, as_float32(z), controls, latents)
         states = latents
         if self._objective.encoding is not None:
             states = self._emulator.decode(latents)
@@ -200,7 +145,7 @@ def loading_programs(emulator: Emulator, parametrisation: Parametrisation) -> It
     `c_evaluator`, which reports it. With the backend JAX nothing is loaded, and after the first descent through an emulator
     no threads are started: they take longer than a rollout.
     """
-    if backend() == "jax" or is_link_known(emulator):
+    if backend() == "jax" or link_of.knows(emulator):
         yield
         return
     with ThreadPoolExecutor() as pool:
@@ -213,20 +158,15 @@ def loading_programs(emulator: Emulator, parametrisation: Parametrisation) -> It
 @cache
 def _library() -> ctypes.CDLL | None:
     """Return the library of `descent.c`; None if nothing can be compiled."""
-    library = compiled_library(callers(*CALLERS), FLAGS)
-    if library is None:
-        return None
-    address = ctypes.c_void_p
-    library.room_of_problem.argtypes = [address]
-    library.room_of_problem.restype = ctypes.c_long
-    library.observe_start.argtypes = [address] * 4
-    library.quadratic_model.argtypes = [address] * 6
-    library.quadratic_model.restype = ctypes.c_double
-    library.gradient.argtypes = [address] * 5
-    library.gradient.restype = ctypes.c_double
-    library.motion.argtypes = [address] * 6
-    library.costs.argtypes = [address, address, address, ctypes.c_long, address, address]
-    return library
+    functions = {
+        "room_of_problem": (1, ctypes.c_long),
+        "observe_start": (4, None),
+        "quadratic_model": (6, ctypes.c_double),
+        "gradient": (5, ctypes.c_double),
+        "motion": (6, None),
+        "costs": (6, None),
+    }
+    return compiled_callers(CALLERS, functions)
 
 
 def c_evaluator(problem: Problem) -> CEvaluator | None:
@@ -244,15 +184,9 @@ def c_evaluator(problem: Problem) -> CEvaluator | None:
     return CEvaluator(problem, library, objective, controls, link)
 
 
-_known: Remembered[CMap | None] = Remembered()
-"""The map of each parametrisation."""
-
-
+@Remembered
 def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | None:
     """Return z → controls (T, C) in C, followed by varied parameters; None if there is no such program."""
-    known = _known.of(parametrisation)
-    if known is not UNKNOWN:
-        return known
     definition = controls_definition(parametrisation)
 
     def about() -> list[str]:
@@ -263,8 +197,7 @@ def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | 
     make = partial(program_of_maps, {CONTROLS: definition}, len(NO_NUMBERS))
     refer = partial(_controls_reference, definition)
     program = load_program(about, make, refer, _check, type(parametrisation).__name__)
-    in_c = None if program is None else CMap(program, CONTROLS, NO_NUMBERS)
-    return _known.keep(in_c, parametrisation)
+    return None if program is None else CMap(program, CONTROLS, NO_NUMBERS)
 
 
 def _has_code_in_sources(parametrisation: Parametrisation | VariedParameters) -> bool:
@@ -278,7 +211,7 @@ def controls_definition(parametrisation: Parametrisation | VariedParameters) -> 
     return MapDefinition(_controls, parametrisation, parametrisation.size)
 
 
-NO_NUMBERS = aligned(np.zeros(0, np.float32))
+NO_NUMBERS = aligned_zeros(0)
 """All numbers of a parametrisation are constants of its program: spline bases are sparse, which the program uses."""
 
 

@@ -32,7 +32,7 @@ from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.super_step import latent_size
-from neuroanimator.files.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import Remembered
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 
@@ -133,28 +133,16 @@ def chain_program(emulator: Emulator) -> CProgram:
     return program_of_maps({LINK: link_definition(emulator)}, len(_no_defect(emulator)))
 
 
-_known: Remembered[CMap | None] = Remembered()
-"""The link of each emulator."""
-
-
-def is_link_known(emulator: Emulator) -> bool:
-    """Return whether `link_of` has nothing left to do."""
-    return _known.of(emulator) is not UNKNOWN
-
-
+@Remembered
 def link_of(emulator: Emulator) -> CMap | None:
     """Return the map `link` of `emulator` in C, without defects; remembered as long as the emulator lives.
 
     None if there is no such program.
     """
-    known = _known.of(emulator)
-    if known is not UNKNOWN:
-        return known
     if is_traced(emulator):
         return None
     program = load_checked(emulator, chain_program, LinkReference.of, LinkReference.check)
-    in_c = None if program is None else CMap(program, LINK, _no_defect(emulator))
-    return _known.keep(in_c, emulator)
+    return None if program is None else CMap(program, LINK, _no_defect(emulator))
 
 
 @dataclass(frozen=True, eq=False)

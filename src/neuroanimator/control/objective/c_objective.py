@@ -19,22 +19,21 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from neuroanimator.codegen.c_map import (
+    Caller,
     CMap,
     MapDefinition,
     MapReference,
-    MapStruct,
-    WorkspacePool,
-    callers,
+    c_struct,
+    compiled_callers,
     facts_computed,
     facts_of,
     map_references,
     program_of_maps,
 )
-from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.codegen.kept import (
-    FLAGS,
     CProgram,
     LoadedProgram,
+    address,
     aligned,
     has_code_in_sources,
     load_program,
@@ -52,7 +51,7 @@ from neuroanimator.control.objective.objective import (
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
-from neuroanimator.files.remembered import UNKNOWN, Remembered
+from neuroanimator.files.remembered import Remembered
 from neuroanimator.state.arrays import AnyArray
 
 CALLER = ("neuroanimator.control.objective", "objective.c")
@@ -81,128 +80,44 @@ class MotionShape:
     """Duration of a super step [s]."""
 
 
-class TermStruct(ctypes.Structure):
-    """`na_term` of `objective.c`."""
-
-    _fields_ = (
-        ("of_latent", MapStruct),
-        ("of_state", MapStruct),
-        ("rows", ctypes.c_void_p),
-        ("count", ctypes.c_long),
-    )
-
-
-class ObjectiveStruct(ctypes.Structure):
-    """`na_objective` of `objective.c`."""
-
-    _fields_ = (
-        ("terms", ctypes.c_void_p),
-        ("count", ctypes.c_long),
-        ("residuals", MapStruct),
-        ("efforts", MapStruct),
-        ("steps", ctypes.c_long),
-        ("state", ctypes.c_long),
-        ("controls", ctypes.c_long),
-        ("values", ctypes.c_long),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class CTerm:
-    """Observations of states by one cost."""
-
-    of_latent: CMap
-    """(Numbers, latent state) → observation."""
-    of_state: CMap
-    """(Numbers, state) → observation."""
-    rows: np.ndarray
-    """States of a motion that it looks at, as C's `long`."""
-
-    def struct(self) -> TermStruct:
-        """Return the struct for C."""
-        return TermStruct(
-            self.of_latent.struct(), self.of_state.struct(), self.rows.ctypes.data, len(self.rows)
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class CObjective:
     """The program of an objective's form with one objective's numbers; threads may share it."""
 
-    library: ctypes.CDLL
-    """Library of `objective.c`."""
     shape: MotionShape
     encoding: Encoding | None
     """Encoding of the observed latent states; None if these are the states themselves."""
-    terms: tuple[CTerm, ...]
-    residuals: CMap
-    """(Numbers, all observations, perhaps controls) → residuals of costs of states, then values of functions."""
-    efforts: CMap
-    """(Numbers, controls) → residuals of the terms of controls alone."""
-    controls: int
-    """Number of controls that `residuals` looks at."""
-    values: int
-    """Number of values of functions among the outputs of `residuals`."""
-
-    @property
-    def looks_at_start(self) -> bool:
-        """Whether a term looks at the start of motions."""
-        return any((term.rows == START).any() for term in self.terms)
-
-    @cached_property
-    def struct(self) -> ObjectiveStruct:
-        """The struct for C; it points into this objective, which must outlive it."""
-        return ObjectiveStruct(
-            ctypes.addressof(self._terms),
-            len(self.terms),
-            self.residuals.struct(),
-            self.efforts.struct(),
-            self.shape.steps,
-            self.shape.state,
-            self.controls,
-            self.values,
-        )
-
-    @cached_property
-    def _terms(self) -> Any:
-        structs = [term.struct() for term in self.terms]
-        return (TermStruct * len(structs))(*structs)
-
-    @cached_property
-    def _workspaces(self) -> WorkspacePool:
-        return WorkspacePool(self.library.room_of_objective(ctypes.addressof(self.struct)))
+    observations: int
+    """Count of all observations of a motion by the terms, and of controls that terms of states look at."""
+    looks_at_start: bool
+    """Whether a term looks at the start of motions."""
+    struct: np.ndarray
+    """`na_objective` of `objective.c`; it points into `kept`."""
+    kept: tuple[Any, ...]
+    call: Caller
+    """Calls `objective.c`."""
 
     def cost(self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]) -> float:
         """Return J of a motion."""
-        motion = (states.ctypes.data, controls.ctypes.data)
-        with self._workspaces.acquire() as workspace:
-            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, workspace)
+        return self.call("cost_of_states", states, controls)
 
     def cost_and_slopes(
         self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]
     ) -> tuple[float, tuple[Float[np.ndarray, "T1 S"], Float[np.ndarray, "T C"]]]:
         """Return (J, (its gradient by the states, its gradient by the controls))."""
         slopes = (np.empty_like(states), np.empty_like(controls))
-        arrays = [array.ctypes.data for array in (states, controls, *slopes)]
-        with self._workspaces.acquire() as workspace:
-            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, workspace)
-        return cost, slopes
+        return self.call("slopes_of_states", states, controls, *slopes), slopes
 
 
 @cache
 def _library() -> ctypes.CDLL | None:
     """Return the library of `objective.c`; None if nothing can be compiled."""
-    library = compiled_library(callers(CALLER), FLAGS)
-    if library is None:
-        return None
-    address = ctypes.c_void_p
-    library.room_of_objective.argtypes = [address]
-    library.room_of_objective.restype = ctypes.c_long
-    library.cost_of_states.argtypes = [address] * 4
-    library.cost_of_states.restype = ctypes.c_double
-    library.slopes_of_states.argtypes = [address] * 6
-    library.slopes_of_states.restype = ctypes.c_double
-    return library
+    functions = {
+        "room_of_objective": (1, ctypes.c_long),
+        "cost_of_states": (4, ctypes.c_double),
+        "slopes_of_states": (6, ctypes.c_double),
+    }
+    return compiled_callers([CALLER], functions)
 
 
 class CostView(NamedTuple):
@@ -345,12 +260,11 @@ class ObjectiveForm:
         result = {}
         observed = 0
         for number, view in enumerate(self.views):
-            of_state = partial(self._observe, number)
-            result[f"state_{number}"] = MapDefinition(of_state, None, self.shape.state)
+            observe = partial(self._observe, number)
+            result[f"state_{number}"] = MapDefinition(observe, None, self.shape.state)
             if self.encoding is not None:
-                of_latent = partial(self._observe_latent, number)
                 latent = self.encoding.layout.size
-                result[f"latent_{number}"] = MapDefinition(of_latent, self.encoding, latent)
+                result[f"latent_{number}"] = MapDefinition(observe, self.encoding, latent)
             observed += len(view.rows) * self.observed_sizes[number]
         result["residuals"] = MapDefinition(self._residuals, None, observed + self.controls)
         controls = self.shape.steps * self.shape.control
@@ -358,21 +272,19 @@ class ObjectiveForm:
         return result
 
     def _observe(
-        self, number: int, _: None, numbers: Float[Array, " P"], state: Float[Array, " S"]
+        self,
+        number: int,
+        encoding: Encoding | None,
+        numbers: Float[Array, " P"],
+        state: Float[Array, " I"],
     ) -> Float[Array, " O"]:
+        """Return what a cost observes of a state, or of a latent one if there is an `encoding`."""
+        if encoding is not None:
+            state = encoding.decode(state)
         cost = self._costs(numbers)[number]
         if observes_states(cost):
             return cost.observe(state)
         return state[self.views[number].entries]
-
-    def _observe_latent(
-        self,
-        number: int,
-        encoding: Encoding,
-        numbers: Float[Array, " P"],
-        latent: Float[Array, " I"],
-    ) -> Float[Array, " O"]:
-        return self._observe(number, None, numbers, encoding.decode(latent))
 
     def _residuals(
         self, _: None, numbers: Float[Array, " P"], observed: Float[Array, " N"]
@@ -456,24 +368,33 @@ class ObjectiveForm:
         library = _library()
         if library is None:
             return None
+        maps = {name: CMap(program, name, numbers) for name in self.definitions()}
+        observed = "state" if self.encoding is None else "latent"
+        rows = [view.rows.astype("long") for view in self.views]
         terms = []
-        for number, view in enumerate(self.views):
-            of_state = CMap(program, f"state_{number}", numbers)
-            of_latent = of_state
-            if self.encoding is not None:
-                of_latent = CMap(program, f"latent_{number}", numbers)
-            terms.append(CTerm(of_latent, of_state, view.rows.astype("long")))
-        residuals = CMap(program, "residuals", numbers)
-        efforts = CMap(program, "efforts", numbers)
-        return CObjective(
-            library,
-            self.shape,
-            self.encoding,
-            tuple(terms),
-            residuals,
-            efforts,
+        for number, some in enumerate(rows):
+            of_latent = maps[f"{observed}_{number}"].struct()
+            of_state = maps[f"state_{number}"].struct()
+            terms.append(c_struct(of_latent, of_state, address(some), len(some)))
+        all_terms = np.concatenate(terms)
+        struct = c_struct(
+            address(all_terms),
+            len(terms),
+            maps["residuals"].struct(),
+            maps["efforts"].struct(),
+            self.shape.steps,
+            self.shape.state,
             self.controls,
             len(self.objective.functions),
+        )
+        return CObjective(
+            self.shape,
+            self.encoding,
+            maps["residuals"].size("inputs"),
+            any((some == START).any() for some in rows),
+            struct,
+            (maps, rows, all_terms),
+            Caller(library, struct, "room_of_objective"),
         )
 
 
@@ -517,8 +438,10 @@ def _identity(objective: Objective) -> Hashable:
     return jax.tree_util.tree_structure(objective.terms), *shapes, *functions
 
 
-_known: Remembered[CObjective | None] = Remembered()
-"""The program of each objective, by the motions it judges and the scale of their controls."""
+@Remembered
+def _programs_of(objective: Objective) -> dict[Hashable, CObjective | None]:
+    """Return the known programs of an objective, by the motions it judges and the scale of their controls."""
+    return {}
 
 
 def c_objective(
@@ -532,15 +455,15 @@ def c_objective(
     encoding = None if emulator.encoding.is_identity else emulator.encoding
     # The remembered program holds the encoding, so that no other one can get its address.
     key = (steps, emulator.state.size, emulator.dt, scale.tobytes(), id(encoding))
-    known = _known.of(objective, *key)
-    if known is not UNKNOWN:
-        return known
-    prepared = _prepared(ObjectiveForm.of(objective, emulator, steps))
-    in_c = None
-    if prepared is not None:
-        form, program = prepared
-        in_c = form.load(program, form.numbers(objective, scale))
-    return _known.keep(in_c, objective, *key)
+    known = _programs_of(objective)
+    if key not in known:
+        prepared = _prepared(ObjectiveForm.of(objective, emulator, steps))
+        in_c = None
+        if prepared is not None:
+            form, program = prepared
+            in_c = form.load(program, form.numbers(objective, scale))
+        known[key] = in_c
+    return known[key]
 
 
 @lru_cache(maxsize=FORMS)

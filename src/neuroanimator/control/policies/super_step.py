@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from neuroanimator.control.policies.policy import Policy, describe_policy, policy_leaves
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward, unit
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_rows import CRows, c_rows, call_rows
+from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.emulator.tensors import to_numpy
 from neuroanimator.files.atomic import canonical_json, digest
@@ -37,11 +37,8 @@ def make_super_step(
     target: SteeringTarget,
 ) -> PolicyStep:
     """Return the super step of bodies in the states `latent`, at `phase` [rad] of their clocks, toward `target` (B)."""
-    outputs = call_rows(
-        policy_super_step,
+    outputs = ROWS(
         policy,
-        lambda: facts_of_policy(policy),
-        lambda: _samples(policy),
         latent,
         np.asarray(phase)[:, None],
         np.asarray(target.direction),
@@ -52,13 +49,7 @@ def make_super_step(
 
 def is_in_c(policy: Policy) -> bool:
     """Return whether `make_super_step` runs in C, and so costs little without being part of a larger program."""
-    return _in_c(policy) is not None
-
-
-def _in_c(policy: Policy) -> CRows | None:
-    return c_rows(
-        policy_super_step, policy, lambda: facts_of_policy(policy), lambda: _samples(policy)
-    )
+    return ROWS.in_c(policy) is not None
 
 
 def policy_super_step(
@@ -93,3 +84,7 @@ def _samples(policy: Policy) -> list[Float[np.ndarray, "N _"]]:
     phases = rng.uniform(0, 2 * np.pi, (count, 1))
     latent = policy.emulator.encode(states)
     return [as_float32(array) for array in (latent, phases, directions, speeds)]
+
+
+ROWS = RowFunction(policy_super_step, facts_of_policy, _samples)
+"""`policy_super_step` of many bodies."""
