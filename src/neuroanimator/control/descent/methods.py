@@ -55,6 +55,10 @@ MAX_DAMPING = 1e6
 """Maximum damping: more leaves no step, and a descent that finds no improvement with it is stuck."""
 
 
+Vector = Float[np.ndarray, " Z"]
+"""Numbers that a descent varies, a step of these, or dJ/dz."""
+
+
 @dataclass(frozen=True)
 class Progress:
     """Progress of the descent from one start."""
@@ -84,10 +88,10 @@ class Method(abc.ABC):
     """A method of descent."""
 
     @abc.abstractmethod
-    def memory(self, z: Float[np.ndarray, " Z"]) -> Any:
+    def memory(self, z: Vector) -> Any:
         """Return the initial memory of the method."""
 
-    def begin(self, z: Float[np.ndarray, " Z"]) -> Progress:
+    def begin(self, z: Vector) -> Progress:
         """Return the progress before any iteration."""
         return Progress(z, z, self.memory(z))
 
@@ -102,61 +106,62 @@ class GaussNewton(Method):
     Terms that are not squares contribute only their gradient. Several dampings are tried in parallel.
     """
 
-    def memory(self, z: Float[np.ndarray, " Z"]) -> float:
+    def memory(self, z: Vector) -> float:
         return FIRST_DAMPING
 
     def iterate(self, evaluator: Evaluator, starts: Sequence[Progress]) -> list[Progress]:
         models = evaluator.quadratic_models(np.stack([start.z for start in starts]))
         trials = []
         for start, model in zip(starts, models, strict=True):
-            steps = damped_steps(model.curvature, model.slope, self._dampings(start))
-            trials.append(start.z + steps)
-        costs = evaluator.costs(np.concatenate(trials)).reshape(len(starts), len(DAMPINGS))
-        following = []
-        for start, model, zs, costs_of_start in zip(starts, models, trials, costs, strict=True):
-            following.append(self._choose(start, model, zs, costs_of_start))
-        return following
+            trials.append(_Trials.of(start, model))
+        costs = evaluator.costs(np.concatenate([trial.zs for trial in trials]))
+        rows = costs.reshape(len(starts), len(DAMPINGS))
+        return [trial.chosen(row) for trial, row in zip(trials, rows, strict=True)]
 
-    def _dampings(self, start: Progress) -> Float[np.ndarray, " K"]:
-        return np.clip(start.memory * np.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
 
-    def _choose(
-        self,
-        start: Progress,
-        model: QuadraticModel,
-        trials: Float[np.ndarray, "K Z"],
-        costs: Float[np.ndarray, " K"],
-    ) -> Progress:
-        """Return the progress with the best of `trials`."""
-        dampings = self._dampings(start)
+class _Trials(NamedTuple):
+    """Steps of Gauss-Newton from one start, one for each damping."""
+
+    start: Progress
+    model: QuadraticModel
+    dampings: Float[np.ndarray, " K"]
+    zs: Float[np.ndarray, "K Z"]
+
+    @classmethod
+    def of(cls, start: Progress, model: QuadraticModel) -> _Trials:
+        dampings = np.clip(start.memory * np.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
+        steps = damped_steps(model.curvature, model.slope, dampings)
+        return cls(start, model, dampings, start.z + steps)
+
+    def chosen(self, costs: Float[np.ndarray, " K"]) -> Progress:
+        """Return the progress with the best step, given J after each."""
+        start = self.start
         costs = np.where(np.isfinite(costs), costs, np.inf)
         k = int(np.argmin(costs))
         cost = float(costs[k])
-        first = model.cost if start.is_first else start.first
-        least = model.cost if start.is_first else start.least
-        is_better = cost < least
-        is_finite = bool(np.isfinite(model.slope).all())
+        if start.is_first:
+            start = replace(start, least=self.model.cost, first=self.model.cost)
+        is_better = cost < start.least
+        is_finite = bool(np.isfinite(self.model.slope).all())
         # The first step finds the scale of the damping; after it, a small decrease, or none at any damping, is the end.
-        is_small = is_better and least - cost < CONVERGED * least and not start.is_first
-        is_stuck = not is_better and float(dampings[-1]) >= MAX_DAMPING
+        is_small = is_better and start.least - cost < CONVERGED * start.least and not start.is_first
+        is_stuck = not is_better and float(self.dampings[-1]) >= MAX_DAMPING
         following = replace(
             start,
-            least=least,
-            first=first,
+            memory=float(self.dampings[-1]) * DAMPINGS[-1],
             sweeps=start.sweeps + 1,
             is_done=is_small or is_stuck or not is_finite,
             is_diverged=not is_finite,
         )
         if not is_better:
-            return replace(following, memory=float(dampings[-1]) * DAMPINGS[-1])
-        return replace(
-            following, z=trials[k], best=trials[k], least=cost, memory=float(dampings[k])
-        )
+            return following
+        z = self.zs[k]
+        return replace(following, z=z, best=z, least=cost, memory=float(self.dampings[k]))
 
 
 def damped_steps(
     curvature: Float[np.ndarray, "Z Z"],
-    slope: Float[np.ndarray, " Z"],
+    slope: Vector,
     dampings: Float[np.ndarray, " K"],
 ) -> Float[np.ndarray, "K Z"]:
     """Return -(curvature + damping · its mean diagonal)⁻¹ slope for each damping, in the precision of `curvature`.
@@ -175,92 +180,89 @@ def damped_steps(
     return steps
 
 
-class Momentum(Method):
-    """Descent with momentum: eq. 12, with the minus sign that descent needs; the best z seen is kept."""
+class FirstOrder(Method):
+    """A method that steps from each gradient; the best z seen is kept."""
 
-    def memory(self, z: Float[np.ndarray, " Z"]) -> Float[np.ndarray, " Z"]:
-        return np.zeros_like(z)
+    @abc.abstractmethod
+    def step(self, memory: Any, slope: Vector) -> tuple[Vector, Any]:
+        """Return (the step after `slope`, the memory after it)."""
 
     def iterate(self, evaluator: Evaluator, starts: Sequence[Progress]) -> list[Progress]:
         costs, slopes = evaluator.gradients(np.stack([start.z for start in starts]))
         following = []
-        for start, cost, slope in zip(starts, costs, slopes, strict=True):
-            direction = slope / (np.linalg.norm(slope) + TINY_SLOPE)
-            velocity = MOMENTUM * start.memory - MOMENTUM_STEP * direction
-            following.append(_moved(start, float(cost), start.z + velocity, velocity))
+        for start, cost, slope in zip(starts, costs.tolist(), slopes, strict=True):
+            step, memory = self.step(start.memory, slope)
+            z = start.z + step
+            is_finite = math.isfinite(cost) and bool(np.isfinite(z).all())
+            if start.is_first:
+                start = replace(start, least=cost, first=cost)
+            elif cost < start.least:
+                start = replace(start, least=cost, best=start.z)
+            moved = replace(
+                start,
+                z=z,
+                memory=memory,
+                sweeps=start.sweeps + 1,
+                is_done=not is_finite,
+                is_diverged=not is_finite,
+            )
+            following.append(moved)
         return following
+
+
+class Momentum(FirstOrder):
+    """Descent with momentum: eq. 12, with the minus sign that descent needs."""
+
+    def memory(self, z: Vector) -> Vector:
+        return np.zeros_like(z)
+
+    def step(self, memory: Vector, slope: Vector) -> tuple[Vector, Vector]:
+        direction = slope / (np.linalg.norm(slope) + TINY_SLOPE)
+        velocity = MOMENTUM * memory - MOMENTUM_STEP * direction
+        return velocity, velocity
 
 
 class Averages(NamedTuple):
     """Memory of Adam."""
 
-    slope: Float[np.ndarray, " Z"]
-    square: Float[np.ndarray, " Z"]
+    slope: Vector
+    square: Vector
     updates: int
 
 
-class Adam(Method):
-    """Adam: Kingma and Ba's algorithm 1 (ICLR 2015); the best z seen is kept."""
+class Adam(FirstOrder):
+    """Adam: Kingma and Ba's algorithm 1 (ICLR 2015)."""
 
-    def memory(self, z: Float[np.ndarray, " Z"]) -> Averages:
+    def memory(self, z: Vector) -> Averages:
         return Averages(np.zeros_like(z), np.zeros_like(z), 0)
 
-    def iterate(self, evaluator: Evaluator, starts: Sequence[Progress]) -> list[Progress]:
-        costs, slopes = evaluator.gradients(np.stack([start.z for start in starts]))
-        following = []
-        for start, cost, slope in zip(starts, costs, slopes, strict=True):
-            averages, step = self._step(start.memory, slope)
-            following.append(_moved(start, float(cost), start.z - step, averages))
-        return following
-
-    def _step(
-        self, averages: Averages, slope: Float[np.ndarray, " Z"]
-    ) -> tuple[Averages, Float[np.ndarray, " Z"]]:
+    def step(self, memory: Averages, slope: Vector) -> tuple[Vector, Averages]:
         slope_decay, square_decay = ADAM_DECAYS
-        count = averages.updates + 1
-        mean = slope_decay * averages.slope + (1 - slope_decay) * slope
-        square = square_decay * averages.square + (1 - square_decay) * slope**2
+        count = memory.updates + 1
+        mean = slope_decay * memory.slope + (1 - slope_decay) * slope
+        square = square_decay * memory.square + (1 - square_decay) * slope**2
         mean_unbiased = mean / (1 - slope_decay**count)
         square_unbiased = square / (1 - square_decay**count)
         step = ADAM_STEP * mean_unbiased / (np.sqrt(square_unbiased) + TINY_SLOPE)
-        return Averages(mean, square, count), step
-
-
-def _moved(
-    start: Progress, cost: float, following: Float[np.ndarray, " Z"], memory: Any
-) -> Progress:
-    """Return the progress from `start`, where J is `cost`, to `following`, where J is not known yet."""
-    is_finite = math.isfinite(cost) and bool(np.isfinite(following).all())
-    is_better = start.is_first or cost < start.least
-    return replace(
-        start,
-        z=following,
-        best=start.z if is_better else start.best,
-        least=cost if is_better else start.least,
-        first=cost if start.is_first else start.first,
-        memory=memory,
-        sweeps=start.sweeps + 1,
-        is_done=not is_finite,
-        is_diverged=not is_finite,
-    )
+        return -step, Averages(mean, square, count)
 
 
 class Change(NamedTuple):
     """A step and its change of the gradient."""
 
-    step: Float[np.ndarray, " Z"]
-    of_slope: Float[np.ndarray, " Z"]
+    step: Vector
+    of_slope: Vector
 
 
 class Curvature(NamedTuple):
     """Memory of L-BFGS."""
 
-    slope: Float[np.ndarray, " Z"] | None = None
+    slope: Vector | None = None
     """dJ/dz at z; None before the first iteration."""
     changes: tuple[Change, ...] = ()
     """Changes, the latest last."""
 
-    def newton_step(self) -> Float[np.ndarray, " Z"]:
+    def newton_step(self) -> Vector:
         """Return the quasi-Newton step: Nocedal and Wright's algorithm 7.4, the two-loop recursion."""
         assert self.slope is not None
         step = -self.slope
@@ -278,7 +280,7 @@ class Curvature(NamedTuple):
             step = step + (share - correction) * change.step
         return step
 
-    def after(self, step: Float[np.ndarray, " Z"], slope: Float[np.ndarray, " Z"]) -> Curvature:
+    def after(self, step: Vector, slope: Vector) -> Curvature:
         """Return the memory after `step`, which led to `slope`."""
         change = Change(step, slope - self.slope)
         is_convex = change.step @ change.of_slope > 0
@@ -289,25 +291,18 @@ class Curvature(NamedTuple):
 class LBFGS(Method):
     """L-BFGS: a quasi-Newton method with the curvature of the last steps, and a line search along its steps."""
 
-    def memory(self, z: Float[np.ndarray, " Z"]) -> Curvature:
+    def memory(self, z: Vector) -> Curvature:
         return Curvature()
 
     def iterate(self, evaluator: Evaluator, starts: Sequence[Progress]) -> list[Progress]:
-        searches = []
-        for start in self._with_slopes(evaluator, starts):
-            searches.append(_Search(start))
-        while True:
-            going = [search for search in searches if search.goes_on]
-            if not going:
-                break
+        searches = [_Search(start) for start in self._with_slopes(evaluator, starts)]
+        while going := [search for search in searches if search.goes_on]:
             trials = np.stack([search.trial for search in going])
             costs, slopes = evaluator.gradients(trials)
             for search, cost, slope in zip(going, costs, slopes, strict=True):
                 search.learn(float(cost), slope)
-        following = []
-        for start, search in zip(starts, searches, strict=True):
-            following.append(search.progress(settles=not start.is_first))
-        return following
+        pairs = zip(starts, searches, strict=True)
+        return [search.progress(settles=not start.is_first) for start, search in pairs]
 
     def _with_slopes(self, evaluator: Evaluator, starts: Sequence[Progress]) -> list[Progress]:
         """Return the starts; those before their first iteration get J and its gradient at their initial guess."""
@@ -315,23 +310,20 @@ class LBFGS(Method):
             return list(starts)
         costs, slopes = evaluator.gradients(np.stack([start.z for start in starts]))
         known = []
-        for start, cost, slope in zip(starts, costs, slopes, strict=True):
-            known.append(self._with_slope(start, float(cost), slope))
+        for start, cost, slope in zip(starts, costs.tolist(), slopes, strict=True):
+            if start.is_first:
+                is_lost = not (math.isfinite(cost) and bool(np.isfinite(slope).all()))
+                start = replace(
+                    start,
+                    least=cost,
+                    first=cost,
+                    sweeps=1,
+                    is_done=is_lost,
+                    is_diverged=is_lost,
+                    memory=Curvature(slope),
+                )
+            known.append(start)
         return known
-
-    def _with_slope(self, start: Progress, cost: float, slope: Float[np.ndarray, " Z"]) -> Progress:
-        if not start.is_first:
-            return start
-        is_finite = math.isfinite(cost) and bool(np.isfinite(slope).all())
-        return replace(
-            start,
-            least=cost,
-            first=cost,
-            sweeps=1,
-            is_done=not is_finite,
-            is_diverged=not is_finite,
-            memory=Curvature(slope),
-        )
 
 
 class _Search:
@@ -352,11 +344,11 @@ class _Search:
         return not is_over and self._tries < LINE_SEARCH
 
     @property
-    def trial(self) -> Float[np.ndarray, " Z"]:
+    def trial(self) -> Vector:
         """The z at which J and its gradient are evaluated next."""
         return self._start.z + self._line.step * self._direction
 
-    def learn(self, cost: float, slope: Float[np.ndarray, " Z"]) -> None:
+    def learn(self, cost: float, slope: Vector) -> None:
         """Continue with J and its gradient at `trial`."""
         trial = self.trial
         self._tries += 1

@@ -19,7 +19,6 @@ from neuroanimator.control.identification.least_squares import (
     bounded_step,
     normal_equations,
     robust_cost,
-    robust_weights,
 )
 from neuroanimator.control.identification.measurements import Measurements
 from neuroanimator.control.identification.predictions import (
@@ -198,9 +197,8 @@ class Fitter:
         while descent.fit.iterations < last and descent.damping <= MAX_DAMPING:
             fit = descent.fit
             cost = self._cost(fit)
-            weights = robust_weights(fit.residuals, fit.noise)
             normal = normal_equations(
-                fit.residuals, weights, descent.slopes, fit.values, self.unknowns, descent.damping
+                fit.residuals, fit.noise, descent.slopes, fit.values, self.unknowns, descent.damping
             )
             step = bounded_step(normal, fit.values, self.unknowns)
             if step.gain < ENOUGH or small_steps == PATIENCE:
@@ -214,15 +212,12 @@ class Fitter:
             is_better = decrease > 0
             gain = decrease if is_better else step.gain
             small_steps = small_steps + 1 if gain < ENOUGH else 0
+            descent.fit = following if is_better else replace(fit, iterations=iterations)
             if is_better:
-                descent.fit = following
-                descent.are_current = False
+                descent.are_current = prediction.slopes is not None
                 descent.damping *= LESS_DAMPING
-            else:
-                descent.fit = replace(fit, iterations=iterations)
             if is_better and prediction.slopes is not None:
                 descent.slopes = prediction.slopes
-                descent.are_current = True
             elif not descent.are_current and decrease < KEPT * (step.gain + normal.starts_gain):
                 descent.slopes = slopes_at(descent.fit)
                 descent.are_current = True

@@ -23,7 +23,6 @@ from neuroanimator.control.identification.fit import (
 from neuroanimator.control.identification.least_squares import (
     covariance,
     normal_equations,
-    robust_weights,
 )
 from neuroanimator.control.identification.measurements import (
     SHORTEST,
@@ -230,8 +229,7 @@ def _true_slopes(fitter: Fitter, system: System) -> SlopesAt:
 
 
 def _findings(fitter: Fitter, fit: Fit, slopes: Slopes) -> Findings:
-    weights = robust_weights(fit.residuals, fit.noise)
-    normal = normal_equations(fit.residuals, weights, slopes, fit.values, fitter.unknowns, 0.0)
+    normal = normal_equations(fit.residuals, fit.noise, slopes, fit.values, fitter.unknowns)
     return findings_of(covariance(normal, fitter.unknowns), fit.values, fitter.unknowns)
 
 
@@ -299,8 +297,7 @@ def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
     values[known] = fit.values
     wider = Predictor(emulator, measurements, unknowns)
     slopes = wider.slopes(fit.starts, values)
-    weights = robust_weights(fit.residuals, fit.noise)
-    normal = normal_equations(fit.residuals, weights, slopes, values, unknowns, 0.0)
+    normal = normal_equations(fit.residuals, fit.noise, slopes, values, unknowns)
     change = np.linalg.solve(normal.matrix, normal.right)
     deviations = np.sqrt(np.maximum(np.diag(covariance(normal, unknowns)), 0.0))
     is_sure = np.abs(change) >= SURE * deviations

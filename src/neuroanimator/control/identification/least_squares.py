@@ -51,6 +51,12 @@ class Normal(NamedTuple):
     starts_gain: float
     """Predicted decrease of the cost by the starts, if motions are linear."""
 
+    def matrix_of_shares(self, unknowns: Unknowns) -> Float[np.ndarray, "G G"]:
+        """Return the matrix for changes over the unknowns' ranges."""
+        scale = unknowns.high - unknowns.low
+        matrix = self.matrix * np.outer(scale, scale)
+        return (matrix + matrix.T) / 2
+
 
 def robust_weights(
     residuals: Float[np.ndarray, "W F S"], noise: Float[np.ndarray, " S"]
@@ -83,13 +89,14 @@ def robust_cost(
 
 def normal_equations(
     residuals: Float[np.ndarray, "W F S"],
-    weights: Float[np.ndarray, "W F S"],
+    noise: Float[np.ndarray, " S"],
     slopes: Slopes,
     values: Float[np.ndarray, " G"],
     unknowns: Unknowns,
-    damping: float,
+    damping: float = 0.0,
 ) -> Normal:
     """Return the damped normal equations at `values`; `residuals` are measurements minus predictions."""
+    weights = robust_weights(residuals, noise)
     known = np.where(weights > 0, residuals, 0.0)
     count, _, _, shared = slopes.by_unknowns.shape
     by_values = slopes.by_unknowns.reshape(count, -1, shared)
@@ -126,8 +133,7 @@ def normal_equations(
 def bounded_step(normal: Normal, values: Float[np.ndarray, " G"], unknowns: Unknowns) -> Step:
     """Return the step that solves the normal equations with all shared unknowns within their bounds."""
     scale = unknowns.high - unknowns.low
-    matrix = normal.matrix * np.outer(scale, scale)
-    matrix = (matrix + matrix.T) / 2
+    matrix = normal.matrix_of_shares(unknowns)
     floor = LEAST * np.trace(matrix) + np.finfo(float).tiny
     factor, _ = cho_factor(matrix + floor * np.eye(len(matrix)), lower=True)
     low = (unknowns.low - values) / scale
@@ -151,8 +157,7 @@ def covariance(normal: Normal, unknowns: Unknowns) -> Float[np.ndarray, "G G"]:
     the variance of the prior alone.
     """
     scale = unknowns.high - unknowns.low
-    matrix = normal.matrix * np.outer(scale, scale)
-    information, directions = np.linalg.eigh((matrix + matrix.T) / 2)
+    information, directions = np.linalg.eigh(normal.matrix_of_shares(unknowns))
     feigned = SLOPE_ERROR**2 * information[-1]
     variances = 1 / np.maximum(information - feigned, PRIOR)
     return (directions * variances) @ directions.T * np.outer(scale, scale)

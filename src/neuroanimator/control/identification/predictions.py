@@ -133,15 +133,13 @@ class Predictor:
             change[:, place] = START_DIFFERENCE
             all_starts[1 + len(values) + place] = self.moved(starts, change)
         shown, *others = self._by_physics(system, all_starts, all_values, system.scheme)
-        by_unknowns = emulated.by_unknowns.copy()
-        for place, step in enumerate(inward):
-            slope = (others[place] - shown) / step
-            by_unknowns[..., place] = _where_finite(slope, by_unknowns[..., place])
-        by_starts = emulated.by_starts.copy()
-        for place in range(self.start_size):
-            slope = (others[len(values) + place] - shown) / START_DIFFERENCE
-            by_starts[..., place] = _where_finite(slope, by_starts[..., place])
-        return Slopes(shown, by_unknowns, by_starts)
+        steps_taken = np.append(inward, np.full(self.start_size, START_DIFFERENCE))
+        slopes = [(other - shown) / step for other, step in zip(others, steps_taken, strict=True)]
+        found = np.stack(slopes, axis=-1)
+        otherwise = np.concatenate([emulated.by_unknowns, emulated.by_starts], axis=-1)
+        known = np.where(np.isfinite(found), found, otherwise)
+        by_unknowns = known[..., : len(values)].copy()
+        return Slopes(shown, by_unknowns, known[..., len(values) :].copy())
 
 
 class MeasuredStartPredictor:
@@ -171,12 +169,6 @@ class MeasuredStartPredictor:
         )
         shown, by_parameters = (np.asarray(array, float) for array in arrays)
         return Slopes(shown, by_parameters, np.zeros((*shown.shape, self.start_size)))
-
-
-def _where_finite(
-    values: Float[np.ndarray, " ..."], otherwise: Float[np.ndarray, " ..."]
-) -> Float[np.ndarray, " ..."]:
-    return np.where(np.isfinite(values), values, otherwise)
 
 
 class _Places(eqx.Module):
