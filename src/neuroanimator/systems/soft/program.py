@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -41,65 +42,6 @@ FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
 }
 """Formulas, with the shapes of their arguments."""
 
-COUNTS = (
-    "nodes",
-    "pairs",
-    "pair_colours",
-    "tetrahedra",
-    "tetrahedron_colours",
-    "faces",
-    "face_colours",
-    "pins",
-    "movers",
-    "capsules",
-    "boxes",
-    "planes",
-)
-INDICES = (
-    "pair",
-    "pair_colour",
-    "tetrahedron",
-    "tetrahedron_colour",
-    "face",
-    "face_colour",
-    "pin",
-    "holder",
-    "capsule_mover",
-    "box_mover",
-    "plane_mover",
-)
-REALS = (
-    "lightness",
-    "length",
-    "compliance",
-    "damping",
-    "volume",
-    "volume_compliance",
-    "held",
-    "radius",
-    "capsule_start",
-    "capsule_along",
-    "capsule_friction",
-    "half",
-    "box_centre",
-    "box_friction",
-    "normal",
-    "plane_point",
-    "plane_friction",
-    "wind",
-)
-
-
-class _Body(ctypes.Structure):
-    """The struct Body of soft.c."""
-
-    _fields_ = (
-        *[(name, ctypes.c_long) for name in COUNTS],
-        *[(name, ctypes.c_void_p) for name in (*INDICES, *REALS)],
-        *[(name, ctypes.c_double) for name in ("margin", "drag", "air", "air_limit")],
-        ("gravity", ctypes.c_double * 3),
-    )
-
 
 @dataclass(frozen=True, eq=False)
 class SoftProgram:
@@ -129,7 +71,7 @@ class SoftProgram:
         if wind is None:
             own = np.reshape(self.body.air.wind, (3, *[1] * len(tail)))
             wind = np.broadcast_to(own, (3, *tail))
-        body, keep = _struct(self.body, movers.shape[1], wind, self.dtype)
+        body, kept = _struct(self.body, movers.shape[1], wind, self.dtype)
         count = len(self.body.positions)
         start = np.empty((2, 3, count, *tail), self.dtype)
         start[0] = np.moveaxis(positions, 0, 1)
@@ -139,9 +81,9 @@ class SoftProgram:
         arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (start, paths, states)]
         library = _library(self.lanes, self.dtype)
         numbers = (ctypes.c_long(frames), ctypes.c_long(steps), ctypes.c_double(duration / steps))
-        if library.play(ctypes.byref(body), *numbers, *arrays):
+        if library.play(body, *numbers, *arrays):
             raise MemoryError
-        del keep
+        del kept
         states = np.moveaxis(states, 2, 3)
         return states[:, 0], states[:, 1]
 
@@ -166,27 +108,21 @@ def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
 
 def _struct(
     body: SoftBody, movers: int, wind: Float[np.ndarray, "3 ..."], dtype: type[np.floating]
-) -> tuple[_Body, list[np.ndarray]]:
-    """Return `body` as a C struct, and the arrays it points to, which must outlive it."""
-    reals = {
-        "lightness": body.inverse_masses,
-        "length": body.lengths,
-        "compliance": 1 / body.stiffness,
-        "damping": body.damping,
-        "volume": body.volumes,
-        "volume_compliance": 1 / body.bulk_stiffness,
-        "held": body.held,
-        "radius": [capsule.radius for capsule in body.capsules],
-        "capsule_start": [capsule.start for capsule in body.capsules],
-        "capsule_along": [capsule.along for capsule in body.capsules],
-        "capsule_friction": [capsule.friction for capsule in body.capsules],
-        "half": [box.half for box in body.boxes],
-        "box_centre": [box.centre for box in body.boxes],
-        "box_friction": [box.friction for box in body.boxes],
-        "normal": [plane.normal for plane in body.planes],
-        "plane_point": [plane.point for plane in body.planes],
-        "plane_friction": [plane.friction for plane in body.planes],
-        "wind": wind,
+) -> tuple[bytes, list[np.ndarray]]:
+    """Return `body` as the struct Body of soft.c, and the arrays it points to, which must outlive it."""
+    counts = {
+        "nodes": len(body.positions),
+        "pairs": len(body.pairs),
+        "pair_colours": len(body.pair_colours) - 1,
+        "tetrahedra": len(body.tetrahedra),
+        "tetrahedron_colours": len(body.tetrahedron_colours) - 1,
+        "faces": len(body.faces),
+        "face_colours": len(body.face_colours) - 1,
+        "pins": len(body.pins),
+        "movers": movers,
+        "capsules": len(body.capsules),
+        "boxes": len(body.boxes),
+        "planes": len(body.planes),
     }
     indices = {
         "pair": body.pairs,
@@ -197,34 +133,43 @@ def _struct(
         "face_colour": body.face_colours,
         "pin": body.pins,
         "holder": body.holders,
-        "capsule_mover": [capsule.mover for capsule in body.capsules],
-        "box_mover": [box.mover for box in body.boxes],
-        "plane_mover": [plane.mover for plane in body.planes],
+        "capsule_mover": _each(body.capsules, "mover"),
+        "box_mover": _each(body.boxes, "mover"),
+        "plane_mover": _each(body.planes, "mover"),
     }
-    struct = _Body(
-        nodes=len(body.positions),
-        pairs=len(body.pairs),
-        pair_colours=len(body.pair_colours) - 1,
-        tetrahedra=len(body.tetrahedra),
-        tetrahedron_colours=len(body.tetrahedron_colours) - 1,
-        faces=len(body.faces),
-        face_colours=len(body.face_colours) - 1,
-        pins=len(body.pins),
-        movers=movers,
-        capsules=len(body.capsules),
-        boxes=len(body.boxes),
-        planes=len(body.planes),
-        margin=body.margin,
-        drag=body.air.drag,
-        air=body.air.density / 2,
-        air_limit=MAX_AIR_SPEED,
-        gravity=(ctypes.c_double * 3)(*GRAVITY),
+    reals = {
+        "lightness": body.inverse_masses,
+        "length": body.lengths,
+        "compliance": 1 / body.stiffness,
+        "damping": body.damping,
+        "volume": body.volumes,
+        "volume_compliance": 1 / body.bulk_stiffness,
+        "held": body.held,
+        "radius": _each(body.capsules, "radius"),
+        "capsule_start": _each(body.capsules, "start"),
+        "capsule_along": _each(body.capsules, "along"),
+        "capsule_friction": _each(body.capsules, "friction"),
+        "half": _each(body.boxes, "half"),
+        "box_centre": _each(body.boxes, "centre"),
+        "box_friction": _each(body.boxes, "friction"),
+        "normal": _each(body.planes, "normal"),
+        "plane_point": _each(body.planes, "point"),
+        "plane_friction": _each(body.planes, "friction"),
+        "wind": wind,
+    }
+    kept = [np.ascontiguousarray(values, np.int32) for values in indices.values()]
+    kept += [np.ascontiguousarray(values, dtype) for values in reals.values()]
+    air = (body.air.drag, body.air.density / 2, MAX_AIR_SPEED)
+    members = (
+        *counts.values(),
+        *[array.ctypes.data for array in kept],
+        body.margin,
+        *air,
+        *GRAVITY,
     )
-    keep = []
-    for name, values in reals.items():
-        keep.append(np.ascontiguousarray(values, dtype))
-        setattr(struct, name, keep[-1].ctypes.data)
-    for name, values in indices.items():
-        keep.append(np.ascontiguousarray(values, np.int32))
-        setattr(struct, name, keep[-1].ctypes.data)
-    return struct, keep
+    return struct.pack(f"{len(counts)}l{len(kept)}P7d", *members), kept
+
+
+def _each(colliders: Iterable[Any], name: str) -> list[Any]:
+    """Return an attribute of every collider."""
+    return [getattr(collider, name) for collider in colliders]
