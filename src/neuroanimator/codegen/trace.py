@@ -268,7 +268,7 @@ class _Tracer:
             return self._result(name, inputs, shape, params)
         columns = [np.broadcast_to(addresses, shape).ravel() for addresses in inputs]
         literals = self.program.constants
-        result = SIMPLE[name](columns, literals.literal(0.0), literals.literal(1.0))
+        result = SIMPLE[name](*columns, literals.literal(0.0), literals.literal(1.0))
         rest = np.flatnonzero(result == COMPUTE)
         if len(rest) == len(result):
             rest = slice(None)
@@ -315,41 +315,25 @@ OF_NOTHING = {
 COMPUTE = np.iinfo(np.int64).max
 """Stands for an address that is yet to be computed."""
 
-Columns = list[Addresses]
 
-
-def _sum(columns: Columns, zero: int, one: int) -> Addresses:
-    left, right = columns
-    return np.where(right == zero, left, np.where(left == zero, right, COMPUTE))
-
-
-def _difference(columns: Columns, zero: int, one: int) -> Addresses:
-    left, right = columns
-    return np.where(right == zero, left, COMPUTE)
-
-
-def _product(columns: Columns, zero: int, one: int) -> Addresses:
-    left, right = columns
+def _product(left: Addresses, right: Addresses, zero: int, one: int) -> Addresses:
     result = np.where(right == one, left, np.where(left == one, right, COMPUTE))
     return np.where((left == zero) | (right == zero), zero, result)
 
 
-def _quotient(columns: Columns, zero: int, one: int) -> Addresses:
-    left, right = columns
-    return np.where(left == zero, zero, np.where(right == one, left, COMPUTE))
+def _sum(left: Addresses, right: Addresses, zero: int, one: int) -> Addresses:
+    return np.where(right == zero, left, np.where(left == zero, right, COMPUTE))
 
 
-def _negative(columns: Columns, zero: int, one: int) -> Addresses:
-    return np.where(columns[0] == zero, zero, COMPUTE)
-
-
-SIMPLE: dict[str, Callable[[Columns, int, int], Addresses]] = {
+SIMPLE: dict[str, Callable[..., Addresses]] = {
     "add": _sum,
     "add_any": _sum,
-    "sub": _difference,
+    "sub": lambda left, right, zero, one: np.where(right == zero, left, COMPUTE),
     "mul": _product,
-    "div": _quotient,
-    "neg": _negative,
+    "div": lambda left, right, zero, one: np.where(
+        left == zero, zero, np.where(right == one, left, COMPUTE)
+    ),
+    "neg": lambda number, zero, one: np.where(number == zero, zero, COMPUTE),
 }
 """Operations that need no code where an input is a literal zero or one: gradients are full of them."""
 
@@ -400,53 +384,16 @@ def _broadcast(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresse
     return [np.broadcast_to(inputs[0].reshape(shape), params["shape"])]
 
 
-def _concatenated(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return [np.concatenate(inputs, axis=params["dimension"])]
-
-
-def _unchanged(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return inputs
-
-
-def _expanded(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return [np.expand_dims(inputs[0], params["dimensions"])]
-
-
 def _reshaped(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
     if params.get("dimensions") is not None:
         raise UnsupportedError("reshape of transposed axes")
     return [inputs[0].reshape(params["new_sizes"])]
 
 
-def _reversed(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return [np.flip(inputs[0], params["dimensions"])]
-
-
 def _sliced(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
     steps = params["strides"] or (1,) * inputs[0].ndim
     ends = zip(params["start_indices"], params["limit_indices"], steps, strict=True)
     return [inputs[0][tuple(slice(first, last, step) for first, last, step in ends)]]
-
-
-def _split(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    bounds = np.cumsum(params["sizes"])[:-1]
-    return np.split(inputs[0], bounds, axis=params["axis"])
-
-
-def _squeezed(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return [np.squeeze(inputs[0], axis=tuple(params["dimensions"]))]
-
-
-def _transposed(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return [np.transpose(inputs[0], params["permutation"])]
-
-
-def _tiled(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return [np.tile(inputs[0], params["reps"])]
-
-
-def _stacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return [np.stack(inputs, axis=params["axis"])]
 
 
 def _unstacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
@@ -456,19 +403,21 @@ def _unstacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresse
 
 MOVES: dict[str, Callable[[list[Addresses], dict[str, Any]], list[Addresses]]] = {
     "broadcast_in_dim": _broadcast,
-    "concatenate": _concatenated,
-    "copy": _unchanged,
-    "copy_p": _unchanged,
-    "expand_dims": _expanded,
+    "concatenate": lambda inputs, params: [np.concatenate(inputs, axis=params["dimension"])],
+    "copy": lambda inputs, params: inputs,
+    "copy_p": lambda inputs, params: inputs,
+    "expand_dims": lambda inputs, params: [np.expand_dims(inputs[0], params["dimensions"])],
     "reshape": _reshaped,
-    "rev": _reversed,
+    "rev": lambda inputs, params: [np.flip(inputs[0], params["dimensions"])],
     "slice": _sliced,
-    "split": _split,
-    "squeeze": _squeezed,
-    "stack": _stacked,
-    "stop_gradient": _unchanged,
-    "tile": _tiled,
-    "transpose": _transposed,
+    "split": lambda inputs, params: np.split(
+        inputs[0], np.cumsum(params["sizes"])[:-1], axis=params["axis"]
+    ),
+    "squeeze": lambda inputs, params: [np.squeeze(inputs[0], axis=tuple(params["dimensions"]))],
+    "stack": lambda inputs, params: [np.stack(inputs, axis=params["axis"])],
+    "stop_gradient": lambda inputs, params: inputs,
+    "tile": lambda inputs, params: [np.tile(inputs[0], params["reps"])],
+    "transpose": lambda inputs, params: [np.transpose(inputs[0], params["permutation"])],
     "unstack": _unstacked,
 }
 """Operations that only move data, applied to the addresses."""

@@ -175,10 +175,6 @@ def _write_mass(model: mujoco.MjModel, number: int, index: int, value: float) ->
     model.body_mass[number] = value
 
 
-def _read_factor(model: mujoco.MjModel, number: int, index: int) -> float:
-    return 1.0
-
-
 def _write_inertia_factor(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
     model.body_inertia[number] *= value
 
@@ -200,10 +196,6 @@ def _write_kp(model: mujoco.MjModel, number: int, index: int, value: float) -> N
         model.actuator_biasprm[number, 1] = -value
     if not is_pid:
         model.actuator_gainprm[number, 0] = value
-
-
-def _read_kv(model: mujoco.MjModel, number: int, index: int) -> float:
-    return -float(model.actuator_biasprm[number, 2])
 
 
 def _write_kv(model: mujoco.MjModel, number: int, index: int, value: float) -> None:
@@ -245,10 +237,10 @@ def _subtree(model: mujoco.MjModel, body: int) -> list[int]:
 ATTRIBUTES: dict[str, dict[str, Attribute]] = {
     "body": {
         "mass": _field("body_mass", "kg", LEAST)._replace(write=_write_mass),
-        "scale": Attribute("1", LEAST, 1, 0, _read_factor, _write_scale),
+        "scale": Attribute("1", LEAST, 1, 0, lambda *_: 1.0, _write_scale),
         "pos": _field("body_pos", "m", count=3, default=None),
         "ipos": _field("body_ipos", "m", count=3, default=None),
-        "inertia_factor": Attribute("1", LEAST, 1, 0, _read_factor, _write_inertia_factor),
+        "inertia_factor": Attribute("1", LEAST, 1, 0, lambda *_: 1.0, _write_inertia_factor),
         "inertia": _field("body_inertia", "kg·m²", LEAST, count=3, default=None),
         "gravcomp": _field("body_gravcomp", "1"),
     },
@@ -275,7 +267,14 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "gear": _field("actuator_gear", "1", count=6, rows=_forces),
         "gain": Attribute("1", -np.inf, 1, 0, _read_kp, _write_kp),
         "kp": Attribute("1", 0.0, 1, 0, _read_kp, _write_kp),
-        "kv": Attribute("1", 0.0, 1, 0, _read_kv, _write_kv),
+        "kv": Attribute(
+            "1",
+            0.0,
+            1,
+            0,
+            lambda model, number, _: -float(model.actuator_biasprm[number, 2]),
+            _write_kv,
+        ),
     },
     "tendon": {
         "stiffness": _field("tendon_stiffness", "1", 0.0),

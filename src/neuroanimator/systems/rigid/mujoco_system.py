@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from importlib import resources
@@ -148,28 +149,29 @@ class MujocoSystem(System):
         return np.asarray(~(is_finite & is_slow))
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray:
-        data = mujoco.MjData(self.model)
         energies = np.empty(len(states))
         with warnings_counted:
-            for row, state in enumerate(states):
-                model = self.model_of(state)
-                self.put(data, state)
+            for row, (model, data) in enumerate(self._placed(states)):
                 mujoco.mj_fwdPosition(model, data)
                 mujoco.mj_energyVel(model, data)
                 energies[row] = data.energy[1]
         return energies
 
     def contact_counts(self, states: np.ndarray) -> np.ndarray:
-        data = mujoco.MjData(self.model)
         counts = np.empty(len(states), int)
         with warnings_counted:
-            for row, state in enumerate(states):
-                model = self.model_of(state)
-                data.qpos[:] = state[: self.model.nq]
+            for row, (model, data) in enumerate(self._placed(states)):
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_collision(model, data)
                 counts[row] = data.ncon
         return counts
+
+    def _placed(self, states: np.ndarray) -> Iterator[tuple[mujoco.MjModel, mujoco.MjData]]:
+        """Yield the model of each of `states` (N, S), and data in that state, always the same."""
+        data = mujoco.MjData(self.model)
+        for state in states:
+            self.put(data, state)
+            yield self.model_of(state), data
 
     def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
         """Set the state of `data` to `state` (S,)."""
