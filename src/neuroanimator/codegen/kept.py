@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -106,7 +106,7 @@ def load_program(
     try:
         facts = about()
         if facts:
-            return _load("\n".join(facts), make, refer, check)
+            return _load("\n".join(facts), partial(_made_and_checked, make, refer, check))
     except WrongProgramError as error:
         warn_once(f"{error} JAX is used instead of C.")
     except UnsupportedError as error:
@@ -115,12 +115,8 @@ def load_program(
     return None
 
 
-def _load(
-    about: str,
-    make: Callable[[], CProgram],
-    refer: Callable[[], Reference],
-    check: Callable[[Reference, LoadedProgram], None],
-) -> LoadedProgram | None:
+def _load(about: str, make: Callable[[Path | None], LoadedProgram | None]) -> LoadedProgram | None:
+    """Return the program with the facts `about`: loaded before, kept, or made by `make`, which keeps it in a record."""
     facts = compiler_facts()
     if facts is None:
         return None
@@ -130,10 +126,7 @@ def _load(
         return _loaded[folder, key]
     record = None if folder is None else folder / f"{key}.safetensors"
     kept = None if record is None else _read(record)
-    if kept is None:
-        loaded = _made_and_checked(make, refer, check, record)
-    else:
-        loaded = _compiled(kept)
+    loaded = make(record) if kept is None else _compiled(kept)
     if loaded is not None:
         _loaded[folder, key] = loaded
     return loaded

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import equinox as eqx
@@ -102,7 +102,10 @@ def _c_rows(module: Any, rows: RowFunction) -> CRows | None:
     if is_traced(module) or not _is_float32(module):
         return None
     function = rows.function
-    inputs = cache(partial(rows.samples, module))  # not needed for a kept program
+
+    @cache  # not needed for a kept program
+    def inputs() -> list[Float[np.ndarray, "N _"]]:
+        return [as_float32(array) for array in rows.samples(module)]
 
     def make() -> CProgram:
         return _program(function, module, [array.shape[1] for array in inputs()])

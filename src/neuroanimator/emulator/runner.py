@@ -97,14 +97,14 @@ class StepCall:
 def _checked_vector(
     vector: ArrayLike, layout: Layout, label: str, most: float, dtype: Any
 ) -> Float[AnyArray, " S"]:
-    shape = (layout.size,)
-    if isinstance(vector, jax.Array) and np.shape(vector) == shape:
-        return vector  # Checking its numbers would wait for them, and a tracer has none.
-    if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
+    shape = np.shape(vector)
+    if shape != (layout.size,):
         raise ArgumentError(
-            f"{label}: wanted {shape[0]} numbers, got shape {np.shape(vector)}. "
+            f"{label}: wanted {layout.size} numbers, got shape {shape}. "
             "For many at once use jax.vmap(emulator.step), or rollout."
         )
+    if isinstance(vector, jax.Array):
+        return vector  # Checking its numbers would wait for them, and a tracer has none.
     return check_numbers(vector, layout, label, most, dtype)
 
 
@@ -150,9 +150,10 @@ def _checked_trajectory(
     program = program_of(emulator)
     if program is None:
         trajectory, _ = _by_jax(emulator, rollout_relative, start, controls)
+        is_sound = isinstance(trajectory, jax.core.Tracer)
     else:
-        trajectory, _ = program.rollout(start, controls)
-    if not may_diverge and not isinstance(trajectory, jax.core.Tracer):
+        trajectory, is_sound = program.rollout(start, controls)
+    if not may_diverge and not is_sound:
         check_motion(trajectory, emulator.state)
     return trajectory
 

@@ -13,7 +13,6 @@ from jaxtyping import Array, Bool, Float
 from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
 from neuroanimator.control.tasks.task import Aim
-from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.emulator import Emulator
@@ -138,7 +137,7 @@ def observe_row(
 def _step_samples(emulator: Emulator) -> list[Float[np.ndarray, "N _"]]:
     """Return a thousand latent states and controls: some far outside the training data."""
     probes = probes_of(emulator)
-    return [as_float32(emulator.encode(probes.states)), probes.controls]
+    return [emulator.encode(probes.states), probes.controls]
 
 
 def _observer_samples(observer: Observer) -> list[Float[np.ndarray, "N _"]]:
@@ -150,7 +149,7 @@ def _observer_samples(observer: Observer) -> list[Float[np.ndarray, "N _"]]:
     matters = rng.integers(0, 2, (count, 3))
     directions = unit(rng.normal(size=(count, 3)))
     times = rng.uniform(0, 1, (count, 1))
-    return [latent, *map(as_float32, (matters * positions, matters, directions, times))]
+    return [latent, matters * positions, matters, directions, times]
 
 
 def _facts_of_observer(observer: Observer) -> list[str]:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import jax
@@ -71,7 +72,7 @@ class JaxEvaluator(Evaluator):
         """
         program = self._programs.get(function)
         if program is None:
-            program = Compiled(function, self._problem)
+            program = Compiled(_from_start(function), self._problem)
             self._programs[function] = program
         single = as_float32(numbers)
         if not program.is_compiled_for(self._start, single):
@@ -89,25 +90,30 @@ def _as_float64(numbers: Array) -> Float[np.ndarray, " ..."]:
     return np.asarray(numbers, float)
 
 
-def _costs(
-    problem: Problem, start: Float[Array, " S"], zs: Float[Array, "K Z"]
-) -> Float[Array, " K"]:
-    problem = replace(problem, start=start)
+@cache
+def _from_start(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function` of a problem and numbers as one of the problem, another start, and numbers; always the same object."""
+
+    def run(problem: Problem, start: Array, numbers: Array) -> Any:
+        return function(replace(problem, start=start), numbers)
+
+    return run
+
+
+def _costs(problem: Problem, zs: Float[Array, "K Z"]) -> Float[Array, " K"]:
     return jax.vmap(problem.cost)(zs)
 
 
 def _gradients(
-    problem: Problem, start: Float[Array, " S"], zs: Float[Array, "K Z"]
+    problem: Problem, zs: Float[Array, "K Z"]
 ) -> tuple[Float[Array, " K"], Float[Array, "K Z"]]:
-    problem = replace(problem, start=start)
     return _for_each(jax.value_and_grad(problem.cost), zs)
 
 
 def _quadratic_models(
-    problem: Problem, start: Float[Array, " S"], zs: Float[Array, "K Z"]
+    problem: Problem, zs: Float[Array, "K Z"]
 ) -> tuple[Float[Array, "K Z Z"], Float[Array, "K Z"], Float[Array, " K"]]:
     """Return the curvature, the slope and J at each z."""
-    problem = replace(problem, start=start)
 
     def model_at(z: Array) -> tuple[Array, Array, Array]:
         near = problem.linearised(z)
@@ -119,9 +125,9 @@ def _quadratic_models(
 
 
 def _motion(
-    problem: Problem, start: Float[Array, " S"], z: Float[Array, " Z"]
+    problem: Problem, z: Float[Array, " Z"]
 ) -> tuple[Float[Array, "T1 S"], Float[Array, "T C"]]:
-    trajectory = replace(problem, start=start).trajectory(z)
+    trajectory = problem.trajectory(z)
     return trajectory.states, trajectory.controls
 
 

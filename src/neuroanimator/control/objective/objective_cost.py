@@ -78,12 +78,13 @@ def _of_resting(
     objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
 ) -> tuple[Any, tuple[Any, Any]]:
     """Return J and its gradients for a motion that stays at its start; its functions are tried first."""
+    bounds = emulator.bounds
+    states = as_float32(np.broadcast_to(start, (steps + 1, len(start))))
+    controls = as_float32(np.broadcast_to(bounds.middle, (steps, len(bounds.middle))))
     in_c = _in_c(objective, emulator, steps)
     if in_c is not None:
-        states = np.broadcast_to(start, (steps + 1, len(start)))
-        controls = np.broadcast_to(emulator.bounds.middle, (steps, emulator.control.size))
-        return in_c.cost_and_slopes(as_float32(states), as_float32(controls))
-    trajectory = _resting(emulator, start, steps)
+        return in_c.cost_and_slopes(states, controls)
+    trajectory = Trajectory(as_jax(states), as_jax(controls), as_jax(bounds.magnitude), emulator.dt)
     for function in objective.functions:
         _check_function(function, trajectory)
     return cost_and_slopes(objective, trajectory)
@@ -128,11 +129,3 @@ def _check_function(function: CostFunction, trajectory: Trajectory) -> None:
         raise ArgumentError(
             f"objective: '{name}' must return one number, got {given}. Sum or average it."
         )
-
-
-def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
-    """Return a motion that stays at its start: enough to try an objective on, without compiling."""
-    bounds = emulator.bounds
-    states = as_jax(np.broadcast_to(start, (steps + 1, len(start))))
-    controls = as_jax(np.broadcast_to(bounds.middle, (steps, len(bounds.middle))))
-    return Trajectory(states, controls, as_jax(bounds.magnitude), emulator.dt)

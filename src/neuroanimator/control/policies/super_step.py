@@ -9,7 +9,6 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.policies.policy import Policy, describe_policy, policy_leaves
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward, unit
-from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.emulator.tensors import to_numpy
@@ -83,7 +82,7 @@ def _samples(policy: Policy) -> list[Float[np.ndarray, "N _"]]:
     speeds = rng.uniform(slowest - excess, fastest + excess, (count, 1))
     phases = rng.uniform(0, 2 * np.pi, (count, 1))
     latent = policy.emulator.encode(states)
-    return [as_float32(array) for array in (latent, phases, directions, speeds)]
+    return [latent, phases, directions, speeds]
 
 
 ROWS = RowFunction(policy_super_step, facts_of_policy, _samples)
