@@ -115,11 +115,7 @@ class _Statistics(NamedTuple):
         )
 
     def joined(self, other: _Statistics) -> _Statistics:
-        return _Statistics(
-            self.raw.joined(other.raw),
-            self.change.joined(other.change),
-            self.whole_change.joined(other.whole_change),
-        )
+        return _Statistics(*map(_Moments.joined, self, other))
 
 
 def _latent_numbers(
@@ -153,14 +149,14 @@ def build_emulator(
     )
     statistics = reduce(_Statistics.joined, of_blocks)
     size = len(statistics.raw.mean)
-    is_odd = [features.is_odd and i not in features.even for i in range(size)]
-    odd_raw = np.array(is_odd)
+    odd_raw = np.full(size, features.is_odd)
+    odd_raw[list(features.even)] = False
     return Emulator(
         frame=latent.frame,
         features=features,
         normaliser=_normaliser(data, latent, statistics, odd_raw),
         network=_network(config, latent, system, size),
-        domain=_with_parameters(_domain(statistics.raw, odd_raw), features, system),
+        domain=_domain(statistics.raw, odd_raw, features, system),
         spec=spec_of(system, data.config.substeps, latent.frame.dt),
         encoding=latent.encoding,
     )
@@ -285,17 +281,15 @@ def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
     )
 
 
-def _domain(raw: _Moments, odd: Bool[np.ndarray, " K"]) -> Domain:
-    """Return the range of the raw features, symmetric for those the mirror reverses."""
+def _domain(
+    raw: _Moments, odd: Bool[np.ndarray, " K"], features: Features, system: System
+) -> Domain:
+    """Return the range of the raw features, symmetric for those the mirror reverses.
+
+    Parameters have their whole ranges, most of which runs have shown.
+    """
     high = np.where(odd, np.maximum(-raw.low, raw.high), raw.high)
     low = np.where(odd, -high, raw.low)
-    return Domain(as_jax(low), as_jax(high))
-
-
-def _with_parameters(domain: Domain, features: Features, system: System) -> Domain:
-    """Return the domain with the whole ranges of parameters, most of which runs have shown."""
-    low = np.array(domain.low)
-    high = np.array(domain.high)
     last = features.angles.shape[1]  # of a state or a latent state
     for place, parameter in enumerate(reversed(system.parameters), start=1):
         shown = features.plain.index(last - place)

@@ -229,11 +229,8 @@ def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
 
     `kind` is a tuple of named numbers. BadFileError if the file is longer than that of any training.
     """
-    if not path.is_file():
-        return []
     reports = []
-    lines = read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
-    for line in lines:
+    for line in _lines(path):
         try:
             told = parse_json_object(line, MAX_LINE)
             for name, value in told.items():
@@ -247,11 +244,15 @@ def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
 def trim_metrics(folder: Path, update: int) -> None:
     """Drop the lines that a killed run logged after its last checkpoint."""
     path = folder / METRICS
-    if not path.exists():
-        return
-    lines = read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
-    logged = [line + "\n" for line in lines if _logged_by(line, update)]
-    write_whole(path, "".join(logged).encode())
+    if path.exists():
+        logged = [line + "\n" for line in _lines(path) if _logged_by(line, update)]
+        write_whole(path, "".join(logged).encode())
+
+
+def _lines(path: Path) -> list[str]:
+    if not path.is_file():
+        return []
+    return read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
 
 
 def _logged_by(line: str, update: int) -> bool:
