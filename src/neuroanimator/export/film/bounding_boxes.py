@@ -47,10 +47,14 @@ def bounding_boxes(clips: Sequence[Clip]) -> BoundingBoxes:
     highs = []
     for clip in clips:
         boxes = _boxes_of_moving(clip)
-        index = np.minimum(np.arange(frames), len(clip.times) - 1)
-        lows.append(boxes.low[index])
-        highs.append(boxes.high[index])
+        lows.append(lasting(boxes.low, frames))
+        highs.append(lasting(boxes.high, frames))
     return BoundingBoxes(np.min(lows, axis=0), np.max(highs, axis=0))
+
+
+def lasting(rows: Float[np.ndarray, "N ..."], frames: int) -> Float[np.ndarray, "F ..."]:
+    """Return the row of each of `frames`: after the end, the last one."""
+    return rows[np.minimum(np.arange(frames), len(rows) - 1)]
 
 
 def fixed_boxes(clip: Clip) -> BoundingBoxes:
@@ -90,13 +94,9 @@ def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
 
 def _boxes_of_surface(surface: Shapes, clip: Clip) -> BoundingBoxes:
     """Return the box around the surface of a soft body."""
-    lows = []
-    highs = []
-    for state in clip.states:
-        nodes = surface.decode(state)
-        lows.append(nodes.min(axis=0))
-        highs.append(nodes.max(axis=0))
-    return BoundingBoxes(np.array(lows), np.array(highs))
+    nodes = (surface.decode(state) for state in clip.states)
+    corners = np.array([(points.min(axis=0), points.max(axis=0)) for points in nodes])
+    return BoundingBoxes(corners[:, 0], corners[:, 1])
 
 
 def _boxes_of_skin(

@@ -10,7 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.animation.clip import Clip
-from neuroanimator.export.film.bounding_boxes import BoundingBoxes, bounding_boxes, fixed_boxes
+from neuroanimator.export.film.bounding_boxes import (
+    BoundingBoxes,
+    bounding_boxes,
+    fixed_boxes,
+    lasting,
+)
 from neuroanimator.export.film.options import Film, Take
 from neuroanimator.state.rotation import heading_of
 
@@ -122,8 +127,9 @@ def take_shots(take: Take, film: Film, surface: float | None = None) -> Shots:
         apart = float(np.linalg.norm(centres[:frames] - others[:frames], axis=1).max())
         room = min(1 + apart / shots.size, MAX_GHOST_ROOM)
         position = shots.lookat + room * (position - shots.lookat)
-    index = np.minimum(np.arange(take.frames), len(position) - 1)
-    return shots._replace(lookat=shots.lookat[index], position=position[index])
+    return shots._replace(
+        lookat=lasting(shots.lookat, take.frames), position=lasting(position, take.frames)
+    )
 
 
 def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) -> Shots:
@@ -229,7 +235,7 @@ def _headings(clip: Clip, film: Film, frames: int) -> Float[np.ndarray, " F"]:
     if film.camera not in ("front", "back"):
         return np.repeat(headings[:1], frames)
     smooth = smoothed(np.unwrap(headings)[:, None], round(clip.rate * SMOOTHING))[:, 0]
-    return smooth[np.minimum(np.arange(frames), len(smooth) - 1)]
+    return lasting(smooth, frames)
 
 
 def _body_headings(clip: Clip) -> Float[np.ndarray, " F"]:
