@@ -317,9 +317,7 @@ def shard_transitions(
 ) -> Transitions:
     """Return the transitions of a shard's (tensors, metadata), in windows of `unroll` super steps; see `Dataset.read_part`."""
     windows = windows_of(tensors, metadata["shard"], unroll or system.window_steps)
-    return Transitions(
-        config, system, windows.states, windows.controls, windows.run, metadata["diverged"]
-    )
+    return Transitions(config, system, *windows, metadata["diverged"])
 
 
 def join_transitions(parts: Sequence[Transitions]) -> Transitions:

@@ -9,11 +9,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple, final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.store import (
@@ -78,17 +77,6 @@ class StoredTransitions(Dataset):
         seals = "".join(self._seals[number] for number in range(self.part_count))
         return hashlib.sha256(seals.encode()).hexdigest()
 
-    @cached_property
-    def kept_runs(self) -> Int[np.ndarray, " D"]:
-        """Number of runs in each shard, without those that diverged. This reads, and so checks, all shards."""
-        windows = np.array([len(part.states) for part in self.parts(unroll=1)])
-        return windows // self.config.samples_per_run
-
-    @property
-    def windows(self) -> int:
-        """Number of windows."""
-        return int(self.kept_runs.sum()) * self.config.samples_per_run
-
 
 def open_transitions(
     folder: str | Place, memory: int = DEFAULT_MEMORY
@@ -113,7 +101,8 @@ def open_to_measure(folder: str | Place) -> Transitions | StoredTransitions:
     """
     data = open_transitions(folder, memory=0)
     if isinstance(data, StoredTransitions):
-        _ = data.kept_runs
+        for _ in data.parts(unroll=1):
+            pass
     return data
 
 
