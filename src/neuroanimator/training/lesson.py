@@ -56,7 +56,8 @@ def lesson_of(data: Dataset, config: TrainingConfig, start_from: Emulator | None
         for _ in survey.parts():
             pass
     symmetries = found_symmetries(data.read_part(0, unroll=1))
-    problem = _problem(data.system, config, base, symmetries)
+    rest = base.rest_streams() if keeps_still(data.system, base) else None
+    problem = TrainingProblem(config, data.system.structure, symmetries, base, rest)
     pools = Pools(data, base, config, np.array(survey.counts))
     validation = base_windows(base, survey.validation)
     measured = validation
@@ -70,15 +71,6 @@ def lesson_of(data: Dataset, config: TrainingConfig, start_from: Emulator | None
         measured,
         f"{data.fingerprint[:16]}-{start}-{config.hash}-{pools.size}",
     )
-
-
-def _problem(
-    system: System, config: TrainingConfig, base: Emulator, symmetries: tuple[Symmetry, ...]
-) -> TrainingProblem:
-    rest = None
-    if keeps_still(system, base):
-        rest = base.rest_streams()
-    return TrainingProblem(config, system.structure, symmetries, base, rest)
 
 
 def keeps_still(system: System, emulator: Emulator) -> bool:
