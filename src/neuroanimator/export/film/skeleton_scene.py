@@ -102,14 +102,12 @@ class SkeletonScene:
             prefixes.append("ghost ")
             _add_skeleton(spec, "ghost ", _as_ghost(take.ghost.skeleton), is_ghost=True)
         self.model = spec.compile()
-        self._surfaces: list[_Surface | None] = []
-        for prefix, skeleton in zip(prefixes, self._skeletons, strict=True):
-            surface_shapes = skeleton.shapes
-            if surface_shapes is None:
-                self._surfaces.append(None)
-            else:
-                skin = self.model.skin(f"{prefix}surface")
-                self._surfaces.append(_Surface(skin.id, surface_shapes, float(skin.inflate[0])))
+        self._surfaces: dict[int, _Surface] = {}
+        for number, skeleton in enumerate(self._skeletons):
+            if skeleton.shapes is not None:
+                skin = self.model.skin(f"{prefixes[number]}surface")
+                inflation = float(skin.inflate[0])
+                self._surfaces[number] = _Surface(skin.id, skeleton.shapes, inflation)
         self.data = mujoco.MjData(self.model)
         self.doubt = 0.0
         frame_model(self.model, shots)
@@ -124,16 +122,14 @@ class SkeletonScene:
             orientations.append(orientation[0])
         self.data.mocap_pos[:] = np.concatenate(positions)
         self.data.mocap_quat[:] = np.concatenate(orientations)
-        for surface, state in zip(self._surfaces, states, strict=True):
-            if surface is not None:
-                surface.pose(state)
+        for number, surface in self._surfaces.items():
+            surface.pose(states[number])
         mujoco.mj_forward(self.model, self.data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
         """Fade distant things, let bodies in doubt glow, and move the nodes of surfaces."""
-        for surface in self._surfaces:
-            if surface is not None:
-                surface.fill(scene)
+        for surface in self._surfaces.values():
+            surface.fill(scene)
         scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
         bodies = []
