@@ -139,10 +139,7 @@ def build_emulator(
     """
     system = data.system
     dt = data.config.substeps * system.physics_dt
-    if system.structure.cloud is None:
-        latent = _state_numbers(system, dt)
-    else:
-        latent = _body_numbers(data, config, dt)
+    latent = _latent_of(data, config, dt)
     features = latent.features
     of_blocks = (
         _Statistics.of(latent, block) for part in parts or [data] for block in _blocks_of(part)
@@ -168,41 +165,26 @@ def _blocks_of(data: Transitions) -> Iterator[Transitions]:
         yield data.where(slice(first, first + BLOCK_ROWS))
 
 
-def _state_numbers(system: System, dt: float) -> _Latent:
-    """Return the numbers of a system whose super steps advance the state itself."""
+def _latent_of(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
+    """Return the numbers that super steps advance: the state's own, or those of a deformable body's shape modes."""
+    system = data.system
     structure = system.structure
-    size = system.state.size
+    encoding: Encoding = IdentityEncoding(system.state)
+    grouped = None
+    if structure.cloud is not None:
+        grouped = _fit_modes(data, config)
+        encoding = grouped.modes
+        structure = grouped.modes.structure(structure)
+    size = encoding.layout.size
     frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
-    return _Latent(
-        encoding=IdentityEncoding(system.state),
-        frame=frame,
-        features=features,
-        odd_changes=np.full(frame.change_size(size), features.is_odd),
-    )
-
-
-def _body_numbers(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
-    """Return the numbers of a deformable body, whose super steps advance shape modes."""
-    grouped = _fit_modes(data, config)
-    modes = grouped.modes
-    body = data.system.structure
-    structure = modes.structure(body)
-    size = modes.encode(np.asarray(data.system.rest, float)).shape[-1]
-    frame = Frame.of(structure, dt)
-    features = Features.of(structure, size, dt)
-    odd_changes = np.zeros(frame.change_size(size), bool)
-    if modes.is_mirrored:
-        even = tuple(i for i, is_odd in enumerate(modes.odd_features(body)) if not is_odd)
+    odd_changes = np.full(frame.change_size(size), features.is_odd)
+    if grouped is not None and encoding.is_mirrored:
+        odd_features = grouped.modes.odd_features(system.structure)
+        even = tuple(i for i, is_odd in enumerate(odd_features) if not is_odd)
         features = replace(features, is_odd=True, even=even)
-        odd_changes = np.array(modes.odd_changes())
-    return _Latent(
-        encoding=modes,
-        frame=frame,
-        features=features,
-        odd_changes=odd_changes,
-        grouped_modes=grouped,
-    )
+        odd_changes = np.array(grouped.modes.odd_changes())
+    return _Latent(encoding, frame, features, odd_changes, grouped)
 
 
 def _fit_modes(data: Transitions, config: TrainingConfig) -> GroupedModes:
