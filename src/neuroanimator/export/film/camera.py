@@ -88,6 +88,9 @@ VIEWS = {
 """The views of `options.CAMERAS`."""
 
 
+Points = Float[np.ndarray, "F 3"]
+"""A point in every frame [m]."""
+
 SIDES = (48.0, -48.0, 132.0, -132.0, 68.0, -68.0, 112.0, -112.0)
 """Azimuths that the camera "follow" may have [deg], the preferred first."""
 
@@ -95,10 +98,10 @@ SIDES = (48.0, -48.0, 132.0, -132.0, 68.0, -68.0, 112.0, -112.0)
 class Shots(NamedTuple):
     """The camera in every frame."""
 
-    lookat: Float[np.ndarray, "F 3"]
-    """The middle of the picture [m]."""
-    position: Float[np.ndarray, "F 3"]
-    """Position of the camera [m]."""
+    lookat: Points
+    """The middle of the picture."""
+    position: Points
+    """Position of the camera."""
     size: float
     """Size of the filmed body or motion [m]."""
     is_under_water: bool
@@ -151,9 +154,7 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     return min(sides, key=lambda side: side[0])[1]
 
 
-def hidden_share(
-    positions: Float[np.ndarray, "F 3"], boxes: BoundingBoxes, obstacles: BoundingBoxes
-) -> float:
+def hidden_share(positions: Points, boxes: BoundingBoxes, obstacles: BoundingBoxes) -> float:
     """Return the share of the motion, over all frames, that the `obstacles` hide from the camera."""
     hidden = []
     for corner in itertools.product((-LOOKED_AT, LOOKED_AT), repeat=3):
@@ -163,7 +164,7 @@ def hidden_share(
 
 
 def _is_hidden(
-    positions: Float[np.ndarray, "F 3"], points: Float[np.ndarray, "F 3"], obstacles: BoundingBoxes
+    positions: Points, points: Points, obstacles: BoundingBoxes
 ) -> Bool[np.ndarray, " F"]:
     """Return for each frame whether an obstacle is between the camera and a point."""
     sight = (points - positions)[:, None]
@@ -260,9 +261,7 @@ def _emerges(boxes: BoundingBoxes, surface: float) -> bool:
     return leaps or float((boxes.high[:, 2] > surface).mean()) > EMERGED
 
 
-def camera_path(
-    path: Float[np.ndarray, "F 3"], frames: int, max_lag: float
-) -> Float[np.ndarray, "F 3"]:
+def camera_path(path: Points, frames: int, max_lag: float) -> Points:
     """Return `path` [m] smoothed over up to `frames`, less if the camera would lag by more than `max_lag` [m]."""
     while frames > 0:
         smooth = smoothed(path, frames)

@@ -95,17 +95,16 @@ class SkeletonScene:
             floor = -depth * shots.size
         spec = mujoco.MjSpec.from_string(_place_mjcf(place, shots.size, floor, surface))
         self._skeletons = [clip.skeleton for clip in take.everything]
-        prefixes = [f"{number} " for number in range(len(take.clips))]
-        for number, clip in enumerate(take.clips):
-            _add_skeleton(spec, prefixes[number], clip.skeleton, has_scenery=number == 0)
-        if take.ghost is not None:
-            prefixes.append("ghost ")
-            _add_skeleton(spec, "ghost ", _as_ghost(take.ghost.skeleton), is_ghost=True)
+        for number, skeleton in enumerate(self._skeletons):
+            if number < len(take.clips):
+                _add_skeleton(spec, f"{number} ", skeleton, has_scenery=number == 0)
+            else:
+                _add_skeleton(spec, f"{number} ", _as_ghost(skeleton), is_ghost=True)
         self.model = spec.compile()
         self._surfaces: dict[int, _Surface] = {}
         for number, skeleton in enumerate(self._skeletons):
             if skeleton.shapes is not None:
-                skin = self.model.skin(f"{prefixes[number]}surface")
+                skin = self.model.skin(f"{number} surface")
                 inflation = float(skin.inflate[0])
                 self._surfaces[number] = _Surface(skin.id, skeleton.shapes, inflation)
         self.data = mujoco.MjData(self.model)
