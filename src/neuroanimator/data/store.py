@@ -125,10 +125,12 @@ def _use_model(folder: Place, config: DatasetConfig) -> None:
     try:
         files = ModelFiles.from_json(parse_json_object(content, MAX_MODEL))
     except ValueError as error:
-        raise BadFileError(
-            f"{path} is damaged: {one_line(error)}. Generate the dataset again."
-        ) from error
+        raise _damaged(path, one_line(error)) from error
     know_model(config.system, files)
+
+
+def _damaged(path: Place, fault: str) -> BadFileError:
+    return BadFileError(f"{path} is damaged: {fault}. Generate the dataset again.")
 
 
 def _differences(present: DatasetConfig, wanted: DatasetConfig) -> str:
@@ -154,16 +156,12 @@ def read_config(folder: Place) -> DatasetConfig:
     try:
         values = parse_json_object(content, MAX_CONFIG)
     except ValueError as error:
-        raise BadFileError(
-            f"{path} is damaged: {one_line(error)}. Generate the dataset again."
-        ) from error
+        raise _damaged(path, one_line(error)) from error
     _check_format(path, values.pop("format", None))
     try:
         config = DatasetConfig.of_file(values)
     except ValidationError as error:
-        raise BadFileError(
-            f"{path} is damaged: {first_fault(error)}. Generate the dataset again."
-        ) from error
+        raise _damaged(path, first_fault(error)) from error
     _use_model(folder, config)
     return config
 
@@ -372,12 +370,10 @@ def read_shard(
     """Return one shard's (tensors, metadata), checked to belong to `config` and to match its specs."""
     path = config.shard_path(folder, shard)
     runs = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
-    if system.recordings is not None:
-        specs = recorded_shard_specs(system)
+    specs = shard_specs(system, config)
+    rows = runs
+    if "segments" in specs:
         rows = runs * config.samples_per_run
-    else:
-        specs = simulated_shard_specs(system, config)
-        rows = runs
     tensors, metadata = read_tensors(
         path, "shard", largest=HEADER_LIMIT + largest_size(specs, rows)
     )
@@ -392,23 +388,19 @@ def read_shard(
     return tensors, metadata
 
 
-def simulated_shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
-    """Return the specs of a shard of simulated runs."""
-    return {
-        "states": TensorSpec(np.float32, (None, system.run_steps + 1, system.state.size)),
-        "controls": TensorSpec(np.float32, (None, system.run_steps, system.control.size)),
-        "samples": TensorSpec(np.int32, (None, config.samples_per_run)),
+def shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
+    """Return the specs of a shard: of simulated runs, or of windows cut out of recordings, each of its own segment."""
+    is_recorded = system.recordings is not None
+    steps = MAX_UNROLL if is_recorded else system.run_steps
+    samples = 1 if is_recorded else config.samples_per_run
+    specs = {
+        "states": TensorSpec(np.float32, (None, steps + 1, system.state.size)),
+        "controls": TensorSpec(np.float32, (None, steps, system.control.size)),
+        "samples": TensorSpec(np.int32, (None, samples)),
     }
-
-
-def recorded_shard_specs(system: System) -> dict[str, TensorSpec]:
-    """Return the specs of a shard of windows cut out of recordings."""
-    return {
-        "states": TensorSpec(np.float32, (None, MAX_UNROLL + 1, system.state.size)),
-        "controls": TensorSpec(np.float32, (None, MAX_UNROLL, system.control.size)),
-        "samples": TensorSpec(np.int32, (None, 1)),
-        "segments": TensorSpec(np.int32, (None,)),
-    }
+    if is_recorded:
+        specs["segments"] = TensorSpec(np.int32, (None,))
+    return specs
 
 
 def windows_of(
