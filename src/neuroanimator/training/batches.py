@@ -10,7 +10,13 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.state.rotation import conjugate, facing, multiply, rotate
+from neuroanimator.state.rotation import (
+    conjugate,
+    facing,
+    multiply,
+    rotate,
+    rotate_in_plane,
+)
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.training.config import UPDATES_PER_CHUNK
@@ -115,11 +121,7 @@ def turned_windows(
     states = states.at[..., orientation].set(quaternions)
     velocities = rotate(turning, states[..., angular_velocity])
     states = states.at[..., angular_velocity].set(velocities)
-    for x, y in structure.symmetry_controls:
-        cosine = jnp.cos(angle)
-        sine = jnp.sin(angle)
-        along = controls[..., x]
-        across = controls[..., y]
-        controls = controls.at[..., x].set(cosine * along - sine * across)
-        controls = controls.at[..., y].set(sine * along + cosine * across)
+    for pair in structure.symmetry_controls:
+        turned = rotate_in_plane(angle[..., None], controls[..., list(pair)])
+        controls = controls.at[..., list(pair)].set(turned)
     return states, controls
