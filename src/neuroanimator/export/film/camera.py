@@ -88,7 +88,7 @@ VIEWS = {
 """The views of `options.CAMERAS`."""
 
 
-Points = Float[np.ndarray, "F 3"]
+Positions = Float[np.ndarray, "F 3"]
 """A point in every frame [m]."""
 
 SIDES = (48.0, -48.0, 132.0, -132.0, 68.0, -68.0, 112.0, -112.0)
@@ -98,9 +98,9 @@ SIDES = (48.0, -48.0, 132.0, -132.0, 68.0, -68.0, 112.0, -112.0)
 class Shots(NamedTuple):
     """The camera in every frame."""
 
-    lookat: Points
+    lookat: Positions
     """The middle of the picture."""
-    position: Points
+    position: Positions
     """Position of the camera."""
     size: float
     """Size of the filmed body or motion [m]."""
@@ -154,7 +154,7 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     return min(sides, key=lambda side: side[0])[1]
 
 
-def hidden_share(positions: Points, boxes: BoundingBoxes, obstacles: BoundingBoxes) -> float:
+def hidden_share(positions: Positions, boxes: BoundingBoxes, obstacles: BoundingBoxes) -> float:
     """Return the share of the motion, over all frames, that the `obstacles` hide from the camera."""
     hidden = []
     for corner in itertools.product((-LOOKED_AT, LOOKED_AT), repeat=3):
@@ -164,7 +164,7 @@ def hidden_share(positions: Points, boxes: BoundingBoxes, obstacles: BoundingBox
 
 
 def _is_hidden(
-    positions: Points, points: Points, obstacles: BoundingBoxes
+    positions: Positions, points: Positions, obstacles: BoundingBoxes
 ) -> Bool[np.ndarray, " F"]:
     """Return for each frame whether an obstacle is between the camera and a point."""
     sight = (points - positions)[:, None]
@@ -261,7 +261,7 @@ def _emerges(boxes: BoundingBoxes, surface: float) -> bool:
     return leaps or float((boxes.high[:, 2] > surface).mean()) > EMERGED
 
 
-def camera_path(path: Points, frames: int, max_lag: float) -> Points:
+def camera_path(path: Positions, frames: int, max_lag: float) -> Positions:
     """Return `path` [m] smoothed over up to `frames`, less if the camera would lag by more than `max_lag` [m]."""
     while frames > 0:
         smooth = smoothed(path, frames)
