@@ -18,6 +18,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from cook import cook
 from table1_cases.paper_table import TableRow, measure_row
 from table1_cases.training_time import time_chunk
 from table1_cases.work_precision import draw_work_precision
@@ -29,7 +30,7 @@ from neuroanimator.evaluation.evaluate import QUICK, THOROUGH, EvaluationBudget
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.files.zoo import SHIPPED, emulator_name
 from neuroanimator.terminal import print_table, progress_bar
-from neuroanimator.training.recipes import RECIPES, cook
+from neuroanimator.training.recipes import RECIPES
 
 Choice = list[tuple[str, int]]
 """Pairs of a system and its n, the physics steps of a super step."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from cook import cook, cook_soft
 from trust_cases.task_motions import task_motions
 
 from neuroanimator.data.config import DatasetConfig
@@ -23,7 +24,7 @@ from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.files.zoo import LARGE, SHIPPED, SOFT, emulator_name, shipped_path
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.error_fitting import fit_error_bounds
-from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, cook, cook_soft
+from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES
 from neuroanimator.training.trust_fitting import fit_trust
 
 WORKPLACE = Path("out/shipped")

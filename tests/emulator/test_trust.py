@@ -18,7 +18,7 @@ from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.training.trust_fitting import fit_meter, fit_trust
+from neuroanimator.training.trust_fitting import Inputs, fit_meter, fit_trust
 
 JUMP = 2.0
 """States that are shifted go so many times as fast."""
@@ -139,9 +139,9 @@ def test_scores_do_not_depend_on_what_units_are_measured_in():
     rng = np.random.default_rng(3)
     odd, even = rng.normal(size=(2000, 6)), rng.normal(size=(2000, 5)) + 2
     errors = np.abs(odd[:, 0]) + 0.1 * np.abs(even[:, 1] - 2)
-    meter = fit_meter(odd, even, errors)
+    meter = fit_meter(Inputs(odd, even, errors))
     turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
-    turned = fit_meter(3 * odd @ turn, 3 * even, errors)
+    turned = fit_meter(Inputs(3 * odd @ turn, 3 * even, errors))
 
     def scores(meter: TrustMeter, odd: np.ndarray, even: np.ndarray) -> np.ndarray:
         away = (odd @ meter.odd) ** 2

@@ -28,6 +28,10 @@ Weights = tuple[tuple[Entry, Weight], ...]
 """Mass points: the first of the three state entries of each one's position, and its weight."""
 
 
+Pose = tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]
+"""Positions [m] and orientations wxyz of one bone in T states."""
+
+
 class Binding(BaseModel):
     """A bone's attachment to mass points.
 
@@ -71,9 +75,7 @@ def binding_from_json(row: Any) -> Binding:
     return Binding.model_validate(fields)
 
 
-def bound_pose(
-    binding: Binding, states: Float[np.ndarray, "T S"]
-) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]:
+def bound_pose(binding: Binding, states: Float[np.ndarray, "T S"]) -> Pose:
     """Return positions [m] and orientations wxyz in the world, for every state."""
     position = _weighted_sum(binding.position, states)
     if not binding.forward:

@@ -223,10 +223,6 @@ def _lofted(rings: Float[np.ndarray, "K R 3"]) -> Surface:
     count, size = open_rings.shape[:2]
     here = np.arange(size)
     following = np.roll(here, -1)
-    lower = np.stack([here, following, here + size], axis=1)
-    upper = np.stack([following, following + size, here + size], axis=1)
-    band = np.concatenate([lower, upper])
-    bands = np.concatenate([band + size * ring for ring in range(count - 1)])
     front = np.full(size, count * size)
     rear = front + 1
     last_ring = size * (count - 1)
@@ -235,8 +231,18 @@ def _lofted(rings: Float[np.ndarray, "K R 3"]) -> Surface:
     ring_points = open_rings.reshape(-1, 3)
     tips = np.stack([rings[0].mean(axis=0), rings[-1].mean(axis=0)])
     points = np.concatenate([ring_points, tips])
-    triangles = np.concatenate([bands, front_fan, rear_fan])
+    triangles = np.concatenate([bands_between(count, size), front_fan, rear_fan])
     return _outward(Surface(points, triangles))
+
+
+def bands_between(rings: int, size: int) -> Int[np.ndarray, "M 3"]:
+    """Return the triangles between `rings` rings of `size` points each, the first ring's points numbered first."""
+    here = np.arange(size)
+    following = np.roll(here, -1)
+    lower = np.stack([here, following, here + size], axis=1)
+    upper = np.stack([following, following + size, here + size], axis=1)
+    band = np.concatenate([lower, upper])
+    return np.concatenate([band + size * ring for ring in range(rings - 1)])
 
 
 def _is_tip(ring: Float[np.ndarray, "R 3"]) -> bool:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.appearance.loft import bands_between
 from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.state.rotation import rotate
 
@@ -59,7 +60,8 @@ def _rounded(axes: Float[np.ndarray, " 3"], half_length: float) -> Mesh:
     points = unit * axes + shift * [0, 0, 1]
     normals = unit / axes
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    return Mesh(points.reshape(-1, 3), normals.reshape(-1, 3), _bands(ALONG))
+    triangles = bands_between(ALONG, AROUND)
+    return Mesh(points.reshape(-1, 3), normals.reshape(-1, 3), triangles)
 
 
 def _cylinder(size: Float[np.ndarray, " D"]) -> Mesh:
@@ -74,7 +76,7 @@ def _cylinder(size: Float[np.ndarray, " D"]) -> Mesh:
     normals = np.concatenate([ring, ring, -up, up])
     upper_cap = _fan()
     lower_cap = upper_cap[:, ::-1]
-    triangles = [_bands(2), lower_cap + 2 * AROUND, upper_cap + 3 * AROUND]
+    triangles = [bands_between(2, AROUND), lower_cap + 2 * AROUND, upper_cap + 3 * AROUND]
     return Mesh(points, normals, np.concatenate(triangles))
 
 
@@ -112,18 +114,6 @@ def _fan() -> Int[np.ndarray, "M 3"]:
     """Return the triangles that fill a ring of `AROUND` points, all from its first point."""
     first = np.zeros(AROUND - 2, int)
     return np.stack([first, np.arange(1, AROUND - 1), np.arange(2, AROUND)], axis=1)
-
-
-def _bands(rings: int) -> Int[np.ndarray, "M 3"]:
-    """Return the triangles between `rings` rings of `AROUND` points, the lowest first."""
-    low = np.arange(AROUND)
-    next_low = np.roll(low, -1)
-    high = low + AROUND
-    next_high = next_low + AROUND
-    lower = np.stack([low, next_low, high], axis=1)
-    upper = np.stack([next_low, next_high, high], axis=1)
-    band = np.concatenate([lower, upper])
-    return np.concatenate([band + ring * AROUND for ring in range(rings - 1)])
 
 
 MAKERS = {

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.appearance.binding import Binding, binding_from_json, bound_pose
+from neuroanimator.appearance.binding import Binding, Pose, binding_from_json, bound_pose
 from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
@@ -24,9 +24,6 @@ from neuroanimator.text import did_you_mean, quoted
 
 Poses = tuple[Float[np.ndarray, "T B 3"], Float[np.ndarray, "T B 4"]]
 """Positions [m] and orientations wxyz of B bones in T states."""
-
-Pose = tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]
-"""Positions [m] and orientations wxyz of one bone in T states."""
 
 SHAPE_SIZES = {"capsule": 2, "box": 3, "sphere": 1, "ellipsoid": 3, "cylinder": 2}
 """Number of sizes of each kind of shape."""

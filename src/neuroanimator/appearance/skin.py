@@ -17,14 +17,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from neuroanimator.appearance.mesh_skin import MeshSkin
+from neuroanimator.appearance.mesh_skin import Coordinate, MeshSkin
 from neuroanimator.files.tables import Share, Table, first_fault
 
 Colour = tuple[Share, Share, Share]
 """Red, green and blue, each 0 to 1."""
-
-Length = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
-"""A coordinate [m]."""
 
 Size = Annotated[float, Field(ge=0, le=1e3, allow_inf_nan=False)]
 """A length of 0 or more [m]."""
@@ -42,7 +39,7 @@ BOX_CORNERS = 8
 class Fin(Table):
     """A thin blade: fin, fluke or flipper."""
 
-    edge: tuple[tuple[Length, Length, Length, Size], ...] = Field(
+    edge: tuple[tuple[Coordinate, Coordinate, Coordinate, Size], ...] = Field(
         min_length=2, max_length=MAX_SECTIONS
     )
     """From one end of the blade to the other: x, y, z of its leading edge, and its chord behind it."""
@@ -60,12 +57,12 @@ class Swimmer(Table):
     belly: Colour
     fin: Colour | None = None
     """Colour of the fins; that of the back if not given."""
-    sections: tuple[tuple[Length, Size, Length, Length], ...] = Field(
+    sections: tuple[tuple[Coordinate, Size, Coordinate, Coordinate], ...] = Field(
         min_length=3, max_length=MAX_SECTIONS
     )
     """From nose to tail: x, half the width, top and bottom; a section of zero size ends in a rounded tip."""
     fins: tuple[Fin, ...] = Field((), max_length=MAX_FINS)
-    eye: tuple[Length, Length, Length, Size] | None = None
+    eye: tuple[Coordinate, Coordinate, Coordinate, Size] | None = None
     """Position and radius of the left eye; the right one is its mirror image."""
 
     def fits(self, bone_positions: Sequence[Sequence[float]]) -> bool:

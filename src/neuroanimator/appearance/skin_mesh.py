@@ -102,6 +102,10 @@ class _Influences(NamedTuple):
     weights: Float[np.ndarray, "V 4"]
 
 
+_Covering = tuple[Surface, Float[np.ndarray, " V"], _Influences]
+"""A skin's surface, the shades of its V points and the bones they follow."""
+
+
 def skin_mesh(skeleton: Skeleton) -> SkinMesh:
     """Return the skin around the bones of `skeleton`, which has one."""
     skin = skeleton.skin
@@ -172,7 +176,7 @@ def parts_of(skin: Skin, mesh: SkinMesh) -> dict[str, Int[np.ndarray, " _"]]:
     return parts
 
 
-def _triangles(skin: MeshSkin) -> tuple[Surface, Float[np.ndarray, " V"], _Influences]:
+def _triangles(skin: MeshSkin) -> _Covering:
     arrays = skin.arrays
     shades = np.zeros(len(arrays.vertices))
     shades_of_parts = np.linspace(0, 1, len(skin.parts))
@@ -184,9 +188,7 @@ def _triangles(skin: MeshSkin) -> tuple[Surface, Float[np.ndarray, " V"], _Influ
     return surface, shades, _Influences(arrays.bones, arrays.weights)
 
 
-def _swimmer(
-    skin: Swimmer, bone_positions: Float[np.ndarray, "B 3"]
-) -> tuple[Surface, Float[np.ndarray, " V"], _Influences]:
+def _swimmer(skin: Swimmer, bone_positions: Float[np.ndarray, "B 3"]) -> _Covering:
     sections = np.array(skin.sections)
     body = body_surface(sections)
     surfaces = [body]
@@ -246,9 +248,7 @@ def _along_spine(x: Float[np.ndarray, " V"], stations: Float[np.ndarray, " B"]) 
     return _Influences(bones, weights)
 
 
-def _box(
-    skin: Box, bone_positions: Float[np.ndarray, "8 3"]
-) -> tuple[Surface, Float[np.ndarray, " V"], _Influences]:
+def _box(skin: Box, bone_positions: Float[np.ndarray, "8 3"]) -> _Covering:
     """Return a box around eight corners; bone 4a + 2b + c is the one at the a-th end of X, b-th of Y, c-th of Z."""
     low = bone_positions.min(axis=0)
     high = bone_positions.max(axis=0)

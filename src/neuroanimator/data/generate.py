@@ -31,7 +31,6 @@ from neuroanimator.files.places import Place, UrlPath, place_of
 from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.warnings import also_heard
-from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import trusted_so_far
 
 
@@ -64,10 +63,14 @@ def generate(
             remove_stale(folder)
         diverged = 0
         tasks = []
+        store = folder if isinstance(folder, UrlPath) else None
         for shard in range(config.shards):
-            dropped = _diverged_here(system, config, folder, shard)
+            dropped = None
+            # A shard in a store is read by the worker whose task it is.
+            if store is None:
+                dropped = diverged_in(system, config, folder, shard)
             if dropped is None:
-                tasks.append(_task(config, folder, shard, threads))
+                tasks.append(ShardTask(config, shard, threads, trusted_so_far(), store))
             else:
                 diverged += dropped
                 on_shard()
@@ -100,21 +103,6 @@ def _checked_threads(threads: int | None) -> int:
         raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; got {threads}.")
     # More threads than runs in a shard would be idle, and each takes memory.
     return min(threads or core_count(), RUNS_PER_SHARD)
-
-
-def _diverged_here(system: System, config: DatasetConfig, folder: Place, shard: int) -> int | None:
-    """Return the number of diverged runs of a complete shard; None for one that must be made.
-
-    A shard in a store is read by the worker whose task it is: it need not pass through this process.
-    """
-    if isinstance(folder, UrlPath):
-        return None
-    return diverged_in(system, config, folder, shard)
-
-
-def _task(config: DatasetConfig, folder: Place, shard: int, threads: int) -> ShardTask:
-    store = folder if isinstance(folder, UrlPath) else None
-    return ShardTask(config, shard, threads, trusted_so_far(), store)
 
 
 def _made(tasks: list[ShardTask], executor: Executor) -> Iterator[tuple[int, MadeShard]]:

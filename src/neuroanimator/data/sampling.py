@@ -105,9 +105,23 @@ def _warmed_up(
     dt = WARM_UP_SUBSTEPS * system.physics_dt
     steps = round(system.warm_up / dt)
     controls = sample_control_runs(rng, count, steps, dt, system)
+    return _on_the_way(system, rng, starts, controls, system.rest, threads)
+
+
+def _on_the_way(
+    system: System,
+    rng: np.random.Generator,
+    starts: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B T C"],
+    instead: Float[np.ndarray, "... S"],
+    threads: int,
+) -> Float[np.ndarray, "B S"]:
+    """Return one of the states of each run of a warm-up, drawn at random; `instead` of those of runs that diverge."""
+    count, steps, _ = controls.shape
+    dt = WARM_UP_SUBSTEPS * system.physics_dt
     runs = system.simulate(starts, controls, dt, scheme=system.scheme, threads=threads)
     chosen = runs.states[np.arange(count), rng.integers(0, steps + 1, count)]
-    return np.where(runs.has_diverged[:, None], system.rest, chosen)
+    return np.where(runs.has_diverged[:, None], instead, chosen)
 
 
 def sample_control_runs(
@@ -156,14 +170,11 @@ def with_held_runs(
     is_idle = rng.random((len(rows), size)) < IDLE_AMONG_HELD
     held = np.where(is_idle, bounds.idle, bounds.middle + signs * bounds.half)[:, None]
     # before the run: from its start under the held controls
-    dt = WARM_UP_SUBSTEPS * system.physics_dt
-    longest = round(HELD_WARM_UPS * system.warm_up / dt)
+    longest = round(HELD_WARM_UPS * system.warm_up / (WARM_UP_SUBSTEPS * system.physics_dt))
     begin = starts[rows]
     if longest:
         held_long = np.repeat(held, longest, axis=1)
-        runs = system.simulate(begin, held_long, dt, scheme=system.scheme, threads=threads)
-        chosen = runs.states[np.arange(len(rows)), rng.integers(0, longest + 1, len(rows))]
-        begin = np.where(runs.has_diverged[:, None], begin, chosen)
+        begin = _on_the_way(system, rng, begin, held_long, begin, threads)
     # in the run: until a time in its second half
     until = rng.integers(steps // 2, steps + 1, len(rows))
     is_held = np.arange(steps) < until[:, None]

@@ -64,9 +64,9 @@ def run_shard_task(task: ShardTask) -> MadeShard:
     if diverged is None:
         shard = make_shard(system, task.config, task.shard, task.threads)
         diverged = shard.diverged
-    if task.store is not None and shard is not None:
-        store_shard(shard, task.config, task.store, task.shard)
-        shard = None
+        if task.store is not None:
+            store_shard(shard, task.config, task.store, task.shard)
+            shard = None
     return MadeShard(shard, diverged, warnings_heard() - before, THIS_PROCESS)
 
 

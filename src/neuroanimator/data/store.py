@@ -7,11 +7,12 @@ apart (the seminar paper's eq. 8). Storing whole runs lets training unroll from 
 from __future__ import annotations
 
 import abc
+import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -124,10 +125,12 @@ def _use_model(folder: Place, config: DatasetConfig) -> None:
     try:
         files = ModelFiles.from_json(parse_json_object(content, MAX_MODEL))
     except ValueError as error:
-        raise BadFileError(
-            f"{path} is damaged: {one_line(error)}. Generate the dataset again."
-        ) from error
+        raise _damaged(path, one_line(error)) from error
     know_model(config.system, files)
+
+
+def _damaged(path: Place, fault: str) -> BadFileError:
+    return BadFileError(f"{path} is damaged: {fault}. Generate the dataset again.")
 
 
 def _differences(present: DatasetConfig, wanted: DatasetConfig) -> str:
@@ -153,16 +156,12 @@ def read_config(folder: Place) -> DatasetConfig:
     try:
         values = parse_json_object(content, MAX_CONFIG)
     except ValueError as error:
-        raise BadFileError(
-            f"{path} is damaged: {one_line(error)}. Generate the dataset again."
-        ) from error
+        raise _damaged(path, one_line(error)) from error
     _check_format(path, values.pop("format", None))
     try:
         config = DatasetConfig.of_file(values)
     except ValidationError as error:
-        raise BadFileError(
-            f"{path} is damaged: {first_fault(error)}. Generate the dataset again."
-        ) from error
+        raise _damaged(path, first_fault(error)) from error
     _use_model(folder, config)
     return config
 
@@ -180,9 +179,9 @@ class Dataset(abc.ABC):
 
     config: DatasetConfig
     system: System
-    held_out: tuple[np.ndarray, np.ndarray] | None
+    held_out: tuple[np.ndarray, np.ndarray] | None = None
     """(states (B, T+1, S), controls (B, T, C)) kept for the test; recordings only."""
-    noise: Float[np.ndarray, " S"] | None
+    noise: Float[np.ndarray, " S"] | None = None
     """Standard deviation of the noise in each state entry; recordings only."""
 
     @property
@@ -251,13 +250,48 @@ class Transitions(Dataset):
         )
 
 
-class Windows(NamedTuple):
-    """The windows of one shard; T = H + 1."""
+@final
+@dataclass(frozen=True)
+class StoredTransitions(Dataset):
+    """A dataset in a folder; each shard is a part, read and checked when it is asked for."""
 
-    states: Float[np.ndarray, "N T S"]
-    controls: Float[np.ndarray, "N H C"]
-    run: Int[np.ndarray, " N"]
-    """Run that each window comes from, counted over the whole dataset."""
+    folder: Place
+    config: DatasetConfig
+    system: System
+    _seals: dict[int, str] = field(default_factory=dict, compare=False, repr=False)
+    """The sha256 of each shard read so far."""
+
+    @classmethod
+    def at(cls, folder: str | Place) -> StoredTransitions:
+        """Return the dataset in `folder`, of which only the configuration is read."""
+        folder = place_of(folder)
+        config = read_config(folder)
+        return cls(folder, config, carried_system(config.system, config.definition))
+
+    @property
+    def part_count(self) -> int:
+        return self.config.shards
+
+    def read_part(self, number: int, unroll: int | None = None) -> Transitions:
+        """Return shard `number`; BadFileError if it is missing, damaged, of another dataset, or has changed."""
+        tensors, metadata = read_shard(self.folder, self.config, self.system, number)
+        if self._seals.setdefault(number, metadata["sha256"]) != metadata["sha256"]:
+            path = self.config.shard_path(self.folder, number)
+            raise BadFileError(f"{path} has changed since it was first read. Start again.")
+        return shard_transitions(self.config, self.system, tensors, metadata, unroll)
+
+    def joined(self, shards: int) -> Transitions:
+        """Return the first `shards` in memory, as one part; for recordings with what was kept for the test."""
+        transitions = join_transitions([self.read_part(number) for number in range(shards)])
+        if self.system.recordings is None:
+            return transitions
+        states, controls, noise = read_held_out(self.folder, self.config, self.system)
+        return replace(transitions, held_out=(states, controls), noise=noise)
+
+    @property
+    def fingerprint(self) -> str:
+        seals = "".join(self._seals[number] for number in range(self.part_count))
+        return hashlib.sha256(seals.encode()).hexdigest()
 
 
 def read_transitions(folder: str | Place, *, at_least: int | None = None) -> Transitions:
@@ -265,19 +299,11 @@ def read_transitions(folder: str | Place, *, at_least: int | None = None) -> Tra
 
     With `at_least`, only as many shards are read as hold that many transitions; recordings are read whole.
     """
-    folder = place_of(folder)
-    config = read_config(folder)
-    system = carried_system(config.system, config.definition)
-    count = config.shards
-    if at_least is not None and system.recordings is None:
-        count = min(count, -(-at_least // (RUNS_PER_SHARD * config.samples_per_run)))
-    shards = (read_shard(folder, config, system, shard) for shard in range(count))
-    parts = [shard_transitions(config, system, *shard) for shard in shards]
-    transitions = join_transitions(parts)
-    if system.recordings is not None:
-        states, controls, noise = read_held_out(folder, config, system)
-        return replace(transitions, held_out=(states, controls), noise=noise)
-    return transitions
+    data = StoredTransitions.at(folder)
+    count = data.part_count
+    if at_least is not None and data.system.recordings is None:
+        count = min(count, -(-at_least // (RUNS_PER_SHARD * data.config.samples_per_run)))
+    return data.joined(count)
 
 
 def read_held_out(
@@ -315,11 +341,14 @@ def shard_transitions(
     metadata: dict[str, Any],
     unroll: int | None = None,
 ) -> Transitions:
-    """Return the transitions of a shard's (tensors, metadata), in windows of `unroll` super steps; see `Dataset.read_part`."""
-    windows = windows_of(tensors, metadata["shard"], unroll or system.window_steps)
-    return Transitions(
-        config, system, windows.states, windows.controls, windows.run, metadata["diverged"]
-    )
+    """Return the transitions of a shard's (tensors, metadata), in windows of `unroll` super steps; see `Dataset.read_part`.
+
+    Simulated runs are numbered across all shards.
+    """
+    states, controls, run = windows_of(tensors, unroll or system.window_steps)
+    if "segments" not in tensors:
+        run = run + metadata["shard"] * RUNS_PER_SHARD
+    return Transitions(config, system, states, controls, run, metadata["diverged"])
 
 
 def join_transitions(parts: Sequence[Transitions]) -> Transitions:
@@ -341,12 +370,10 @@ def read_shard(
     """Return one shard's (tensors, metadata), checked to belong to `config` and to match its specs."""
     path = config.shard_path(folder, shard)
     runs = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
-    if system.recordings is not None:
-        specs = recorded_shard_specs(system)
+    specs = shard_specs(system, config)
+    rows = runs
+    if "segments" in specs:
         rows = runs * config.samples_per_run
-    else:
-        specs = simulated_shard_specs(system, config)
-        rows = runs
     tensors, metadata = read_tensors(
         path, "shard", largest=HEADER_LIMIT + largest_size(specs, rows)
     )
@@ -361,42 +388,33 @@ def read_shard(
     return tensors, metadata
 
 
-def simulated_shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
-    """Return the specs of a shard of simulated runs."""
-    return {
-        "states": TensorSpec(np.float32, (None, system.run_steps + 1, system.state.size)),
-        "controls": TensorSpec(np.float32, (None, system.run_steps, system.control.size)),
-        "samples": TensorSpec(np.int32, (None, config.samples_per_run)),
+def shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
+    """Return the specs of a shard: of simulated runs, or of windows cut out of recordings, each of its own segment."""
+    is_recorded = system.recordings is not None
+    steps = MAX_UNROLL if is_recorded else system.run_steps
+    samples = 1 if is_recorded else config.samples_per_run
+    specs = {
+        "states": TensorSpec(np.float32, (None, steps + 1, system.state.size)),
+        "controls": TensorSpec(np.float32, (None, steps, system.control.size)),
+        "samples": TensorSpec(np.int32, (None, samples)),
     }
+    if is_recorded:
+        specs["segments"] = TensorSpec(np.int32, (None,))
+    return specs
 
 
-def recorded_shard_specs(system: System) -> dict[str, TensorSpec]:
-    """Return the specs of a shard of windows cut out of recordings."""
-    return {
-        "states": TensorSpec(np.float32, (None, MAX_UNROLL + 1, system.state.size)),
-        "controls": TensorSpec(np.float32, (None, MAX_UNROLL, system.control.size)),
-        "samples": TensorSpec(np.int32, (None, 1)),
-        "segments": TensorSpec(np.int32, (None,)),
-    }
-
-
-def windows_of(tensors: dict[str, np.ndarray], shard: int, unroll: int) -> Windows:
-    """Return the windows of `unroll` super steps that begin at a shard's samples.
-
-    Simulated runs are numbered across all shards.
-    """
+def windows_of(
+    tensors: dict[str, np.ndarray], unroll: int
+) -> tuple[Float[np.ndarray, "N T S"], Float[np.ndarray, "N H C"], Int[np.ndarray, " N"]]:
+    """Return the windows of `unroll` super steps that begin at a shard's samples, and the run of each; T = H + 1."""
     states = tensors["states"]
     controls = tensors["controls"]
     samples = tensors["samples"]
+    numbers = tensors.get("segments", np.arange(len(states)))
     rows = np.arange(len(states))[:, None, None]
     steps = samples[:, :, None] + np.arange(unroll + 1)
-    if "segments" in tensors:
-        numbers = tensors["segments"]
-    else:
-        numbers = np.arange(len(states)) + shard * RUNS_PER_SHARD
-    count = samples.size
-    return Windows(
-        states=states[rows, steps].reshape(count, unroll + 1, states.shape[-1]),
-        controls=controls[rows, steps[..., :-1]].reshape(count, unroll, controls.shape[-1]),
-        run=np.repeat(numbers, samples.shape[1]),
+    return (
+        states[rows, steps].reshape(samples.size, unroll + 1, states.shape[-1]),
+        controls[rows, steps[..., :-1]].reshape(samples.size, unroll, controls.shape[-1]),
+        np.repeat(numbers, samples.shape[1]),
     )

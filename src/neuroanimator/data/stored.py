@@ -6,28 +6,20 @@ after the check.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import NamedTuple, final
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.store import (
     Dataset,
+    StoredTransitions,
     Transitions,
     join_transitions,
-    read_config,
-    read_shard,
-    read_transitions,
-    shard_transitions,
 )
-from neuroanimator.errors import BadFileError
-from neuroanimator.files.places import Place, place_of
-from neuroanimator.systems import carried_system
+from neuroanimator.files.places import Place
 from neuroanimator.systems.system import System
 
 COPIES = 5
@@ -44,52 +36,6 @@ STEPS_AT_ONCE = 4096
 """Number of super steps summed at a time, across shard boundaries: sums are the same to the bit however much is in memory."""
 
 
-@final
-@dataclass(frozen=True)
-class StoredTransitions(Dataset):
-    """A dataset of simulated runs in a folder; each shard is a part, read and checked when it is asked for."""
-
-    folder: Place
-    config: DatasetConfig
-    system: System
-    _seals: dict[int, str] = field(default_factory=dict, compare=False, repr=False)
-    """The sha256 of each shard read so far."""
-
-    noise = None
-    """For recordings only, which are always read into memory."""
-
-    held_out = None
-    """For recordings only."""
-
-    @property
-    def part_count(self) -> int:
-        return self.config.shards
-
-    def read_part(self, number: int, unroll: int | None = None) -> Transitions:
-        """Return shard `number`; BadFileError if it is missing, damaged, of another dataset, or has changed."""
-        tensors, metadata = read_shard(self.folder, self.config, self.system, number)
-        if self._seals.setdefault(number, metadata["sha256"]) != metadata["sha256"]:
-            path = self.config.shard_path(self.folder, number)
-            raise BadFileError(f"{path} has changed since it was first read. Start again.")
-        return shard_transitions(self.config, self.system, tensors, metadata, unroll)
-
-    @property
-    def fingerprint(self) -> str:
-        seals = "".join(self._seals[number] for number in range(self.part_count))
-        return hashlib.sha256(seals.encode()).hexdigest()
-
-    @cached_property
-    def kept_runs(self) -> Int[np.ndarray, " D"]:
-        """Number of runs in each shard, without those that diverged. This reads, and so checks, all shards."""
-        windows = np.array([len(part.states) for part in self.parts(unroll=1)])
-        return windows // self.config.samples_per_run
-
-    @property
-    def windows(self) -> int:
-        """Number of windows."""
-        return int(self.kept_runs.sum()) * self.config.samples_per_run
-
-
 def open_transitions(
     folder: str | Place, memory: int = DEFAULT_MEMORY
 ) -> Transitions | StoredTransitions:
@@ -98,12 +44,10 @@ def open_transitions(
     Recordings are always read: they were in memory when their dataset was made. Raises BadFileError as
     `read_transitions` does; for a dataset that stays on disk, when its shards are read.
     """
-    folder = place_of(folder)
-    config = read_config(folder)
-    system = carried_system(config.system, config.definition)
-    if system.recordings is not None or memory_taken(config, system) <= memory:
-        return read_transitions(folder)
-    return StoredTransitions(folder, config, system)
+    data = StoredTransitions.at(folder)
+    if data.system.recordings is not None or memory_taken(data.config, data.system) <= memory:
+        return data.joined(data.part_count)
+    return data
 
 
 def open_to_measure(folder: str | Place) -> Transitions | StoredTransitions:
@@ -113,7 +57,8 @@ def open_to_measure(folder: str | Place) -> Transitions | StoredTransitions:
     """
     data = open_transitions(folder, memory=0)
     if isinstance(data, StoredTransitions):
-        _ = data.kept_runs
+        for _ in data.parts(unroll=1):
+            pass
     return data
 
 

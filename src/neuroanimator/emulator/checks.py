@@ -17,6 +17,9 @@ MAX_MAGNITUDE = 1e6
 MAX_CONTROL = float(np.finfo(np.float32).max)
 """Maximum magnitude of a control's numbers: that of float32."""
 
+MAX_LAYER = 4096
+"""Maximum number of units in a hidden layer: it bounds what a hostile file can make us allocate, and holds in training."""
+
 
 def check_numbers(
     vector: ArrayLike, layout: Layout, label: str, most: float, dtype: Any

@@ -9,14 +9,18 @@ a super step. Its bound grows as a power of the scores on the way (`Emulator.tru
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.numbers import numbers, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.state.structure import Structure
 
 LEVELS = (0.5, 0.8, 0.9, 0.95)
@@ -40,6 +44,12 @@ WORDS_SHARES = (0.25, 0.5, 1.0)
 MOST_EXPONENT = 50.0
 """Maximum logarithm of bounds, and maximum power: the logarithm of a million is 14."""
 
+MAX_LEVELS = 32
+"""Maximum number of levels in a file."""
+
+MAX_HORIZON = 4096
+"""Maximum number of super steps with error bounds in a file."""
+
 
 class ErrorBounds(eqx.Module):
     """Bounds of the error of rollouts, by kind of motion, level and number of super steps."""
@@ -51,6 +61,24 @@ class ErrorBounds(eqx.Module):
     centre: Float[AnyArray, " H"]
     """c of the formula above."""
     levels: tuple[float, ...] = eqx.field(static=True, default=LEVELS)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the sizes of the arrays, and the levels."""
+        kinds, _, steps, _ = self.weights.shape
+        return {"kinds": kinds, "levels": self.levels, "steps": steps, "numbers": len(self.unit)}
+
+    @classmethod
+    def blank(cls, described: dict[str, Any]) -> ErrorBounds:
+        """Return blank bounds of the sizes that `to_json` wrote, for a file to fill."""
+        levels = numbers(described["levels"], "errors: levels")
+        if not 1 <= len(levels) <= MAX_LEVELS or list(levels) != sorted({*levels}):
+            raise ValueError(f"errors: wanted 1 to {MAX_LEVELS} levels that rise")
+        if not 0 < levels[0] <= levels[-1] < 1:
+            raise ValueError("errors: wanted levels between 0 and 1")
+        kinds = whole(described["kinds"], "errors: kinds", 1, len(KINDS))
+        steps = whole(described["steps"], "errors: steps", 1, MAX_HORIZON)
+        unit = zeros(whole(described["numbers"], "errors: numbers", 1, MAX_NUMBERS))
+        return cls(unit, zeros(kinds, len(levels), steps, 2), zeros(steps), levels)
 
     @property
     def steps(self) -> int:
@@ -82,8 +110,8 @@ class ErrorBounds(eqx.Module):
         """Refuse numbers that no measurement gives; ValueError names them."""
         if (np.asarray(self.unit) < 0).any() or not (np.asarray(self.unit) > 0).any():
             raise ValueError("errors: wanted units of at least 0, and one above")
-        for numbers in (self.weights, self.centre):
-            if (np.abs(np.asarray(numbers)) > MOST_EXPONENT).any():
+        for exponents in (self.weights, self.centre):
+            if (np.abs(np.asarray(exponents)) > MOST_EXPONENT).any():
                 raise ValueError(f"errors: wanted exponents of at most {MOST_EXPONENT:g}")
 
     def errors(
@@ -135,13 +163,3 @@ def bounds_in_words(bounds: ErrorBounds, dt: float) -> str:
         texts.append(f"{figures} under {kind} controls")
     unit = f"after {after} s, in standard deviations of a super step's change"
     return f"{USUAL_LEVEL:.0%} of motions by at most {'; '.join(texts)} ({unit})"
-
-
-def blank_bounds(kinds: int, levels: tuple[float, ...], steps: int, changes: int) -> ErrorBounds:
-    """Return blank bounds of this shape, for a file to fill."""
-    return ErrorBounds(
-        unit=zeros(changes),
-        weights=zeros(kinds, len(levels), steps, 2),
-        centre=zeros(steps),
-        levels=levels,
-    )

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.emulator.arrays import zeros
+from neuroanimator.emulator.checks import MAX_LAYER
+from neuroanimator.files.numbers import entries, flag, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.structure import Structure
 
@@ -37,6 +41,24 @@ class Features(eqx.Module):
             coast[position, rate] = dt
         angles = np.concatenate([now, now @ coast]).astype(np.float32)
         return cls(angles, structure.plain, structure.is_odd)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything but the angles, of which there are `rows`."""
+        return {
+            "rows": self.angles.shape[0],
+            "plain": self.plain,
+            "is_odd": self.is_odd,
+            "even": self.even,
+        }
+
+    @classmethod
+    def blank(cls, described: dict[str, Any], latent_size: int, others: int) -> Features:
+        """Return the features that `to_json` wrote, of a latent state with `others` further raw ones; angles are zeros."""
+        plain = entries(described["plain"], "features: plain", latent_size)
+        rows = whole(described["rows"], "features: rows", 0, MAX_LAYER)
+        even = rising(described["even"], len(plain) + others)
+        is_odd = flag(described["is_odd"], "features: is_odd")
+        return cls(zeros(rows, latent_size), plain, is_odd, even)
 
     def sizes(self, others: int) -> tuple[int, int]:
         """Return the lengths of (odd, even), with `others` numbers added to the state's plain ones."""
@@ -88,6 +110,14 @@ class Features(eqx.Module):
         if self.even:
             ordered = reordered(plain, (*odd, *self.even))
         return ordered[: len(odd)], ordered[len(odd) :]
+
+
+def rising(values: Any, size: int) -> tuple[int, ...]:
+    """Return `values` from a file if they are increasing and below `size`."""
+    even = entries(values, "features: even", size)
+    if list(even) != sorted({*even}):
+        raise ValueError("features: even entries out of order")
+    return even
 
 
 def reordered(vector: Float[Array, " K"], order: tuple[int, ...]) -> Float[Array, " M"]:

@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from neuroanimator.emulator.arrays import zeros
 from neuroanimator.state.arrays import AnyArray
 
 MIN_CHANGE = 1e-6
@@ -37,6 +38,11 @@ class Normaliser(eqx.Module):
     change_scale: Float[AnyArray, " V"]
     unit: Float[AnyArray, " V"]
     """Standard deviation of the whole change in one super step, coasting included: the unit of errors."""
+
+    @classmethod
+    def blank(cls, features: int, changes: int) -> Normaliser:
+        """Return a blank normaliser of so many plain features and changes, for a file to fill."""
+        return cls(zeros(features), zeros(features), zeros(changes), zeros(changes), zeros(changes))
 
     def forward(self, plain: Float[Array, " K"]) -> Float[Array, " K"]:
         """Return plain features of order one."""

@@ -133,6 +133,14 @@ class ValidationErrors(eqx.Module):
     window: WindowErrors | None = None
     """Errors of a soft body in longer windows; None for other systems."""
 
+    @classmethod
+    def blank(cls, *, has_window: bool) -> ValidationErrors:
+        """Return blank errors, for a file to fill."""
+        window = None
+        if has_window:
+            window = WindowErrors(zeros(), zeros(), zeros())
+        return cls(zeros(), zeros(), zeros(), zeros(), window)
+
     @property
     def verdict(self) -> Verdict:
         """Whether the emulator is of use within training, and why."""
@@ -159,14 +167,6 @@ class ValidationErrors(eqx.Module):
         """Refuse values that no error has; raises ValueError."""
         if any(np.asarray(error) < 0 for error in self.leaves().values()):
             raise ValueError("validation: wanted errors of at least 0")
-
-
-def blank_errors(*, has_window: bool) -> ValidationErrors:
-    """Return blank errors, for a file to fill."""
-    window = None
-    if has_window:
-        window = WindowErrors(zeros(), zeros(), zeros())
-    return ValidationErrors(zeros(), zeros(), zeros(), zeros(), window)
 
 
 @dataclass(frozen=True)

@@ -72,19 +72,23 @@ class Executor(ABC):
                 ended = []
                 for call in self.wait(list(under_way)):
                     index = under_way.pop(call)
-                    ended.append(self._outcome(index, tasks[index].label, call))
+                    ended.append(self._outcome(index, tasks[index], call))
             yield from ended
         finally:
             for call in under_way:
                 self.cancel(call)
 
-    def _outcome(self, index: int, label: str, call: Any) -> Outcome[Any]:
+    def _outcome(self, index: int, task: Any, call: Any) -> Outcome[Any]:
         """Return the outcome of a call that has ended; its error names the task."""
         try:
             answer = self.answer(call)
         except NeuroAnimatorError as error:
-            answer = Answer(None, error, "")
-        return outcome_of(index, label, answer)
+            return failed_outcome(index, task, error)
+        if answer.error is None:
+            return Outcome(index, answer.result)
+        if answer.trace and os.environ.get("NEUROANIMATOR_DEBUG"):
+            sys.stderr.write(answer.trace)
+        return failed_outcome(index, task, answer.error)
 
     @abstractmethod
     def begin(self, packed_call: bytes) -> Any:
@@ -155,13 +159,9 @@ def same_kind(error: NeuroAnimatorError, message: str) -> NeuroAnimatorError:
     return type(error)(message)
 
 
-def outcome_of(index: int, label: str, answer: Answer) -> Outcome[Any]:
-    """Return the outcome of a task from its worker's answer: errors name the task."""
-    if answer.error is None:
-        return Outcome(index, answer.result)
-    if answer.trace and os.environ.get("NEUROANIMATOR_DEBUG"):
-        sys.stderr.write(answer.trace)
-    return Outcome(index, error=same_kind(answer.error, f"{label}: {answer.error}"))
+def failed_outcome(index: int, task: Any, error: NeuroAnimatorError) -> Outcome[Any]:
+    """Return the outcome of a task that failed: its error names the task."""
+    return Outcome(index, error=same_kind(error, f"{task.label}: {error}"))
 
 
 def check_function(function: Callable[..., Any]) -> None:

@@ -21,7 +21,7 @@ from neuroanimator.executor.executor import (
     Outcome,
     Result,
     check_function,
-    same_kind,
+    failed_outcome,
 )
 from neuroanimator.executor.python_command import python_command
 from neuroanimator.executor.worker import Answer, worker_environment
@@ -145,5 +145,5 @@ def _one_after_another(
         try:
             outcome = Outcome(index, function(task))
         except NeuroAnimatorError as error:
-            outcome = Outcome(index, error=same_kind(error, f"{task.label}: {error}"))
+            outcome = failed_outcome(index, task, error)
         yield outcome

@@ -76,6 +76,6 @@ def numbers(
     return listed(value, what, lambda entry, label: number(entry, label, -most, most), size)
 
 
-def entries(value: Any, what: str, count: int) -> tuple[int, ...]:
-    """Return a list of indices below `count`."""
-    return listed(value, what, lambda entry, label: whole(entry, label, 0, count - 1))
+def entries(value: Any, what: str, count: int, size: int | None = None) -> tuple[int, ...]:
+    """Return a list of indices below `count`; `size` of them if that is given."""
+    return listed(value, what, lambda entry, label: whole(entry, label, 0, count - 1), size)

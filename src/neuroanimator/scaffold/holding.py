@@ -145,9 +145,15 @@ def at(model: mujoco.MjModel, rest: Float[np.ndarray, " P"], controls: Controls)
 def _motion_after(system: ModelSystem, controls: Controls) -> float:
     """Return the rms of all velocities a moment after rest under `controls`; infinite if it diverges."""
     data = at(system.model, system.rest, controls)
-    mujoco.mj_step(system.model, data, max(1, round(HOLD_SECONDS / system.model.opt.timestep)))
+    _advance(system.model, data, HOLD_SECONDS)
     speed = float(np.sqrt(np.mean(data.qvel**2)))
     return speed if np.isfinite(speed) else float("inf")
+
+
+def _advance(model: mujoco.MjModel, data: mujoco.MjData, seconds: float) -> None:
+    """Step the model for some `seconds`, and find the positions of its bodies then."""
+    mujoco.mj_step(model, data, max(1, round(seconds / model.opt.timestep)))
+    mujoco.mj_fwdPosition(model, data)
 
 
 def growth_at_rest(system: ModelSystem, controls: Controls) -> float:
@@ -178,17 +184,14 @@ def stance_of(system: ModelSystem, hold: Hold) -> Stance | None:
     model = system.model
     if not system.sampling.above_ground or not gravity_of(model).any():
         return None
-    step = model.opt.timestep
     with warnings_counted:
         data = at(model, system.rest, hold.controls)
         up = data.xmat[_root(model)].reshape(3, 3)[2].copy()
-        mujoco.mj_step(model, data, max(1, round(HOLD_SECONDS / step)))
-        mujoco.mj_fwdPosition(model, data)
+        _advance(model, data, HOLD_SECONDS)
         touching = _bodies_on_ground(model, data)
         lies = _root(model) in touching
         hovers = bool(hold.source) and not touching.size
-        mujoco.mj_step(model, data, max(1, round((STAND_SECONDS - HOLD_SECONDS) / step)))
-        mujoco.mj_fwdPosition(model, data)
+        _advance(model, data, STAND_SECONDS - HOLD_SECONDS)
         stance = Stance(up, lies, hovers, is_held=True)
         return stance._replace(is_held=_is_upright(model, data, stance))
 

@@ -105,11 +105,14 @@ SMALLER_STEPS = (2, 5, 10)
 EXPLOSION_STEPS = 2000
 """Number of steps for which an exploding model is watched, to find the first joint that does so."""
 
+Draft = dict[str, Any]
+"""The table of a definition that is being drafted."""
+
 
 class Motion(NamedTuple):
     """A model's motion under controls over a share of their range."""
 
-    values: dict[str, Any]
+    values: Draft
     """The definition's table, with controls, sampling and super step filled in."""
     trial: Trial
     joint: str
@@ -149,7 +152,7 @@ class Search:
 
 
 def choose_motion(
-    values: dict[str, Any],
+    values: Draft,
     model: mujoco.MjModel,
     hold: Hold,
     growth: float,
@@ -196,7 +199,7 @@ def choose_motion(
     return max(fullest, key=lambda motion: motion.upright)
 
 
-def _before_it_falls(values: dict[str, Any], stance: Stance) -> dict[str, Any]:
+def _before_it_falls(values: Draft, stance: Stance) -> Draft:
     """Return the table with runs recorded from the start, and from higher up if the body hovers."""
     sampling = values["sampling"] | {"warm_up": 0.0}
     if stance.hovers:
@@ -205,7 +208,7 @@ def _before_it_falls(values: dict[str, Any], stance: Stance) -> dict[str, Any]:
 
 
 def _motion_under(
-    search: Search, values: dict[str, Any], share: float, on_try: Callable[[int], None]
+    search: Search, values: Draft, share: float, on_try: Callable[[int], None]
 ) -> Motion | None:
     """Return the motion under a share of the controls, in the longest super step in which nothing turns too far.
 
@@ -260,7 +263,7 @@ def _narrowed(
     return narrowed
 
 
-def _fill_sampling(values: dict[str, Any], search: Search) -> Trial | None:
+def _fill_sampling(values: Draft, search: Search) -> Trial | None:
     """Fill in the spread of random starts, and return trial runs from there; None if half of them diverge.
 
     First runs begin at rest, where the ground, springs or servos matter, and show positions and velocities; those
@@ -289,9 +292,7 @@ def _fill_sampling(values: dict[str, Any], search: Search) -> Trial | None:
     return None if 2 * trial.diverged >= trial.runs else trial
 
 
-def _fill_joint(
-    sampling: dict[str, Any], system: ModelSystem, trial: Trial, view: JointView
-) -> None:
+def _fill_joint(sampling: Draft, system: ModelSystem, trial: Trial, view: JointView) -> None:
     """Fill in the spread of one joint's random starts from `trial`, unless it is given."""
     position = sampling["position"]
     first = view.position_entry
@@ -318,7 +319,7 @@ def _fill_joint(
 
 
 def _cover(
-    position: dict[str, Any], system: ModelSystem, resets: Float[np.ndarray, "B S"], view: JointView
+    position: Draft, system: ModelSystem, resets: Float[np.ndarray, "B S"], view: JointView
 ) -> None:
     """Widen the spread of a hinge's or a slide's random starts so that it covers `resets`."""
     if view.kind not in ("hinge", "slide"):
@@ -347,7 +348,7 @@ def _usual_tilt(orientations: Float[np.ndarray, "B T 4"], rest: Float[np.ndarray
     return float(np.sqrt(np.mean(tilt**2) / 2))
 
 
-def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
+def _explosion(values: Draft, model: mujoco.MjModel) -> str:
     """Return the error about a model whose trial runs diverge, with a step that works if one does."""
     step = float(model.opt.timestep)
     fault = (
@@ -369,7 +370,7 @@ def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
     return f"{fault} {joint} diverges first: use weaker actuators, more damping, or heavier bodies there."
 
 
-def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:
+def _wildest_joint(values: Draft, model: mujoco.MjModel) -> str:
     """Return the name of the fastest joint when the model has exploded under random controls from rest."""
     system = system_of(values, model)
     rng = np.random.default_rng(0)
@@ -385,7 +386,7 @@ def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:
     return joint_name(model, int(model.dof_jntid[np.argmax(np.abs(data.qvel))]))
 
 
-def is_urdf(values: dict[str, Any]) -> bool:
+def is_urdf(values: Draft) -> bool:
     """Return whether a drafted definition is of a URDF, in which fewer values are the model's own."""
     return values["model"].lower().endswith(".urdf")
 
@@ -452,6 +453,6 @@ def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
     return bool(((driven < 0) | (tree_of[driven] == tree_of[joint])).any())
 
 
-def system_of(values: dict[str, Any], model: mujoco.MjModel) -> ModelSystem:
+def system_of(values: Draft, model: mujoco.MjModel) -> ModelSystem:
     """Return the system of a drafted definition."""
     return ModelSystem(check_table(values, values["model"], Definition), model)

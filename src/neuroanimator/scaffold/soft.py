@@ -93,6 +93,9 @@ COMMENTS = {
 }
 """Comments on the values of the TOML file."""
 
+Nodes = Float[np.ndarray, "N 3"]
+"""Positions of a mesh's nodes [m]."""
+
 
 def propose_soft(path: Path, given: MeshReading) -> Proposal:
     """Return a definition of the body whose mesh is in the file at `path`: a cloth (OBJ) or a solid (Gmsh).
@@ -149,7 +152,7 @@ def data_steps(is_free: bool) -> float:
     return SOFT_COUNT / SAMPLES_PER_RUN * run_steps
 
 
-def _ask_for_unit(name: str, positions: Float[np.ndarray, "N 3"]) -> None:
+def _ask_for_unit(name: str, positions: Nodes) -> None:
     """Raise ArgumentError for a mesh that is unlikely to be in metres."""
     extents = np.ptp(positions, axis=0)
     size = float(extents.max())
@@ -164,9 +167,7 @@ def _ask_for_unit(name: str, positions: Float[np.ndarray, "N 3"]) -> None:
         raise ArgumentError(f"{told}: scale it where you made it. If it is that small: --unit m.")
 
 
-def _warnings(
-    positions: Float[np.ndarray, "N 3"], given: MeshReading, is_solid: bool
-) -> Iterator[str]:
+def _warnings(positions: Nodes, given: MeshReading, is_solid: bool) -> Iterator[str]:
     """Yield warnings for the user, one line each: about an unlikely size, and a body that lies though it may stand."""
     width, depth, height = np.ptp(positions, axis=0).tolist()
     size = max(width, depth, height)
@@ -182,7 +183,7 @@ def _warnings(
         )
 
 
-def _cloth_values(positions: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
+def _cloth_values(positions: Nodes) -> dict[str, Any]:
     """Return the material and the movers of a cloth."""
     low = positions.min(axis=0)
     high = positions.max(axis=0)
@@ -212,7 +213,7 @@ def _cloth_values(positions: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
     }
 
 
-def _solid_values(positions: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
+def _solid_values(positions: Nodes) -> dict[str, Any]:
     """Return the material of a solid, the ground under it, and the movers."""
     low = positions.min(axis=0)
     high = positions.max(axis=0)
@@ -239,7 +240,7 @@ def _solid_values(positions: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
     }
 
 
-def _held_edge(positions: Float[np.ndarray, "N 3"], size: float) -> tuple[np.ndarray, str]:
+def _held_edge(positions: Nodes, size: float) -> tuple[np.ndarray, str]:
     """Return the nodes of the upper edge, or of one side of a level mesh; and a name for them."""
     along = positions[:, 2]
     name = "the upper edge"
@@ -253,7 +254,7 @@ def _held_edge(positions: Float[np.ndarray, "N 3"], size: float) -> tuple[np.nda
     return pins, name
 
 
-def _thinnest_axis(positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3"]:
+def _thinnest_axis(positions: Nodes) -> Float[np.ndarray, " 3"]:
     """Return the unit vector along which the mesh extends least."""
     _, _, axes = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)
     return axes[-1]

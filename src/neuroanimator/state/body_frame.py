@@ -8,10 +8,12 @@ changes nothing (Grzeszczuk et al., SIGGRAPH 1998).
 from __future__ import annotations
 
 from functools import reduce
+from typing import Any
 
 import equinox as eqx
 from jaxtyping import Float
 
+from neuroanimator.files.numbers import flag, listed, numbers
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.contacts import (
     CEILING,
@@ -24,17 +26,23 @@ from neuroanimator.state.contacts import (
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import cross, rotate_back, rotated_by, upward
 from neuroanimator.state.segments import (
+    Driven,
+    Lag,
     PlanarPosition,
     PlanarVelocity,
     Points,
+    PointVelocities,
     Position,
     Quaternion,
     Segment,
     Surroundings,
     Velocity,
     first_of_each,
+    moves_freely,
     orientations_of,
     place_segments,
+    segments_from_json,
+    segments_to_json,
 )
 from neuroanimator.state.shape_contacts import ShapeContacts
 from neuroanimator.state.structure import Probe, Structure
@@ -51,6 +59,17 @@ two. Above 1 - 1e-3 rounding and the turn's second order would add up to a slow 
 
 TINY = 1e-12
 """Square of a speed [m²/s²] added under a square root, whose slope at zero is infinite."""
+
+MAX_PROBES = 256
+"""Maximum number of probes in a file."""
+
+MAX_DISTANCE = 1e6
+"""Maximum coordinate of a probe in a file [m]."""
+
+
+def _probe(row: Any, what: str) -> Probe:
+    x, y, z, radius = numbers(row, what, 4, MAX_DISTANCE)
+    return x, y, z, radius
 
 
 class Frame(eqx.Module):
@@ -88,6 +107,54 @@ class Frame(eqx.Module):
             external_forces=structure.external_forces,
             contacts=structure.contacts,
             shape_contacts=structure.shape_contacts,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the parts that do not follow from the encoding, the time step and the contacts."""
+        return {
+            "segments": segments_to_json(self.segments),
+            "probes": self.probes,
+            "has_gravity": self.has_gravity,
+            "is_immersed": self.is_immersed,
+            "external_forces": self.external_forces,
+        }
+
+    @classmethod
+    def from_json(
+        cls, described: dict[str, Any], state_size: int, controls: int, dt: float
+    ) -> Frame:
+        """Return the frame that `to_json` wrote, of latent states with `state_size` entries; ValueError names the fault."""
+        segments = segments_from_json(described["segments"])
+        if segments and sum(segment.size for segment in segments) != state_size:
+            raise ValueError("frame: its segments do not fill the state")
+        for segment in segments:
+            if isinstance(segment, Points | PointVelocities):
+                raise ValueError("frame: mass points are decoded by modes")
+            if isinstance(segment, Driven | Lag) and segment.size != controls:
+                raise ValueError(
+                    "frame: wanted as many numbers that follow controls as there are controls"
+                )
+            if segment.rate >= state_size - 1:
+                raise ValueError("frame: a rate lies outside the state")
+        probes = listed(described["probes"], "frame: probes", _probe)
+        if len(probes) > MAX_PROBES:
+            raise ValueError(f"frame: {len(probes)} probes; wanted at most {MAX_PROBES}")
+        if probes and not moves_freely(segments):
+            raise ValueError("frame: probes need a root that moves freely")
+        external_forces = listed(
+            described["external_forces"],
+            "frame: pushes",
+            lambda row, what: numbers(row, what, controls),
+        )
+        if len(external_forces) not in (0, 3):
+            raise ValueError("frame: wanted pushes along three axes, or none")
+        return cls(
+            segments=segments,
+            probes=probes,
+            dt=dt,
+            has_gravity=flag(described["has_gravity"], "frame: weighs"),
+            is_immersed=flag(described["is_immersed"], "frame: is_immersed"),
+            external_forces=external_forces,
         )
 
     def change_size(self, state_size: int) -> int:

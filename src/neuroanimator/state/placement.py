@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from jaxtyping import Float
 
+from neuroanimator.files.numbers import whole
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.state.rotation import Rows, facing, rotation_rows
 
 
@@ -20,6 +23,16 @@ class Placement:
     """Entry of its heading about Z [rad]."""
     orientation: int = -1
     """First entry of its quaternion."""
+
+    def to_json(self) -> dict[str, int]:
+        """Return the entries by name."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, described: Any) -> Placement:
+        """Return the placement that `to_json` wrote; ValueError for what is no entry."""
+        names = ("position", "heading", "orientation")
+        return cls(*(whole(described[name], f"shapes: {name}", -1, MAX_NUMBERS) for name in names))
 
     def origin(self, states: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         """Return the position of the frame [m]."""

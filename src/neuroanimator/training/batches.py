@@ -10,10 +10,19 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.state.rotation import conjugate, facing, multiply, rotate
+from neuroanimator.state.rotation import (
+    conjugate,
+    facing,
+    multiply,
+    rotate,
+    rotate_in_plane,
+)
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.training.config import UPDATES_PER_CHUNK
+
+Windows = tuple[Float[Array, "N H S"], Float[Array, "N T C"]]
+"""States of N windows, and the controls between them."""
 
 RARE = 0.1
 """Share of all windows that count as rare."""
@@ -74,7 +83,7 @@ def seen_by(
     key: PRNGKeyArray,
     states: Float[Array, "N H S"],
     controls: Float[Array, "N T C"],
-) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
+) -> Windows:
     """Return the windows, each unchanged or under one of the `symmetries`, drawn at random: examples for free."""
     rows = jnp.arange(states.shape[0])
     drawn = jax.random.randint(key, rows.shape, 0, 1 + len(symmetries))
@@ -89,7 +98,7 @@ def folded(
     key: PRNGKeyArray,
     states: Float[Array, "N H S"],
     controls: Float[Array, "N T C"],
-) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
+) -> Windows:
     """Return the windows with each body turned at random by its rotational symmetry: examples for free."""
     part = jax.random.randint(key, (states.shape[0], 1), 0, structure.symmetry_order)
     angle = 2 * jnp.pi * part / structure.symmetry_order
@@ -102,7 +111,7 @@ def turned_windows(
     angle: Float[Array, "N 1"],
     states: Float[Array, "N H S"],
     controls: Float[Array, "N T C"],
-) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
+) -> Windows:
     """Return the windows with the axes of each root turned by `angle` (N, 1) [rad] about its own Z."""
     first_of_orientation, first_of_velocity = frame.orientations[0]
     orientation = slice(first_of_orientation, first_of_orientation + 4)
@@ -112,11 +121,7 @@ def turned_windows(
     states = states.at[..., orientation].set(quaternions)
     velocities = rotate(turning, states[..., angular_velocity])
     states = states.at[..., angular_velocity].set(velocities)
-    for x, y in structure.symmetry_controls:
-        cosine = jnp.cos(angle)
-        sine = jnp.sin(angle)
-        along = controls[..., x]
-        across = controls[..., y]
-        controls = controls.at[..., x].set(cosine * along - sine * across)
-        controls = controls.at[..., y].set(sine * along + cosine * across)
+    for pair in structure.symmetry_controls:
+        turned = rotate_in_plane(angle[..., None], controls[..., list(pair)])
+        controls = controls.at[..., list(pair)].set(turned)
     return states, controls

@@ -115,11 +115,7 @@ class _Statistics(NamedTuple):
         )
 
     def joined(self, other: _Statistics) -> _Statistics:
-        return _Statistics(
-            self.raw.joined(other.raw),
-            self.change.joined(other.change),
-            self.whole_change.joined(other.whole_change),
-        )
+        return _Statistics(*map(_Moments.joined, self, other))
 
 
 def _latent_numbers(
@@ -143,24 +139,21 @@ def build_emulator(
     """
     system = data.system
     dt = data.config.substeps * system.physics_dt
-    if system.structure.cloud is None:
-        latent = _state_numbers(system, dt)
-    else:
-        latent = _body_numbers(data, config, dt)
+    latent = _latent_of(data, config, dt)
     features = latent.features
     of_blocks = (
         _Statistics.of(latent, block) for part in parts or [data] for block in _blocks_of(part)
     )
     statistics = reduce(_Statistics.joined, of_blocks)
     size = len(statistics.raw.mean)
-    is_odd = [features.is_odd and i not in features.even for i in range(size)]
-    odd_raw = np.array(is_odd)
+    odd_raw = np.full(size, features.is_odd)
+    odd_raw[list(features.even)] = False
     return Emulator(
         frame=latent.frame,
         features=features,
         normaliser=_normaliser(data, latent, statistics, odd_raw),
         network=_network(config, latent, system, size),
-        domain=_with_parameters(_domain(statistics.raw, odd_raw), features, system),
+        domain=_domain(statistics.raw, odd_raw, features, system),
         spec=spec_of(system, data.config.substeps, latent.frame.dt),
         encoding=latent.encoding,
     )
@@ -172,41 +165,26 @@ def _blocks_of(data: Transitions) -> Iterator[Transitions]:
         yield data.where(slice(first, first + BLOCK_ROWS))
 
 
-def _state_numbers(system: System, dt: float) -> _Latent:
-    """Return the numbers of a system whose super steps advance the state itself."""
+def _latent_of(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
+    """Return the numbers that super steps advance: the state's own, or those of a deformable body's shape modes."""
+    system = data.system
     structure = system.structure
-    size = system.state.size
+    encoding: Encoding = IdentityEncoding(system.state)
+    grouped = None
+    if structure.cloud is not None:
+        grouped = _fit_modes(data, config)
+        encoding = grouped.modes
+        structure = grouped.modes.structure(structure)
+    size = encoding.layout.size
     frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
-    return _Latent(
-        encoding=IdentityEncoding(system.state),
-        frame=frame,
-        features=features,
-        odd_changes=np.full(frame.change_size(size), features.is_odd),
-    )
-
-
-def _body_numbers(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
-    """Return the numbers of a deformable body, whose super steps advance shape modes."""
-    grouped = _fit_modes(data, config)
-    modes = grouped.modes
-    body = data.system.structure
-    structure = modes.structure(body)
-    size = modes.encode(np.asarray(data.system.rest, float)).shape[-1]
-    frame = Frame.of(structure, dt)
-    features = Features.of(structure, size, dt)
-    odd_changes = np.zeros(frame.change_size(size), bool)
-    if modes.is_mirrored:
-        even = tuple(i for i, is_odd in enumerate(modes.odd_features(body)) if not is_odd)
+    odd_changes = np.full(frame.change_size(size), features.is_odd)
+    if grouped is not None and encoding.is_mirrored:
+        odd_features = grouped.modes.odd_features(system.structure)
+        even = tuple(i for i, is_odd in enumerate(odd_features) if not is_odd)
         features = replace(features, is_odd=True, even=even)
-        odd_changes = np.array(modes.odd_changes())
-    return _Latent(
-        encoding=modes,
-        frame=frame,
-        features=features,
-        odd_changes=odd_changes,
-        grouped_modes=grouped,
-    )
+        odd_changes = np.array(grouped.modes.odd_changes())
+    return _Latent(encoding, frame, features, odd_changes, grouped)
 
 
 def _fit_modes(data: Transitions, config: TrainingConfig) -> GroupedModes:
@@ -285,17 +263,15 @@ def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
     )
 
 
-def _domain(raw: _Moments, odd: Bool[np.ndarray, " K"]) -> Domain:
-    """Return the range of the raw features, symmetric for those the mirror reverses."""
+def _domain(
+    raw: _Moments, odd: Bool[np.ndarray, " K"], features: Features, system: System
+) -> Domain:
+    """Return the range of the raw features, symmetric for those the mirror reverses.
+
+    Parameters have their whole ranges, most of which runs have shown.
+    """
     high = np.where(odd, np.maximum(-raw.low, raw.high), raw.high)
     low = np.where(odd, -high, raw.low)
-    return Domain(as_jax(low), as_jax(high))
-
-
-def _with_parameters(domain: Domain, features: Features, system: System) -> Domain:
-    """Return the domain with the whole ranges of parameters, most of which runs have shown."""
-    low = np.array(domain.low)
-    high = np.array(domain.high)
     last = features.angles.shape[1]  # of a state or a latent state
     for place, parameter in enumerate(reversed(system.parameters), start=1):
         shown = features.plain.index(last - place)

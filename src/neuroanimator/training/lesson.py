@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Array, Float
 
 from neuroanimator.data.store import Dataset, Transitions
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import ArgumentError
@@ -30,8 +32,8 @@ class Lesson(NamedTuple):
 
     problem: TrainingProblem
     feed: Feed
-    validation: Transitions
-    """Windows of runs kept out of training, in latent numbers."""
+    validation: tuple[Float[Array, "N T I"], Float[Array, "N H C"]]
+    """Latent states and controls of the windows of runs kept out of training."""
     measured: Transitions
     """Windows to which a trust meter is fitted, in latent numbers: those of validation. For recordings all, as these have
     too few segments to leave any out."""
@@ -56,7 +58,8 @@ def lesson_of(data: Dataset, config: TrainingConfig, start_from: Emulator | None
         for _ in survey.parts():
             pass
     symmetries = found_symmetries(data.read_part(0, unroll=1))
-    problem = _problem(data.system, config, base, symmetries)
+    rest = base.rest_streams() if keeps_still(data.system, base) else None
+    problem = TrainingProblem(config, data.system.structure, symmetries, base, rest)
     pools = Pools(data, base, config, np.array(survey.counts))
     validation = base_windows(base, survey.validation)
     measured = validation
@@ -66,19 +69,10 @@ def lesson_of(data: Dataset, config: TrainingConfig, start_from: Emulator | None
     return Lesson(
         problem,
         Feed(problem, pools),
-        validation,
+        (as_jax(validation.states), as_jax(validation.controls)),
         measured,
         f"{data.fingerprint[:16]}-{start}-{config.hash}-{pools.size}",
     )
-
-
-def _problem(
-    system: System, config: TrainingConfig, base: Emulator, symmetries: tuple[Symmetry, ...]
-) -> TrainingProblem:
-    rest = None
-    if keeps_still(system, base):
-        rest = base.rest_streams()
-    return TrainingProblem(config, system.structure, symmetries, base, rest)
 
 
 def keeps_still(system: System, emulator: Emulator) -> bool:

@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.jax_settings import keep_programs
-from neuroanimator.data.store import Dataset, Transitions
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
@@ -26,10 +25,10 @@ from neuroanimator.files.numbers import number
 from neuroanimator.files.places import Place
 from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
-from neuroanimator.training.chunk import TrainingProblem, completed
+from neuroanimator.training.chunk import completed
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.feed import Feed
-from neuroanimator.training.lesson import lesson_of
+from neuroanimator.training.lesson import Lesson, lesson_of
 from neuroanimator.training.loss import squared_error
 from neuroanimator.training.optimizer import make_optimizer
 from neuroanimator.training.trust_fitting import with_meter
@@ -85,10 +84,11 @@ def train(
     folder = run_folder(out)
     with locked(folder):
         run = _Run.prepare(data, config, folder, checkpoints or folder, start_from)
+        feed = run.lesson.feed
         remove_stale(folder)
-        provenance = {"dataset": data.config.model_dump(), "training": _settings(run.feed, config)}
-        check_readable(run.problem.base, folder, provenance)
-        with closing(run.feed):
+        provenance = {"dataset": data.config.model_dump(), "training": _settings(feed, config)}
+        check_readable(feed.problem.base, folder, provenance)
+        with closing(feed):
             while not run.is_over:
                 on_report(run.advance(on_chunk))
         emulator = run.known_best
@@ -113,18 +113,11 @@ def run_folder(out: Path) -> Path:
 class _Run:
     """A training run between two reports."""
 
-    problem: TrainingProblem
-    feed: Feed
-    validation_states: Float[Array, "N T I"]
-    validation_controls: Float[Array, "N H C"]
-    measured: Transitions
-    """Latent windows to which the trust meter is fitted."""
+    lesson: Lesson
     noise: Float[np.ndarray, " S"] | None
     """Standard deviation of the noise in recorded states, if it is known."""
     folder: Path
     checkpoints: Place
-    fingerprint: str
-    """Hash of the data, the settings and the initial emulator of the run."""
     progress: Progress
     began: float = field(default_factory=time.monotonic)
     """Time at which this process began to train [s]."""
@@ -143,45 +136,32 @@ class _Run:
         fresh = Progress.fresh(lesson.problem.base.network, make_optimizer(config))
         progress = read_checkpoint(checkpoints, lesson.fingerprint, fresh)
         trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
-        return cls(
-            problem=lesson.problem,
-            feed=lesson.feed,
-            validation_states=as_jax(lesson.validation.states),
-            validation_controls=as_jax(lesson.validation.controls),
-            measured=lesson.measured,
-            noise=data.noise,
-            folder=folder,
-            checkpoints=checkpoints,
-            fingerprint=lesson.fingerprint,
-            progress=progress,
-        )
+        return cls(lesson, data.noise, folder, checkpoints, progress)
 
     @property
     def is_over(self) -> bool:
         """Whether every update is done, or too many reports have passed without a better network."""
-        config = self.problem.config
+        config = self.lesson.problem.config
         return self.progress.chunk >= config.chunks or self.progress.stale >= config.patience
 
     @property
-    def best(self) -> Emulator:
-        """Emulator with the lowest validation error so far."""
-        return completed(self.problem.base, self.progress.best, self.problem.rest)
-
-    @property
     def known_best(self) -> Emulator:
-        """`best`, with its trust meter and its validation errors."""
-        known = with_meter(self.best, self.measured)
-        states = np.asarray(self.validation_states)
-        controls = np.asarray(self.validation_controls)
+        """Emulator with the lowest validation error so far, with its trust meter and its validation errors."""
+        known = with_meter(self._with(self.progress.best), self.lesson.measured)
+        states, controls = map(np.asarray, self.lesson.validation)
         return replace(known, validation=validation_errors(known, states, controls, self.noise))
+
+    def _with(self, network: Network) -> Emulator:
+        problem = self.lesson.problem
+        return completed(problem.base, network, problem.rest)
 
     def advance(self, on_chunk: Callable[[int], None]) -> Report:
         """Train until the next report, then validate, log and checkpoint."""
-        config = self.problem.config
+        config = self.lesson.problem.config
         progress = self.progress
         losses = []
         while True:
-            network, optimizer_state, loss = self.feed.train(
+            network, optimizer_state, loss = self.lesson.feed.train(
                 progress.network, progress.optimizer_state, progress.chunk
             )
             losses.append(loss)
@@ -201,14 +181,14 @@ class _Run:
             seconds=time.monotonic() - self.began,
         )
         append_line(self.folder / METRICS, json.dumps(report._asdict()))
-        write_checkpoint(self.checkpoints, self.fingerprint, self.progress)
+        write_checkpoint(self.checkpoints, self.lesson.fingerprint, self.progress)
         return report
 
     def _validation_errors(self, network: Network) -> Float[np.ndarray, " H"]:
         """Return the root mean square error after 1..H super steps, over all numbers that move."""
-        emulator = completed(self.problem.base, network, self.problem.rest)
-        squares = _validate(emulator, self.validation_states, self.validation_controls)
-        moves = np.asarray(self.problem.base.normaliser.unit) > 0
+        emulator = self._with(network)
+        squares = _validate(emulator, *self.lesson.validation)
+        moves = np.asarray(self.lesson.problem.base.normaliser.unit) > 0
         return np.sqrt(np.asarray(squares)[:, moves].mean(axis=1))
 
 
@@ -229,11 +209,8 @@ def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
 
     `kind` is a tuple of named numbers. BadFileError if the file is longer than that of any training.
     """
-    if not path.is_file():
-        return []
     reports = []
-    lines = read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
-    for line in lines:
+    for line in _lines(path):
         try:
             told = parse_json_object(line, MAX_LINE)
             for name, value in told.items():
@@ -247,11 +224,15 @@ def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
 def trim_metrics(folder: Path, update: int) -> None:
     """Drop the lines that a killed run logged after its last checkpoint."""
     path = folder / METRICS
-    if not path.exists():
-        return
-    lines = read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
-    logged = [line + "\n" for line in lines if _logged_by(line, update)]
-    write_whole(path, "".join(logged).encode())
+    if path.exists():
+        logged = [line + "\n" for line in _lines(path) if _logged_by(line, update)]
+        write_whole(path, "".join(logged).encode())
+
+
+def _lines(path: Path) -> list[str]:
+    if not path.is_file():
+        return []
+    return read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
 
 
 def _logged_by(line: str, update: int) -> bool:

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from neuroanimator.data.store import Dataset, Transitions
 from neuroanimator.data.stored import first_windows
@@ -62,9 +62,8 @@ def with_meter(emulator: Emulator, windows: Transitions) -> Emulator:
     segments = None
     if windows.system.recordings is not None:
         segments = np.repeat(windows.run, windows.controls.shape[1])[:MAX_INPUTS]
-    units = _units_and_errors(emulator, starts, held, ends)
-    odd, even, errors = (np.asarray(rows, float) for rows in units)
-    meter = fit_meter(odd, even, errors, segments)
+    found = _units_and_errors(emulator, starts, held, ends)
+    meter = fit_meter(Inputs(*(np.asarray(column, float) for column in found)), segments)
     # Existing error bounds belong to the scores of another meter, and mostly of another network.
     return replace(emulator, meter=meter, calibration=None)
 
@@ -91,96 +90,71 @@ def _units_and_errors(
     return jax.vmap(one)(starts, controls, ends)
 
 
-class _Directions(NamedTuple):
-    """Directions of some units, the most predictive last."""
+class Inputs(NamedTuple):
+    """Units of the last layer for M inputs, and the errors of the answers."""
 
-    vectors: Float[np.ndarray, "H D"]
-    telling: Float[np.ndarray, " D"]
-    """Size of errors along each direction, over their mean."""
+    odd: Float[np.ndarray, "M H"]
+    even: Float[np.ndarray, "M G"]
+    errors: Float[np.ndarray, " M"]
+
+    def where(self, rows: Bool[np.ndarray, " M"]) -> Inputs:
+        """Return the inputs that `rows` selects."""
+        return Inputs(*(column[rows] for column in self))
+
+    def scores(self, meter: TrustMeter) -> Float[np.ndarray, " M"]:
+        """Return the score of each by `meter`, in double precision."""
+        even = (self.even - meter.even_mean) @ meter.even
+        return np.sqrt(((self.odd @ meter.odd) ** 2).sum(1) + (even**2).sum(1))
 
 
-def fit_meter(
-    odd: Float[np.ndarray, "M H"],
-    even: Float[np.ndarray, "M G"],
-    errors: Float[np.ndarray, " M"],
-    segments: Int[np.ndarray, " M"] | None = None,
-) -> TrustMeter:
-    """Return the meter of these units, from inputs with these `errors`.
+def fit_meter(inputs: Inputs, segments: Int[np.ndarray, " M"] | None = None) -> TrustMeter:
+    """Return the meter of some inputs.
 
     Inputs within one of the `segments` are correlated, so a segment is predicted better by its own inputs than by others.
     So the edge is found from scores of segments left out of the fit of the directions. Without `segments`, inputs count
     as independent.
     """
-    directions = _fit_directions(odd, even, errors)
-    scores = directions.scores(odd, even)
+    meter = _unscaled_meter(inputs)
+    scores = inputs.scores(meter)
     if segments is not None:
-        scores = _scores_of_unseen(odd, even, errors, segments)
+        numbers = np.unique(segments)
+        scores = np.empty(len(scores))
+        for fold in range(FOLDS):
+            is_unseen = np.isin(segments, numbers[fold::FOLDS])
+            if is_unseen.any():
+                others = _unscaled_meter(inputs.where(~is_unseen))
+                scores[is_unseen] = inputs.where(is_unseen).scores(others)
     edge = max(float(np.quantile(scores, COVERED_SHARE)), SMALLEST) / EDGE
     return TrustMeter(
-        odd=(directions.odd / edge).astype(np.float32),
-        even=(directions.even / edge).astype(np.float32),
-        even_mean=directions.even_mean.astype(np.float32),
+        odd=(meter.odd / edge).astype(np.float32),
+        even=(meter.even / edge).astype(np.float32),
+        even_mean=meter.even_mean.astype(np.float32),
     )
 
 
-def _scores_of_unseen(
-    odd: Float[np.ndarray, "M H"],
-    even: Float[np.ndarray, "M G"],
-    errors: Float[np.ndarray, " M"],
-    segments: Int[np.ndarray, " M"],
-) -> Float[np.ndarray, " M"]:
-    """Return the score of each input by directions fitted without its fold of the segments."""
-    scores = np.empty(len(errors))
-    numbers = np.unique(segments)
-    for fold in range(FOLDS):
-        is_unseen = np.isin(segments, numbers[fold::FOLDS])
-        if not is_unseen.any():
-            continue
-        seen = ~is_unseen
-        directions = _fit_directions(odd[seen], even[seen], errors[seen])
-        scores[is_unseen] = directions.scores(odd[is_unseen], even[is_unseen])
-    return scores
-
-
-class _Measure(NamedTuple):
-    """Directions of both kinds of units, and the origin of the scores."""
-
-    odd: Float[np.ndarray, "H P"]
-    even: Float[np.ndarray, "G Q"]
-    even_mean: Float[np.ndarray, " G"]
-
-    def scores(
-        self, odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"]
-    ) -> Float[np.ndarray, " M"]:
-        """Return the distance of each input's units, before scaling to the edge."""
-        return np.sqrt(
-            ((odd @ self.odd) ** 2).sum(1) + (((even - self.even_mean) @ self.even) ** 2).sum(1)
-        )
-
-
-def _fit_directions(
-    odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"], errors: Float[np.ndarray, " M"]
-) -> _Measure:
-    """Return the `DIRECTIONS` of whitened units that best predict errors."""
-    mean = even.mean(axis=0)
-    weights = np.minimum(errors, np.quantile(errors, WEIGHT_SHARE))
+def _unscaled_meter(inputs: Inputs) -> TrustMeter:
+    """Return the meter of the `DIRECTIONS` of whitened units that best predict errors, before scaling to the edge."""
+    mean = inputs.even.mean(axis=0)
+    weights = np.minimum(inputs.errors, np.quantile(inputs.errors, WEIGHT_SHARE))
     weights = weights / max(weights.mean(), SMALLEST)
     # Separately, as if every input came with its mirror image: then odd and even units are uncorrelated.
-    found = [_directions(rows, weights) for rows in (odd, even - mean)]
-    least = np.sort(np.concatenate([one.telling for one in found]))[-DIRECTIONS:][0]
-    odd_kept, even_kept = (one.vectors[:, one.telling >= least] for one in found)
-    return _Measure(odd_kept, even_kept, mean)
+    found = [_directions(rows, weights) for rows in (inputs.odd, inputs.even - mean)]
+    least = np.sort(np.concatenate([telling for _, telling in found]))[-DIRECTIONS:][0]
+    odd, even = (vectors[:, telling >= least] for vectors, telling in found)
+    return TrustMeter(odd, even, mean)
 
 
-def _directions(units: Float[np.ndarray, "M H"], weights: Float[np.ndarray, " M"]) -> _Directions:
-    """Return the directions of whitened `units`, ordered by the extent of inputs with large errors along them."""
+def _directions(
+    units: Float[np.ndarray, "M H"], weights: Float[np.ndarray, " M"]
+) -> tuple[Float[np.ndarray, "H D"], Float[np.ndarray, " D"]]:
+    """Return (directions of whitened `units`, the size of errors along each over their mean), the most telling last."""
     size = units.shape[1]
     if not size:
-        return _Directions(np.zeros((0, 0)), np.zeros(0))
+        return np.zeros((0, 0)), np.zeros(0)
     covariance = units.T @ units / len(units)
     ridge = RIDGE * np.trace(covariance) / size + SMALLEST
     variances, axes = np.linalg.eigh(covariance + ridge * np.eye(size))
     whitening = axes / np.sqrt(variances)
     white = units @ whitening
     telling, turned = np.linalg.eigh((white * weights[:, None]).T @ white / len(units))
-    return _Directions(whitening @ turned, telling)
+    return whitening @ turned, telling

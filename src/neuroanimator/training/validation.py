@@ -48,8 +48,7 @@ def validation_errors(
     rates = emulator.rates if emulator.encoding.is_identity else ()
 
     def size(differences: Float[np.ndarray, "N V"]) -> Float[np.ndarray, ""]:
-        error = np.sqrt(np.mean((differences[:, moves] / unit[moves]) ** 2))
-        return np.asarray(np.nan_to_num(np.fmin(error, LARGEST_ERROR)), np.float32)
+        return _bounded(np.sqrt(np.mean((differences[:, moves] / unit[moves]) ** 2)))
 
     def following(moved: Float[np.ndarray, "N I"]) -> Float[np.ndarray, "N I"]:
         return np.asarray(_following(emulator, as_jax(moved), as_jax(held)))
@@ -92,11 +91,15 @@ def window_errors(
 
     def share(latent: Float[np.ndarray, "N I"]) -> Float[np.ndarray, ""]:
         away = shapes.decode(emulator.decode(latent), nodes) - truth
-        error = np.sqrt((away**2).sum(axis=-1).mean()) / size
-        return np.asarray(np.nan_to_num(np.fmin(error, LARGEST_ERROR)), np.float32)
+        return _bounded(np.sqrt((away**2).sum(axis=-1).mean()) / size)
 
     seconds = np.asarray(driven.shape[1] * emulator.dt, np.float32)
     return WindowErrors(seconds, share(emulated), share(kept))
+
+
+def _bounded(error: np.floating) -> Float[np.ndarray, ""]:
+    """Return a finite error, as a file holds it."""
+    return np.asarray(np.nan_to_num(np.fmin(error, LARGEST_ERROR)), np.float32)
 
 
 @eqx.filter_jit

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from jaxtyping import PRNGKeyArray
 
+from neuroanimator.emulator.checks import MAX_LAYER
+from neuroanimator.emulator.features import rising
 from neuroanimator.emulator.networks.classic import Classic
 from neuroanimator.emulator.networks.gated import Gated
 from neuroanimator.emulator.networks.glu import Glu, LinearGlu
-from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
+from neuroanimator.emulator.networks.hierarchy import (
+    Hierarchy,
+    Part,
+    parts_from_json,
+    parts_to_json,
+)
 from neuroanimator.emulator.networks.mirrored import Mirrored
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.numbers import flag, listed, whole
+from neuroanimator.text import quoted
 
 NETWORKS: dict[str, type[Network]] = {
     "classic": Classic, "gated": Gated, "glu": Glu, "linear-glu": LinearGlu, "hierarchy": Hierarchy,
@@ -21,9 +32,6 @@ DEFAULT_WIDTHS = {
     "mirrored": (96, 64),
 }  # fmt: skip
 
-
-MAX_LAYER = 4096
-"""Maximum number of units in a hidden layer: it bounds what a hostile file can make us allocate, and holds in training."""
 MAX_LAYERS = 32
 """Maximum number of hidden layers, in total for a hierarchy; each is traced one by one."""
 
@@ -75,3 +83,40 @@ def make_network(
     if kind == "gated":
         return Gated.of(odd, even, out, widths, key=key, gates_even=gates_even)
     return NETWORKS[kind].of(odd, even, out, widths, key=key)  # pyright: ignore[reportCallIssue]
+
+
+def network_to_json(network: Network) -> dict[str, Any]:
+    """Return everything but the weights of a network."""
+    kinds = {maker: name for name, maker in NETWORKS.items()}
+    described = {
+        "kind": kinds[type(network)],
+        "widths": network.widths,
+        "even": getattr(network, "even", ()),
+        "parts": parts_to_json(getattr(network, "parts", ())),
+    }
+    if getattr(network, "gates_even", False):
+        described["gates_even"] = True
+    return described
+
+
+def blank_network(described: dict[str, Any], sizes: tuple[int, int], changes: int) -> Network:
+    """Return the network that `network_to_json` wrote, with zero weights.
+
+    `sizes` are those of its odd and even streams; it predicts `changes` numbers.
+    """
+    kind = described["kind"]
+    widths = listed(described["widths"], "widths", layer_width)
+    even = rising(described["even"], changes)
+    parts = parts_from_json(described["parts"])
+    gates_even = flag(described.get("gates_even", False), "network: gates_even")
+    network = make_network(kind, *sizes, changes, widths, None, even, parts, gates_even=gates_even)
+    if getattr(network, "gates_even", False) != gates_even:
+        raise ValueError(f"network: {quoted(kind)} does not gate its even units")
+    if (getattr(network, "even", ()), getattr(network, "parts", ())) != (even, parts):
+        raise ValueError(f"network: {quoted(kind)} has no even answers or no parts")
+    return network
+
+
+def layer_width(value: Any, what: str) -> int:
+    """Return a number of units in a file."""
+    return whole(value, what, 0, MAX_LAYER)

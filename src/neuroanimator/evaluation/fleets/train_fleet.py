@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.evaluation.csv_table import write_csv
@@ -74,7 +73,8 @@ def train_fleet(
         rows = _finished(fleet, out)
         missing = [member for member in fleet.members if member.name not in rows]
         data = place_of(fleet.data) if fleet.data else out / DATA
-        for name, config in _datasets(missing).items():
+        datasets = {member.dataset: member.data for member in missing}
+        for name, config in datasets.items():
             generate(config, data / name, executor=executor)
         on_start(len(missing))
         failed: dict[int, NeuroAnimatorError] = {}
@@ -90,11 +90,6 @@ def train_fleet(
             write_csv(out / TABLE, [asdict(row) for row in table])
         raise_first(failed, len(missing))
     return table
-
-
-def _datasets(members: list[Member]) -> dict[str, DatasetConfig]:
-    """Return the datasets these members need, by name."""
-    return {member.dataset: member.data for member in members}
 
 
 def _trained(

@@ -137,7 +137,7 @@ def cut_windows(runs: Runs, length: int) -> Runs:
     count, steps, _ = runs.controls.shape
     samples = np.tile(np.arange(steps - length + 1), (count, 1))
     tensors = {"states": runs.states, "controls": runs.controls, "samples": samples}
-    return Runs(*windows_of(tensors, 0, length))
+    return Runs(*windows_of(tensors, length))
 
 
 def mix_windows(

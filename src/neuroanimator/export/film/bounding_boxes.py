@@ -43,39 +43,46 @@ class BoundingBoxes(NamedTuple):
 def bounding_boxes(clips: Sequence[Clip]) -> BoundingBoxes:
     """Return the box around all that moves in each frame; a clip that has ended stays at its last frame."""
     frames = max(len(clip.times) for clip in clips)
-    lows = []
-    highs = []
+    boxes = []
     for clip in clips:
-        boxes = _boxes_of_moving(clip)
-        index = np.minimum(np.arange(frames), len(clip.times) - 1)
-        lows.append(boxes.low[index])
-        highs.append(boxes.high[index])
+        box = _boxes_of_moving(clip)
+        boxes.append(BoundingBoxes(lasting(box.low, frames), lasting(box.high, frames)))
+    return _around(boxes)
+
+
+def _around(boxes: Sequence[BoundingBoxes]) -> BoundingBoxes:
+    """Return the boxes around several in each frame."""
+    lows = [box.low for box in boxes]
+    highs = [box.high for box in boxes]
     return BoundingBoxes(np.min(lows, axis=0), np.max(highs, axis=0))
+
+
+def lasting(rows: Float[np.ndarray, "N ..."], frames: int) -> Float[np.ndarray, "F ..."]:
+    """Return the row of each of `frames`: after the end, the last one."""
+    return rows[np.minimum(np.arange(frames), len(rows) - 1)]
 
 
 def fixed_boxes(clip: Clip) -> BoundingBoxes:
     """Return the box of each shape that nothing moves: walls and posts, and the ground."""
     skeleton = clip.skeleton
     fixed = [i for i in range(len(skeleton.bones)) if not skeleton.is_moved(i)]
-    lows, highs = _boxes_of_shapes(clip, fixed, frames=1)
-    return BoundingBoxes(lows[:, 0], highs[:, 0])
+    boxes = _boxes_of_shapes(clip, fixed, frames=1)
+    lows = [box.low for box in boxes]
+    highs = [box.high for box in boxes]
+    return BoundingBoxes(np.reshape(lows, (-1, 3)), np.reshape(highs, (-1, 3)))
 
 
 def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
     """Return the box around moving surfaces, shapes or skins; around the bones alone if they have none."""
     skeleton = clip.skeleton
     moving = [i for i in range(len(skeleton.bones)) if skeleton.is_moved(i)]
-    lows, highs = _boxes_of_shapes(clip, moving, len(clip.times))
+    boxes = _boxes_of_shapes(clip, moving, len(clip.times))
     if skeleton.shapes is not None:
-        surface = _boxes_of_surface(skeleton.shapes, clip)
-        lows = np.concatenate([lows, surface.low[None]])
-        highs = np.concatenate([highs, surface.high[None]])
+        boxes.append(_boxes_of_surface(skeleton.shapes, clip))
     if isinstance(skeleton.skin, MeshSkin):
-        skin_lows, skin_highs = _boxes_of_skin(clip)
-        lows = np.concatenate([lows, skin_lows])
-        highs = np.concatenate([highs, skin_highs])
-    if len(lows):
-        return BoundingBoxes(lows.min(axis=0), highs.max(axis=0))
+        boxes += _boxes_of_skin(clip)
+    if boxes:
+        return _around(boxes)
     positions, _ = skeleton.world_poses(clip.states)
     around = 0.0
     if skeleton.skin is not None:
@@ -90,42 +97,31 @@ def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
 
 def _boxes_of_surface(surface: Shapes, clip: Clip) -> BoundingBoxes:
     """Return the box around the surface of a soft body."""
-    lows = []
-    highs = []
-    for state in clip.states:
-        nodes = surface.decode(state)
-        lows.append(nodes.min(axis=0))
-        highs.append(nodes.max(axis=0))
-    return BoundingBoxes(np.array(lows), np.array(highs))
+    nodes = (surface.decode(state) for state in clip.states)
+    corners = np.array([(points.min(axis=0), points.max(axis=0)) for points in nodes])
+    return BoundingBoxes(corners[:, 0], corners[:, 1])
 
 
-def _boxes_of_skin(
-    clip: Clip,
-) -> tuple[Float[np.ndarray, "N F 3"], Float[np.ndarray, "N F 3"]]:
-    """Return the corners [m] of a box per bone, around the vertices that follow it most."""
+def _boxes_of_skin(clip: Clip) -> list[BoundingBoxes]:
+    """Return the boxes around the vertices that follow each bone most."""
     mesh = skin_mesh(clip.skeleton)
     main = mesh.main_bones
     positions, orientations = clip.skeleton.world_poses(clip.states)
-    lows = []
-    highs = []
+    boxes = []
     for number in np.unique(main).tolist():
         local = mesh.points_of(number, main == number)
         middle = (local.min(axis=0) + local.max(axis=0)) / 2
         axes = rotation_matrices(orientations[:, number])
         centre = positions[:, number] + axes @ middle
         half = np.abs(axes) @ (np.ptp(local, axis=0) / 2)
-        lows.append(centre - half)
-        highs.append(centre + half)
-    return np.array(lows), np.array(highs)
+        boxes.append(BoundingBoxes(centre - half, centre + half))
+    return boxes
 
 
-def _boxes_of_shapes(
-    clip: Clip, bones: Sequence[int], frames: int
-) -> tuple[Float[np.ndarray, "N F 3"], Float[np.ndarray, "N F 3"]]:
-    """Return the corners [m] of the boxes of all shapes of these bones in the first `frames`."""
+def _boxes_of_shapes(clip: Clip, bones: Sequence[int], frames: int) -> list[BoundingBoxes]:
+    """Return the boxes of all shapes of these bones in the first `frames`."""
     positions, orientations = clip.skeleton.world_poses(clip.states[:frames])
-    lows = []
-    highs = []
+    boxes = []
     for number in bones:
         for shape in clip.skeleton.bones[number].shapes:
             orientation = orientations[:, number]
@@ -133,9 +129,8 @@ def _boxes_of_shapes(
             centre = positions[:, number] + rotate(orientation, offset)
             axes = rotation_matrices(orientation) @ rotation_matrices(np.array(shape.orientation))
             half = np.abs(axes) @ _half_sizes(shape)
-            lows.append(centre - half)
-            highs.append(centre + half)
-    return np.reshape(lows, (-1, frames, 3)), np.reshape(highs, (-1, frames, 3))
+            boxes.append(BoundingBoxes(centre - half, centre + half))
+    return boxes
 
 
 def _half_sizes(shape: Shape) -> Float[np.ndarray, " 3"]:

@@ -10,7 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.animation.clip import Clip
-from neuroanimator.export.film.bounding_boxes import BoundingBoxes, bounding_boxes, fixed_boxes
+from neuroanimator.export.film.bounding_boxes import (
+    BoundingBoxes,
+    bounding_boxes,
+    fixed_boxes,
+    lasting,
+)
 from neuroanimator.export.film.options import Film, Take
 from neuroanimator.state.rotation import heading_of
 
@@ -83,6 +88,9 @@ VIEWS = {
 """The views of `options.CAMERAS`."""
 
 
+Positions = Float[np.ndarray, "F 3"]
+"""A point in every frame [m]."""
+
 SIDES = (48.0, -48.0, 132.0, -132.0, 68.0, -68.0, 112.0, -112.0)
 """Azimuths that the camera "follow" may have [deg], the preferred first."""
 
@@ -90,10 +98,10 @@ SIDES = (48.0, -48.0, 132.0, -132.0, 68.0, -68.0, 112.0, -112.0)
 class Shots(NamedTuple):
     """The camera in every frame."""
 
-    lookat: Float[np.ndarray, "F 3"]
-    """The middle of the picture [m]."""
-    position: Float[np.ndarray, "F 3"]
-    """Position of the camera [m]."""
+    lookat: Positions
+    """The middle of the picture."""
+    position: Positions
+    """Position of the camera."""
     size: float
     """Size of the filmed body or motion [m]."""
     is_under_water: bool
@@ -122,8 +130,9 @@ def take_shots(take: Take, film: Film, surface: float | None = None) -> Shots:
         apart = float(np.linalg.norm(centres[:frames] - others[:frames], axis=1).max())
         room = min(1 + apart / shots.size, MAX_GHOST_ROOM)
         position = shots.lookat + room * (position - shots.lookat)
-    index = np.minimum(np.arange(take.frames), len(position) - 1)
-    return shots._replace(lookat=shots.lookat[index], position=position[index])
+    return shots._replace(
+        lookat=lasting(shots.lookat, take.frames), position=lasting(position, take.frames)
+    )
 
 
 def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) -> Shots:
@@ -145,9 +154,7 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     return min(sides, key=lambda side: side[0])[1]
 
 
-def hidden_share(
-    positions: Float[np.ndarray, "F 3"], boxes: BoundingBoxes, obstacles: BoundingBoxes
-) -> float:
+def hidden_share(positions: Positions, boxes: BoundingBoxes, obstacles: BoundingBoxes) -> float:
     """Return the share of the motion, over all frames, that the `obstacles` hide from the camera."""
     hidden = []
     for corner in itertools.product((-LOOKED_AT, LOOKED_AT), repeat=3):
@@ -157,7 +164,7 @@ def hidden_share(
 
 
 def _is_hidden(
-    positions: Float[np.ndarray, "F 3"], points: Float[np.ndarray, "F 3"], obstacles: BoundingBoxes
+    positions: Positions, points: Positions, obstacles: BoundingBoxes
 ) -> Bool[np.ndarray, " F"]:
     """Return for each frame whether an obstacle is between the camera and a point."""
     sight = (points - positions)[:, None]
@@ -229,7 +236,7 @@ def _headings(clip: Clip, film: Film, frames: int) -> Float[np.ndarray, " F"]:
     if film.camera not in ("front", "back"):
         return np.repeat(headings[:1], frames)
     smooth = smoothed(np.unwrap(headings)[:, None], round(clip.rate * SMOOTHING))[:, 0]
-    return smooth[np.minimum(np.arange(frames), len(smooth) - 1)]
+    return lasting(smooth, frames)
 
 
 def _body_headings(clip: Clip) -> Float[np.ndarray, " F"]:
@@ -254,9 +261,7 @@ def _emerges(boxes: BoundingBoxes, surface: float) -> bool:
     return leaps or float((boxes.high[:, 2] > surface).mean()) > EMERGED
 
 
-def camera_path(
-    path: Float[np.ndarray, "F 3"], frames: int, max_lag: float
-) -> Float[np.ndarray, "F 3"]:
+def camera_path(path: Positions, frames: int, max_lag: float) -> Positions:
     """Return `path` [m] smoothed over up to `frames`, less if the camera would lag by more than `max_lag` [m]."""
     while frames > 0:
         smooth = smoothed(path, frames)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.trust import EDGE
+from neuroanimator.export.film.bounding_boxes import lasting
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots
 
 NEAREST = 0.02
@@ -72,8 +73,7 @@ def doubts(clip: Clip, frames: int) -> Float[np.ndarray, " F"]:
     width = max(round(SMOOTHED * clip.rate), 1)
     past = np.concatenate([np.full(width - 1, scores[0]), scores])
     smooth = np.convolve(past, np.full(width, 1 / width), mode="valid")
-    held = smooth[np.minimum(np.arange(frames), len(smooth) - 1)]
-    return np.clip((held - EDGE) / (LOST - EDGE), 0, 1)
+    return np.clip((lasting(smooth, frames) - EDGE) / (LOST - EDGE), 0, 1)
 
 
 def glow(geoms: Iterable[mujoco.MjvGeom], doubt: float) -> None:

@@ -95,21 +95,18 @@ class SkeletonScene:
             floor = -depth * shots.size
         spec = mujoco.MjSpec.from_string(_place_mjcf(place, shots.size, floor, surface))
         self._skeletons = [clip.skeleton for clip in take.everything]
-        prefixes = [f"{number} " for number in range(len(take.clips))]
-        for number, clip in enumerate(take.clips):
-            _add_skeleton(spec, prefixes[number], clip.skeleton, has_scenery=number == 0)
-        if take.ghost is not None:
-            prefixes.append("ghost ")
-            _add_skeleton(spec, "ghost ", _as_ghost(take.ghost.skeleton), is_ghost=True)
-        self.model = spec.compile()
-        self._surfaces: list[_Surface | None] = []
-        for prefix, skeleton in zip(prefixes, self._skeletons, strict=True):
-            surface_shapes = skeleton.shapes
-            if surface_shapes is None:
-                self._surfaces.append(None)
+        for number, skeleton in enumerate(self._skeletons):
+            if number < len(take.clips):
+                _add_skeleton(spec, f"{number} ", skeleton, has_scenery=number == 0)
             else:
-                skin = self.model.skin(f"{prefix}surface")
-                self._surfaces.append(_Surface(skin.id, surface_shapes, float(skin.inflate[0])))
+                _add_skeleton(spec, f"{number} ", _as_ghost(skeleton), is_ghost=True)
+        self.model = spec.compile()
+        self._surfaces: dict[int, _Surface] = {}
+        for number, skeleton in enumerate(self._skeletons):
+            if skeleton.shapes is not None:
+                skin = self.model.skin(f"{number} surface")
+                inflation = float(skin.inflate[0])
+                self._surfaces[number] = _Surface(skin.id, skeleton.shapes, inflation)
         self.data = mujoco.MjData(self.model)
         self.doubt = 0.0
         frame_model(self.model, shots)
@@ -124,16 +121,14 @@ class SkeletonScene:
             orientations.append(orientation[0])
         self.data.mocap_pos[:] = np.concatenate(positions)
         self.data.mocap_quat[:] = np.concatenate(orientations)
-        for surface, state in zip(self._surfaces, states, strict=True):
-            if surface is not None:
-                surface.pose(state)
+        for number, surface in self._surfaces.items():
+            surface.pose(states[number])
         mujoco.mj_forward(self.model, self.data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
         """Fade distant things, let bodies in doubt glow, and move the nodes of surfaces."""
-        for surface in self._surfaces:
-            if surface is not None:
-                surface.fill(scene)
+        for surface in self._surfaces.values():
+            surface.fill(scene)
         scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
         bodies = []
