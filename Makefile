@@ -63,7 +63,7 @@ lint: setup
 check: lint test
 
 bench: setup
-	$(BIN)/python benchmarks/table1.py
+	$(BIN)/python -m benchmarks.equal_error.table1
 
 setup: $(STAMP)
 

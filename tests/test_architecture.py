@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
+import subprocess
 from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
@@ -209,3 +213,19 @@ def test_the_demo_runs_with_the_versions_that_are_tested():
     )
     assert core
     assert core < tested
+
+
+IN_THE_ROOT = {
+    ".ci", ".gitignore", "ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md",
+    "benchmarks", "blender", "constraints-core.txt", "constraints-docs.txt", "constraints.txt", "docs", "examples",
+    "findings", "mkdocs.yml", "pyproject.toml", "src", "studio", "tests", "tools",
+}  # fmt: skip
+"""What may lie in the root of the repository; scratch files are no part of it."""
+
+
+@pytest.mark.skipif(
+    not (ROOT / ".git").exists() or shutil.which("git") is None, reason="no checkout of git"
+)
+def test_nothing_else_lies_in_the_root():
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True)
+    assert {line.split("/")[0] for line in listed.stdout.decode().splitlines()} == IN_THE_ROOT

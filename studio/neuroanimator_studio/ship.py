@@ -91,9 +91,9 @@ def example_facts(name: str, folder: Path) -> dict[str, Any]:
 
 
 def describe_falls(file: Path, policy: StatePolicy) -> dict[str, Any]:
-    """Return the falls in a file that `benchmarks/getting_up.py` wrote: states (T, S), `dt` [s] apart, in base64 of float32.
+    """Return the falls in a file that `benchmarks/following/getting_up.py` wrote: states (T, S), `dt` [s] apart, in base64.
 
-    `heading` is the state entry of the commanded heading.
+    The states are float32. `heading` is the state entry of the commanded heading.
     """
     reference = policy.view.reference
     assert reference is not None

@@ -8,18 +8,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases.baselines.cost_evaluator import DIVERGED_COST, CostEvaluator
-from control_cases.baselines.fast_physics import (
+from swing_up import stand_upright
+from waiting import PATIENCE
+
+from benchmarks.control.baselines.cost_evaluator import DIVERGED_COST, CostEvaluator
+from benchmarks.control.baselines.fast_physics import (
     SINGLE_LANES,
     SimulatedPhysics,
     cheapest_scheme,
     fast_physics,
 )
-from control_cases.baselines.ilqr import linearised
-from control_cases.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
-from swing_up import stand_upright
-from waiting import PATIENCE
-
+from benchmarks.control.baselines.genetic import MAX_GENE, children_of, winners
+from benchmarks.control.baselines.ilqr import linearised
+from benchmarks.control.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
 from neuroanimator import Emulator, load_system
 from neuroanimator.control.descent.parametrisation import EachStep, Spline
 from neuroanimator.control.objective.costs import effort
@@ -244,3 +245,20 @@ def test_unknown_baselines_and_systems_without_derivatives_are_refused_by_name()
             target=0.0,
             seconds=1.0,
         )
+
+
+def test_children_stay_within_bounds_and_equal_parents_differ_by_mutation_alone():
+    rng = np.random.default_rng(0)
+    genes = np.full((200, 30), MAX_GENE)
+    children = children_of(genes, np.zeros(200), rng)
+    assert children.max() == MAX_GENE
+    changed = (children != MAX_GENE).sum(axis=1)
+    # Two of a child's genes mutate in the mean; half of these leave the bounds and are brought back.
+    assert changed.mean() == pytest.approx(1.0, abs=0.3)
+
+
+def test_winners_of_tournaments_are_better_than_the_rest():
+    costs = np.random.default_rng(0).normal(size=500)
+    chosen = winners(costs, np.random.default_rng(1))
+    # The least of three is below the median seven times of eight.
+    assert (costs[chosen] < np.median(costs)).mean() == pytest.approx(7 / 8, abs=0.06)

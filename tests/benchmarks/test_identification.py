@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from identification import TOLERANCE, errors_of, settings_of, summary_rows
-from identification_cases.emulators import FILES, SYSTEMS
-from identification_cases.recordings import NOISE, record, write_recording
-from identification_cases.toolbox import OPTIMISERS, WAYS
 
+from benchmarks.identification.emulators import FILES, SYSTEMS
+from benchmarks.identification.identification import TOLERANCE, errors_of, settings_of, summary_rows
+from benchmarks.identification.recordings import NOISE, record, write_recording
+from benchmarks.identification.toolbox import OPTIMISERS, WAYS
 from neuroanimator import load_system
 from neuroanimator.systems.loading import trust_files
 from neuroanimator.systems.recorded.csv_file import read_csv

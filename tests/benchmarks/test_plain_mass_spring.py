@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from table1_cases.paper_table import nominal_against_plain_c
-from table1_cases.plain_mass_spring import plain_player
 
+from benchmarks.equal_error.paper_table import nominal_against_plain_c
+from benchmarks.equal_error.plain_mass_spring import plain_player
 from neuroanimator import Emulator, load_system
 from neuroanimator.codegen.compiler import find_compiler
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import tomlkit
 from jaxtyping import Float
-from real_recordings_cases.cases import CASES, MODELS, Case, Windows, windows
-from real_recordings_cases.cube_tosses import ORIENTATION
-from real_recordings_cases.errors import angle_errors, position_errors, rotation_errors
-from real_recordings_cases.excerpts import EXCERPTS
-from real_recordings_cases.methods import FREE_METHODS
-from real_recordings_cases.physics import simulate
-from real_recordings_cases.runs import Columns, Run, write_recording
 
+from benchmarks.real_recordings.cases import CASES, MODELS, Case, Windows, windows
+from benchmarks.real_recordings.cube_tosses import ORIENTATION
+from benchmarks.real_recordings.errors import angle_errors, position_errors, rotation_errors
+from benchmarks.real_recordings.excerpts import EXCERPTS
+from benchmarks.real_recordings.methods import FREE_METHODS
+from benchmarks.real_recordings.physics import simulate
+from benchmarks.real_recordings.runs import Columns, Run, write_recording
 from neuroanimator import (
     DatasetConfig,
     Emulator,

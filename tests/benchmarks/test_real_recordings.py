@@ -10,17 +10,17 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from real_recordings_cases.cases import CASES, Case, windows
-from real_recordings_cases.cube_emulators import write_model
-from real_recordings_cases.cube_tosses import ORIENTATION, START_SAMPLES, flight_start
-from real_recordings_cases.errors import angle_errors, rotation_errors
-from real_recordings_cases.fitted_physics import model_at, parameters_of
-from real_recordings_cases.methods import FREE_METHODS
-from real_recordings_cases.physics import simulate
-from real_recordings_cases.runs import DT, Run, half_states, sampled_states, write_recording
-from real_recordings_cases.source_files import REPOSITORIES, check, source_files
-from real_recordings_cases.torch_file import MAGIC, read_tensor
 
+from benchmarks.real_recordings.cases import CASES, Case, windows
+from benchmarks.real_recordings.cube_emulators import write_model
+from benchmarks.real_recordings.cube_tosses import ORIENTATION, START_SAMPLES, flight_start
+from benchmarks.real_recordings.errors import angle_errors, rotation_errors
+from benchmarks.real_recordings.fitted_physics import model_at, parameters_of
+from benchmarks.real_recordings.methods import FREE_METHODS
+from benchmarks.real_recordings.physics import simulate
+from benchmarks.real_recordings.runs import DT, Run, half_states, sampled_states, write_recording
+from benchmarks.real_recordings.source_files import REPOSITORIES, check, source_files
+from benchmarks.real_recordings.torch_file import MAGIC, read_tensor
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.recording import cut_runs
 

@@ -10,12 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import table1
 from brief import BRIEF
 from executor_tasks import PackedHere
-from table1 import chosen_rows
-from table1_cases import training_time
 
+from benchmarks.equal_error import table1, training_time
+from benchmarks.equal_error.table1 import chosen_rows
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.evaluation.fleets.sweep import SweepRow, largest_within, sweep
 from neuroanimator.files.zoo import SHIPPED, shipped_path

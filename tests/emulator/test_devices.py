@@ -66,7 +66,7 @@ def test_products_of_matrices_are_not_rounded_where_there_may_be_a_gpu(tmp_path:
 
 def test_the_benchmark_says_in_one_line_that_no_gpu_is_at_hand():
     result = subprocess.run(
-        [sys.executable, "benchmarks/gpu.py"],
+        [sys.executable, "-m", "benchmarks.gpu.gpu"],
         cwd=ROOT,
         env={**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT / "src")},
         capture_output=True,

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from deformable_cases.batch_players import c_batch_players, jax_batch_player
-from table1_cases.work_precision import draw_work_precision
 
+from benchmarks.equal_error.batch_players import c_batch_players, jax_batch_player
+from benchmarks.equal_error.work_precision import draw_work_precision
 from neuroanimator.codegen import compiler
 from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.evaluation.accuracy import scheme_error

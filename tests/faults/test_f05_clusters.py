@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from executor_tasks import Square, square
 from processes import GENERATE, command, start
-from scale_cases.nodes import cluster_of, kill_node, node_killed, node_slowed
+from ray_nodes import cluster_of, kill_node, node_killed, node_slowed
 from tally import Tally
 from waiting import PATIENCE, wait_until
 

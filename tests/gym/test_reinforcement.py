@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reinforcement_cases.tasks import BAY, BAY_HEADING, LANE_NOISE, LANE_START, parking_rules
+from gymnasium_rules import BAY, BAY_HEADING, LANE_NOISE, LANE_START, parking_rules
 
 import neuroanimator as na
 from neuroanimator.gym import EmulatorVectorEnv, EpisodeRules, PhysicsVectorEnv
@@ -77,9 +77,8 @@ def test_starts_lie_in_the_lane_and_touch_nothing_and_an_obstacle_ends_the_episo
 
 def test_the_clock_of_learning_stands_still_while_policies_are_judged(shipped: na.Emulator):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is missing: an extra, [rl]")
-    from reinforcement_cases.learning import learn, rows_world
-    from reinforcement_cases.policies import PlainPolicy
-    from reinforcement_cases.tasks import Learning
+    from benchmarks.walking.plain_policy import PlainPolicy
+    from benchmarks.walking.ppo import Learning, learn, rows_world
 
     now = [0.0]
     judged = []
@@ -103,10 +102,11 @@ def test_the_clock_of_learning_stands_still_while_policies_are_judged(shipped: n
 
 def test_a_plain_policy_is_the_mean_action_of_the_model(shipped: na.Emulator):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is missing: an extra, [rl]")
-    from reinforcement_cases.learning import rows_world
-    from reinforcement_cases.policies import PlainPolicy
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecNormalize
+
+    from benchmarks.walking.plain_policy import PlainPolicy
+    from benchmarks.walking.ppo import rows_world
 
     env = VecNormalize(rows_world(EmulatorVectorEnv(shipped, 8, seconds=1.0)))
     model = PPO("MlpPolicy", env, n_steps=16, batch_size=64, seed=0, device="cpu")

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from reinforcement_cases.tasks import TASKS
+from gymnasium_rules import RULES
 
 from neuroanimator import DatasetConfig, Emulator, NeuroAnimatorError, TrainingConfig
 from neuroanimator.control.planning.environments import mujoco_state
@@ -85,7 +85,7 @@ def played(env_id: str, seed: int) -> list[tuple[Any, ...]]:
 
 def test_the_rules_of_an_environment_pay_show_and_end_what_the_environment_does(task: Any):
     env_id, emulator = task
-    rules = TASKS[env_id].rules(emulator)
+    rules = RULES[env_id](emulator)
     rows = [row for seed in range(4) for row in played(env_id, seed)]
     states, actions, following, observations, rewards, terminated = map(
         np.array, zip(*rows, strict=True)
@@ -101,7 +101,7 @@ def test_the_rules_of_an_environment_pay_show_and_end_what_the_environment_does(
 def test_on_the_physics_the_rules_are_the_environment(task: Any):
     env_id, emulator = task
     rows = played(env_id, 3)
-    env = PhysicsVectorEnv(emulator, rules=TASKS[env_id].rules(emulator))
+    env = PhysicsVectorEnv(emulator, rules=RULES[env_id](emulator))
     env.reset(options={"state": rows[0][0]})
     for _, action, following, observation, reward, terminated in rows:
         shown, paid, is_over, _, _ = env.step(action[None])
@@ -113,7 +113,7 @@ def test_on_the_physics_the_rules_are_the_environment(task: Any):
 
 def test_starts_are_drawn_as_the_environment_draws_them(task: Any):
     env_id, emulator = task
-    rules = TASKS[env_id].rules(emulator)
+    rules = RULES[env_id](emulator)
     random = np.random.default_rng(0)
     drawn = np.stack([rules.draw_start(random) for _ in range(400)])
     env = gymnasium.make(env_id)
@@ -129,7 +129,7 @@ def test_starts_are_drawn_as_the_environment_draws_them(task: Any):
 
 def test_an_emulator_with_rules_has_the_spaces_of_the_environment(task: Any):
     env_id, emulator = task
-    ours = EmulatorVectorEnv(emulator, 3, rules=TASKS[env_id].rules(emulator))
+    ours = EmulatorVectorEnv(emulator, 3, rules=RULES[env_id](emulator))
     theirs = gymnasium.make(env_id)
     assert ours.single_observation_space.shape == theirs.observation_space.shape
     assert ours.single_action_space == theirs.action_space

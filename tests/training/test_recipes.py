@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from cook import cook
 
 from neuroanimator.emulator.artifact import read_metadata
 from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.files.zoo import LARGE, SHIPPED, shipped_path
 from neuroanimator.training import recipes
 from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, Recipe
+from tools.cook import cook
 
 
 def test_strides_make_up_every_super_step_that_ships():

@@ -89,7 +89,7 @@ def emulator_name(system: str, substeps: int, size: str = "") -> str:
 
 
 def default_motion_path(system: str) -> Path:
-    """Return the path of the motion that shows a shipped `system` (benchmarks/default_motions.py)."""
+    """Return the path of the motion that shows a shipped `system` (tools/default_motions.py)."""
     return shipped_path(system).with_name(f"{system}.motion.json")
 
 

@@ -32,7 +32,7 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems import load_system
 
 TRIALS = 100
-"""Number of starts and goals from which an episode is drawn: those that `benchmarks/control.py` solves."""
+"""Number of starts and goals from which an episode is drawn: those that `benchmarks/control/control.py` solves."""
 
 TRIAL_STREAM = 5
 """Number of the random stream of trials: that of the benchmark."""

@@ -16,7 +16,7 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds
 
 DEFAULT_METHOD = "gauss-newton"
-"""Default method, which measures best: `benchmarks/control.py descents`."""
+"""Default method, which measures best: `benchmarks/control/control.py descents`."""
 
 SCREENING = 0.15
 """Share of the iterations after which only finalists go on."""

@@ -1,1 +1,0 @@
-"""The cases of `benchmarks/classic.py`: each measures one open line of the seminar of 1999."""
