@@ -41,7 +41,9 @@ SIZE = "{}x{}".format(*DEFAULT_SIZE)
 SIZE_HELP = "Width x height of a film [pixels]."
 """The help of `--size`, here and in `export`."""
 
-CAMERA_HELP = "For films: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
+CAMERA_HELP = (
+    "For films: " + "; ".join(f"{name} ({camera.about})" for name, camera in CAMERAS.items()) + "."
+)
 """The help of `--camera`, here and in `export`."""
 
 TRUST_HELP = (

@@ -25,6 +25,12 @@ def replay_clips(emulator: Emulator, replay: Replay) -> tuple[Clip, Clip | None]
     emulated = make_clip(emulator, replay.emulator_states, source="emulator")
     if not replay.is_on_physics:
         return drawable(emulated, emulator), None
-    physics = make_clip(emulator, replay.physics_states, source="physics")
+    return drawn_pair(
+        make_clip(emulator, replay.physics_states, source="physics"), emulated, emulator
+    )
+
+
+def drawn_pair(physics: Clip, emulated: Clip, emulator: Emulator) -> tuple[Clip, Clip]:
+    """Return (the motion on the physics, the emulator's as its ghost), as gauges where there are no bodies."""
     ghost = drawable(emulated, emulator, ranges_from=physics)
     return drawable(physics, emulator), ghost

@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip, make_clip
-from neuroanimator.animation.gauges import drawable
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.figures import draw_segments
 from neuroanimator.evaluation.plots import svg_text
 from neuroanimator.evaluation.weakness.inspection import Inspection
-from neuroanimator.export.film.options import Take
+from neuroanimator.export.comparison import drawn_pair
+from neuroanimator.export.film.options import Take, held
 from neuroanimator.export.film.video import write_takes
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.text import short_number
@@ -93,20 +93,19 @@ def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:
     for number, segment in enumerate(inspection.worst, start=1):
         physics = _slow_clip(emulator, segment.physics, "physics")
         emulated = _slow_clip(emulator, segment.emulated, "emulator")
-        ghost = drawable(emulated, emulator, ranges_from=physics)
+        shown, ghost = drawn_pair(physics, emulated, emulator)
         caption = (
             f"{emulator.system}, n = {emulator.substeps}, worst {number} of {len(inspection.worst)}: off by "
             f"{short_number(segment.error)}, most of all in {segment.component}. Magenta: the emulator"
         )
-        takes.append(Take((drawable(physics, emulator),), ghost, caption))
+        takes.append(Take((shown,), ghost, caption))
     return takes
 
 
 def _slow_clip(emulator: Emulator, states: Float[np.ndarray, "T1 S"], source: str) -> Clip:
     """Return the clip of a segment in slow motion, with its end held."""
     clip = make_clip(emulator, _sound(states), rate=SLOWER * RATE, source=source)
-    end = np.repeat(clip.states[-1:], round(HELD_SECONDS * RATE), axis=0)
-    shown = np.concatenate([clip.states, end])
+    shown = held(clip.states, len(clip.states) + round(HELD_SECONDS * RATE))
     return replace(clip, states=shown, times=np.arange(len(shown)) / RATE)
 
 
@@ -115,5 +114,4 @@ def _sound(states: Float[np.ndarray, "T1 S"]) -> Float[np.ndarray, "T1 S"]:
     with np.errstate(invalid="ignore"):
         is_sound = (np.abs(states) < MAX_MAGNITUDE).all(axis=1)
     last = len(states) if is_sound.all() else int(np.argmin(is_sound))
-    index = np.minimum(np.arange(len(states)), max(last - 1, 0))
-    return states[index]
+    return held(states[: max(last, 1)], len(states))

@@ -18,9 +18,9 @@ from neuroanimator.export.film.camera import (
     MAX_HIDDEN,
     Shots,
     hidden_share,
-    shots_of,
+    take_shots,
 )
-from neuroanimator.export.film.options import Film
+from neuroanimator.export.film.options import Film, Take
 
 FILM = Film()
 
@@ -49,7 +49,7 @@ def test_the_beat_of_a_fishs_tail_is_seen():
     clip = make_clip(emulator, default_motion(emulator))
     positions, _ = clip.skeleton.world_poses(clip.states)
     tail = int(positions[0, :, 0].argmin())
-    shots = shots_of([clip], FILM)
+    shots = take_shots(Take((clip,)), FILM)
     beat = seen_at(shots, positions[:, tail]) - seen_at(shots, middle_of(clip))
     sweep = np.linalg.norm(np.ptp(beat[30:], axis=0))
     assert sweep > 0.06
@@ -58,7 +58,7 @@ def test_the_beat_of_a_fishs_tail_is_seen():
 def test_a_dolphin_that_leaps_is_seen_from_its_side():
     emulator = load_emulator("dolphin")
     clip = make_clip(emulator, default_motion(emulator))
-    azimuth, _, _ = shots_of([clip], FILM, surface=0.0).angles(0)
+    azimuth, _, _ = take_shots(Take((clip,)), FILM, surface=0.0).angles(0)
     assert abs(azimuth) > 45
 
 
@@ -68,7 +68,7 @@ def test_nothing_fixed_stands_before_what_is_filmed(system: str):
     clip = make_clip(emulator, default_motion(emulator))
     obstacles = fixed_boxes(clip)
     assert len(obstacles.low)
-    shots = shots_of([clip], FILM)
+    shots = take_shots(Take((clip,)), FILM)
     assert hidden_share(shots.position, bounding_boxes([clip]), obstacles) <= MAX_HIDDEN
 
 
@@ -81,7 +81,7 @@ def test_a_wall_hides_what_is_behind_it_and_nothing_before_it():
 
 def test_a_school_is_followed_and_stays_in_the_middle_of_the_picture():
     clips = school_clips(load_emulator("fish"), 12)
-    shots = shots_of(clips, FILM)
+    shots = take_shots(Take(tuple(clips)), FILM)
     middle = np.mean([middle_of(clip) for clip in clips], axis=0)
     assert np.abs(seen_at(shots, middle)).max() < 0.05
 
@@ -91,7 +91,7 @@ def test_all_of_a_body_is_in_every_picture(name: str):
     emulator = load_emulator(name)
     clip = make_clip(emulator, default_motion(emulator))
     surface = load_system(name).water_surface
-    shots = shots_of([clip], FILM, surface)
+    shots = take_shots(Take((clip,)), FILM, surface)
     boxes = bounding_boxes([clip])
     corners = [np.where(c, boxes.high, boxes.low) for c in itertools.product((0, 1), repeat=3)]
     seen = np.abs([seen_at(shots, corner) for corner in corners])

@@ -15,10 +15,10 @@ from neuroanimator.animation.motion import default_motion, random_motion
 from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
-from neuroanimator.export.film.camera import FIELD_OF_VIEW, VIEWS, shots_of
+from neuroanimator.export.film.camera import FIELD_OF_VIEW, take_shots
 from neuroanimator.export.film.footer import CURVE_SHARE
 from neuroanimator.export.film.graphics import graphics_backend
-from neuroanimator.export.film.options import CAMERAS, Film, read_film
+from neuroanimator.export.film.options import CAMERAS, Film, Take, read_film
 from neuroanimator.systems.system import System
 
 
@@ -36,7 +36,11 @@ def held(name: str, heights: np.ndarray, speed: float = 1.0) -> Clip:
 
 def share_of_width(clip: Clip, film: Film) -> float:
     """Return how much of the picture's width the body takes in the middle image."""
-    shots, boxes, frame = shots_of([clip], film), bounding_boxes([clip]), len(clip.times) // 2
+    shots, boxes, frame = (
+        take_shots(Take((clip,)), film),
+        bounding_boxes([clip]),
+        len(clip.times) // 2,
+    )
     azimuth, _, distance = shots.angles(frame)
     extent = boxes.high[frame] - boxes.low[frame]
     wide = (
@@ -78,15 +82,23 @@ def test_the_command_line_refuses_a_film_before_any_work_is_done(cli: Cli, tmp_p
     assert not list(tmp_path.iterdir())
 
 
-def test_every_camera_there_is_has_a_view():
-    assert {*VIEWS} == {*CAMERAS}
+@pytest.mark.parametrize("camera", list(CAMERAS))
+def test_every_camera_looks_from_where_its_row_says(camera: str):
+    shots = take_shots(Take((held("fish", np.ones(30)),)), Film(camera=camera))
+    azimuth, elevation, _ = shots.angles(0)
+    row = CAMERAS[camera]
+    assert np.isclose(elevation, row.elevation)
+    if camera == "follow":  # it may take another side
+        assert abs(azimuth) in (48, 68, 112, 132)
+    else:
+        assert np.isclose((azimuth - row.azimuth + 180) % 360, 180)
 
 
 @pytest.mark.parametrize("camera", [name for name in CAMERAS if name != "still"])
 @pytest.mark.parametrize("height", [-4.0, -1.0, -0.35])
 def test_a_dive_is_filmed_from_one_side_of_the_water(camera: str, height: float):
     heights = height + 0.1 * np.sin(np.arange(90) / 5)
-    shots = shots_of([held("dolphin", heights)], Film(camera=camera), surface=0.0)
+    shots = take_shots(Take((held("dolphin", heights),)), Film(camera=camera), surface=0.0)
     if camera == "top":
         assert shots.position[:, 2].min() > 0  # it looks down through the surface
     else:
@@ -99,7 +111,7 @@ def test_a_leap_is_filmed_wholly_from_above_the_water(camera: str):
     heights = np.where(
         times < 1.5, -3.0 + 2 * times, 5.0 * (times - 1.5) - 4.9 * (times - 1.5) ** 2
     )
-    shots = shots_of([held("dolphin", heights)], Film(camera=camera), surface=0.0)
+    shots = take_shots(Take((held("dolphin", heights),)), Film(camera=camera), surface=0.0)
     assert shots.position[:, 2].min() > 0
     assert not shots.is_under_water
 
@@ -123,7 +135,7 @@ def test_a_machine_is_no_dot_in_its_landscape(name: str):
 def test_the_camera_moves_smoothly_and_keeps_the_body_in_the_picture():
     rng = np.random.default_rng(0)
     clip = held("fish", 0.002 * rng.normal(size=150), 0.3)
-    shots = shots_of([clip], Film(camera="side"))
+    shots = take_shots(Take((clip,)), Film(camera="side"))
     jerks = np.abs(np.diff(shots.lookat, n=2, axis=0))
     assert (
         jerks[30:-30].max()
@@ -135,7 +147,7 @@ def test_the_camera_moves_smoothly_and_keeps_the_body_in_the_picture():
 def test_an_arm_that_stays_is_filmed_by_a_camera_that_stays():
     system, times = load_system("pendulum"), np.arange(60) / 30
     states = np.repeat(np.sin(times)[:, None], system.state.size, axis=1)
-    shots = shots_of([Clip("pendulum", system.skeleton, times, states)], Film())
+    shots = take_shots(Take((Clip("pendulum", system.skeleton, times, states),)), Film())
     assert np.ptp(shots.position, axis=0).max() == 0
 
 

@@ -10,136 +10,137 @@ from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.mesh_skin import MeshSkin
-from neuroanimator.appearance.shapes import Shapes
-from neuroanimator.appearance.skeleton import Shape
+from neuroanimator.appearance.skeleton import Shape, Skeleton
 from neuroanimator.appearance.skin_mesh import skin_mesh
-from neuroanimator.state.rotation import rotate, rotation_matrices
+from neuroanimator.export.film.options import Positions, Vector, held
+from neuroanimator.state.rotation import rotation_matrices
 
 
 class BoundingBoxes(NamedTuple):
     """Boxes along the world's axes, one per row."""
 
-    low: Float[np.ndarray, "F 3"]
+    low: Positions
     """Corners of the smallest coordinates [m]."""
-    high: Float[np.ndarray, "F 3"]
+    high: Positions
     """Corners of the largest coordinates [m]."""
 
     @property
-    def centres(self) -> Float[np.ndarray, "F 3"]:
+    def centres(self) -> Positions:
         """The middles of the boxes [m]."""
         return (self.low + self.high) / 2
+
+    @property
+    def extents(self) -> Positions:
+        """The sides of the boxes [m]."""
+        return self.high - self.low
 
     @property
     def whole(self) -> BoundingBoxes:
         """The one box around all of them."""
         return BoundingBoxes(self.low.min(axis=0)[None], self.high.max(axis=0)[None])
 
-    @property
-    def sizes(self) -> Float[np.ndarray, " F"]:
-        """The longest sides of the boxes [m]."""
-        return (self.high - self.low).max(axis=1)
+
+class _Piece(NamedTuple):
+    """A box fixed to a bone."""
+
+    bone: int
+    middle: Vector
+    """Its middle in the bone's frame [m]."""
+    axes: Float[np.ndarray, "3 3"]
+    """Its own axes in the bone's frame, as columns."""
+    half: Vector
+    """Half its sides [m]."""
 
 
 def bounding_boxes(clips: Sequence[Clip]) -> BoundingBoxes:
     """Return the box around all that moves in each frame; a clip that has ended stays at its last frame."""
     frames = max(len(clip.times) for clip in clips)
-    boxes = []
-    for clip in clips:
-        box = _boxes_of_moving(clip)
-        boxes.append(BoundingBoxes(lasting(box.low, frames), lasting(box.high, frames)))
-    return _around(boxes)
-
-
-def _around(boxes: Sequence[BoundingBoxes]) -> BoundingBoxes:
-    """Return the boxes around several in each frame."""
-    lows = [box.low for box in boxes]
-    highs = [box.high for box in boxes]
-    return BoundingBoxes(np.min(lows, axis=0), np.max(highs, axis=0))
-
-
-def lasting(rows: Float[np.ndarray, "N ..."], frames: int) -> Float[np.ndarray, "F ..."]:
-    """Return the row of each of `frames`: after the end, the last one."""
-    return rows[np.minimum(np.arange(frames), len(rows) - 1)]
+    corners = [held(_corners_of_moving(clip), frames) for clip in clips]
+    return BoundingBoxes(np.min(corners, axis=0)[:, 0], np.max(corners, axis=0)[:, 1])
 
 
 def fixed_boxes(clip: Clip) -> BoundingBoxes:
     """Return the box of each shape that nothing moves: walls and posts, and the ground."""
-    skeleton = clip.skeleton
-    fixed = [i for i in range(len(skeleton.bones)) if not skeleton.is_moved(i)]
-    boxes = _boxes_of_shapes(clip, fixed, frames=1)
-    lows = [box.low for box in boxes]
-    highs = [box.high for box in boxes]
-    return BoundingBoxes(np.reshape(lows, (-1, 3)), np.reshape(highs, (-1, 3)))
+    pieces = _shape_pieces(clip.skeleton, is_moved=False)
+    corners = _corners(clip.skeleton, clip.states[:1], pieces)
+    return BoundingBoxes(*corners[0])
 
 
-def _boxes_of_moving(clip: Clip) -> BoundingBoxes:
+def _corners_of_moving(clip: Clip) -> Float[np.ndarray, "F 2 3"]:
     """Return the box around moving surfaces, shapes or skins; around the bones alone if they have none."""
     skeleton = clip.skeleton
-    moving = [i for i in range(len(skeleton.bones)) if skeleton.is_moved(i)]
-    boxes = _boxes_of_shapes(clip, moving, len(clip.times))
-    if skeleton.shapes is not None:
-        boxes.append(_boxes_of_surface(skeleton.shapes, clip))
+    pieces = _shape_pieces(skeleton, is_moved=True)
     if isinstance(skeleton.skin, MeshSkin):
-        boxes += _boxes_of_skin(clip)
-    if boxes:
-        return _around(boxes)
-    positions, _ = skeleton.world_poses(clip.states)
-    around = 0.0
-    if skeleton.skin is not None:
-        # Beyond the bones by as much as the skin is at rest.
-        points = skin_mesh(skeleton).points
-        rest = np.array([bone.offset for bone in skeleton.bones])
-        above = (points.max(axis=0) - rest.max(axis=0)).min()
-        below = (rest.min(axis=0) - points.min(axis=0)).min()
-        around = float(max(above, below, 0.0))
-    return BoundingBoxes(positions.min(axis=1) - around, positions.max(axis=1) + around)
+        pieces += _skin_pieces(skeleton)
+    corners = _corners(skeleton, clip.states, pieces)
+    if skeleton.shapes is not None:
+        ends = [
+            (nodes.min(axis=0), nodes.max(axis=0))
+            for nodes in map(skeleton.shapes.decode, clip.states)
+        ]
+        corners = np.concatenate([corners, np.array(ends)[:, :, None]], axis=2)
+    if not corners.size:
+        positions, _ = skeleton.world_poses(clip.states)
+        around = _thickness(skeleton)
+        corners = np.stack([positions - around, positions + around], axis=1)
+    return np.stack([corners[:, 0].min(axis=1), corners[:, 1].max(axis=1)], axis=1)
 
 
-def _boxes_of_surface(surface: Shapes, clip: Clip) -> BoundingBoxes:
-    """Return the box around the surface of a soft body."""
-    nodes = (surface.decode(state) for state in clip.states)
-    corners = np.array([(points.min(axis=0), points.max(axis=0)) for points in nodes])
-    return BoundingBoxes(corners[:, 0], corners[:, 1])
+def _thickness(skeleton: Skeleton) -> float:
+    """Return the distance by which a skin at rest reaches beyond its bones [m]; 0 without one."""
+    if skeleton.skin is None:
+        return 0.0
+    points = skin_mesh(skeleton).points
+    rest = np.array([bone.offset for bone in skeleton.bones])
+    beyond = [points.max(axis=0) - rest.max(axis=0), rest.min(axis=0) - points.min(axis=0)]
+    return max(float(np.min(beyond, axis=1).max()), 0.0)
 
 
-def _boxes_of_skin(clip: Clip) -> list[BoundingBoxes]:
-    """Return the boxes around the vertices that follow each bone most."""
-    mesh = skin_mesh(clip.skeleton)
+def _shape_pieces(skeleton: Skeleton, *, is_moved: bool) -> list[_Piece]:
+    """Return the boxes of the shapes that something moves, or of all others."""
+    pieces = []
+    for number, bone in enumerate(skeleton.bones):
+        if skeleton.is_moved(number) == is_moved:
+            for shape in bone.shapes:
+                axes = rotation_matrices(np.array(shape.orientation))
+                pieces.append(_Piece(number, np.array(shape.position), axes, _half_sizes(shape)))
+    return pieces
+
+
+def _skin_pieces(skeleton: Skeleton) -> list[_Piece]:
+    """Return a box per bone, around the points of the skin that follow it most."""
+    mesh = skin_mesh(skeleton)
     main = mesh.main_bones
-    positions, orientations = clip.skeleton.world_poses(clip.states)
-    boxes = []
+    pieces = []
     for number in np.unique(main).tolist():
         local = mesh.points_of(number, main == number)
         middle = (local.min(axis=0) + local.max(axis=0)) / 2
-        axes = rotation_matrices(orientations[:, number])
-        centre = positions[:, number] + axes @ middle
-        half = np.abs(axes) @ (np.ptp(local, axis=0) / 2)
-        boxes.append(BoundingBoxes(centre - half, centre + half))
-    return boxes
+        pieces.append(_Piece(number, middle, np.eye(3), np.ptp(local, axis=0) / 2))
+    return pieces
 
 
-def _boxes_of_shapes(clip: Clip, bones: Sequence[int], frames: int) -> list[BoundingBoxes]:
-    """Return the boxes of all shapes of these bones in the first `frames`."""
-    positions, orientations = clip.skeleton.world_poses(clip.states[:frames])
-    boxes = []
-    for number in bones:
-        for shape in clip.skeleton.bones[number].shapes:
-            orientation = orientations[:, number]
-            offset = np.broadcast_to(np.array(shape.position), (frames, 3))
-            centre = positions[:, number] + rotate(orientation, offset)
-            axes = rotation_matrices(orientation) @ rotation_matrices(np.array(shape.orientation))
-            half = np.abs(axes) @ _half_sizes(shape)
-            boxes.append(BoundingBoxes(centre - half, centre + half))
-    return boxes
+def _corners(
+    skeleton: Skeleton, states: Float[np.ndarray, "F S"], pieces: Sequence[_Piece]
+) -> Float[np.ndarray, "F 2 N 3"]:
+    """Return the corners [m] of the box around each piece in each state."""
+    positions, orientations = skeleton.world_poses(states)
+    corners = np.zeros((len(states), 2, len(pieces), 3))
+    for number, piece in enumerate(pieces):
+        axes = rotation_matrices(orientations[:, piece.bone])
+        centre = positions[:, piece.bone] + axes @ piece.middle
+        half = np.abs(axes @ piece.axes) @ piece.half
+        corners[:, 0, number] = centre - half
+        corners[:, 1, number] = centre + half
+    return corners
 
 
-def _half_sizes(shape: Shape) -> Float[np.ndarray, " 3"]:
+def _half_sizes(shape: Shape) -> Vector:
     """Return half the shape's extent along its own axes [m]."""
-    radius = shape.size[0]
-    if shape.kind == "sphere":
-        return np.full(3, radius)
+    if shape.kind in ("box", "ellipsoid"):
+        return np.array(shape.size)
+    half = np.full(3, shape.size[0])
     if shape.kind == "capsule":
-        return np.array([radius, radius, radius + shape.size[1]])
+        half[2] += shape.size[1]
     if shape.kind == "cylinder":
-        return np.array([radius, radius, shape.size[1]])
-    return np.array(shape.size)
+        half[2] = shape.size[1]
+    return half

@@ -11,14 +11,13 @@ from typing import Any, final
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, UInt8
 
 from neuroanimator.export.film.camera import Shots, take_shots
 from neuroanimator.export.film.footer import Footer
 from neuroanimator.export.film.graphics import context_module, needed_graphics
-from neuroanimator.export.film.options import Film, Take
+from neuroanimator.export.film.options import Film, Picture, Take, Vector, held
 from neuroanimator.export.film.rigid_scene import RigidScene
-from neuroanimator.export.film.scene import FilmScene, doubts
+from neuroanimator.export.film.scene import OPTIONS, FilmScene, doubts
 from neuroanimator.export.film.skeleton_scene import SkeletonScene
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.named_files import MissingPhysicsError
@@ -49,7 +48,7 @@ class Canvas:
         """Prepare pictures of `size` (width, height) [pixels]; ResourceError if nothing can be drawn."""
         backend = needed_graphics()
         width, height = size
-        self._scene = scene
+        self.scene = scene
         model = scene.model
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
@@ -59,8 +58,6 @@ class Canvas:
         is_sun = model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
         self._suns = np.flatnonzero(is_sun & (model.light_bodyid == 0))
         self._shapes = mujoco.MjvScene(model, MAX_SHAPES)
-        self._option = mujoco.MjvOption()
-        self._perturbation = mujoco.MjvPerturb()
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         with _loading(backend):
             self._context: Any = importlib.import_module(context_module(backend)).GLContext(*size)
@@ -70,11 +67,9 @@ class Canvas:
         # A canvas left open must be freed before the graphics library.
         atexit.register(self.close)
 
-    def draw(
-        self, lookat: Float[np.ndarray, " 3"], angles: tuple[float, float, float]
-    ) -> UInt8[np.ndarray, "H W 3"]:
+    def draw(self, lookat: Vector, angles: tuple[float, float, float]) -> Picture:
         """Return the picture of the scene as it is posed; `angles` are those of `Shots.angles`."""
-        scene = self._scene
+        scene = self.scene
         camera = mujoco.MjvCamera()
         camera.lookat[:] = lookat
         camera.azimuth, camera.elevation, camera.distance = angles
@@ -82,15 +77,8 @@ class Canvas:
             offset = LIGHT_DISTANCE * camera.distance * scene.model.light_dir[sun]
             scene.model.light_pos[sun] = camera.lookat - offset
         mujoco.mj_camlight(scene.model, scene.data)
-        everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(
-            scene.model,
-            scene.data,
-            self._option,
-            self._perturbation,
-            camera,
-            everything,
-            self._shapes,
+            scene.model, scene.data, *OPTIONS, camera, mujoco.mjtCatBit.mjCAT_ALL, self._shapes
         )
         scene.fill(self._shapes)
         image = np.empty((self._rectangle.height, self._rectangle.width, 3), np.uint8)
@@ -125,18 +113,17 @@ def scene_of(take: Take, film: Film) -> tuple[FilmScene, Shots]:
     return SkeletonScene(take, shots, system), shots
 
 
-def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
+def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[Picture]:
     """Yield the images of the takes, one after another."""
     done = 0
     for take in takes:
         footer = Footer(take, film.size)
         scene, shots = scene_of(take, film)
+        motions = [held(clip.states, take.frames) for clip in take.everything]
         glow = doubts(take.clips[0], take.frames)
         with closing(Canvas(scene, film.size)) as canvas:
             for frame in range(take.frames):
-                scene.pose(
-                    [clip.states[min(frame, len(clip.states) - 1)] for clip in take.everything]
-                )
+                scene.pose([states[frame] for states in motions])
                 scene.doubt = float(glow[frame])
                 image = canvas.draw(shots.lookat[frame], shots.angles(frame))
                 footer.write(image, frame)
@@ -153,7 +140,6 @@ def _loading(backend: str) -> Iterator[None]:
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["MUJOCO_GL"]
-        else:
+        del os.environ["MUJOCO_GL"]
+        if before is not None:
             os.environ["MUJOCO_GL"] = before

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.trust import EDGE
-from neuroanimator.export.film.options import Take
-from neuroanimator.text import printable
+from neuroanimator.evaluation.plots import label
+from neuroanimator.export.film.options import Picture, Take
 
 CAPTION_SHARE = 0.055
 """Height of the caption, over the picture's."""
@@ -57,48 +57,43 @@ class Footer:
     def __init__(self, take: Take, size: tuple[int, int]):
         """Draw it for pictures of `size` (width, height) [pixels]."""
         width, height = size
-        empty = np.zeros((0, width, 3), np.uint8)
         clip = take.clips[0]
-        self._frames = len(clip.times)
-        self._curve = empty
+        self._last = len(clip.times) - 1
+        self._curve = np.zeros((0, width, 3), np.uint8)
+        self._caption = self._curve
         if clip.trust is not None:
             self._curve = _curve_image(clip, clip.trust, width, max(round(CURVE_SHARE * height), 8))
-        self._caption = empty
         if take.caption:
             rows = max(round(CAPTION_SHARE * height), 2)
             self._caption = caption_image(take.caption, width, rows)
 
-    def write(self, image: UInt8[np.ndarray, "H W 3"], frame: int) -> None:
+    def write(self, image: Picture, frame: int) -> None:
         """Write it into the image of `frame`, with a line at the current time of the curve."""
-        curve = self._curve.copy()
-        width = image.shape[1]
-        done = min(frame, self._frames - 1) / max(self._frames - 1, 1)
-        column = round(done * (width - 2))
-        curve[:, column : column + 2] = 255
-        below = np.concatenate([curve, self._caption])
+        below = np.concatenate([self._curve, self._caption])
+        done = min(frame / max(self._last, 1), 1.0)
+        column = round(done * (image.shape[1] - 2))
+        below[: len(self._curve), column : column + 2] = 255
         image[len(image) - len(below) :] = below
 
 
-def caption_image(text: str, width: int, rows: int) -> UInt8[np.ndarray, "H W 3"]:
+def caption_image(text: str, width: int, rows: int) -> Picture:
     """Return a line of text in a font small enough to fit."""
-    figure = _figure(width, rows)
-    # Matplotlib reads text between dollars as formulas.
-    line = printable(text[:MAX_LETTERS]).replace("$", r"\$")
+    canvas = _canvas(width, rows)
     letters = CAPTION_LETTERS * rows
-    written = figure.text(0.5, 0.5, line, ha="center", va="center", color=INK, size=letters)
-    renderer = FigureCanvasAgg(figure).get_renderer()
+    written = canvas.figure.text(
+        0.5, 0.5, label(text[:MAX_LETTERS]), ha="center", va="center", color=INK, size=letters
+    )
+    renderer = canvas.get_renderer()
     while written.get_window_extent(renderer).width > (1 - 2 * MARGIN) * width and letters > 1:
         letters *= SMALLER
         written.set_fontsize(letters)
-    return _pixels(figure)
+    return _pixels(canvas)
 
 
-def _curve_image(
-    clip: Clip, scores: Float[np.ndarray, " F"], width: int, rows: int
-) -> UInt8[np.ndarray, "H W 3"]:
+def _curve_image(clip: Clip, scores: Float[np.ndarray, " F"], width: int, rows: int) -> Picture:
     """Return the curve of the scores over time, red where they are beyond the edge of training."""
-    figure = _figure(width, rows)
-    axes = figure.add_axes((0, 0, 1, 1))
+    canvas = _canvas(width, rows)
+    axes = canvas.figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     top = float(np.clip(scores.max() * 1.1, MIN_TOP, MAX_SCORE))
     shown = np.minimum(scores, top)
@@ -110,15 +105,15 @@ def _curve_image(
     words = "trust: 1 (dashed) is the edge of training"
     if clip.verdict:
         words += f"; the emulator there: {clip.verdict}"
-    figure.text(0.01, 0.92, words, color=INK, size=CURVE_LETTERS * rows, va="top")
-    return _pixels(figure)
+    canvas.figure.text(0.01, 0.92, words, color=INK, size=CURVE_LETTERS * rows, va="top")
+    return _pixels(canvas)
 
 
-def _figure(width: int, rows: int) -> Figure:
-    return Figure(figsize=(width / POINTS, rows / POINTS), dpi=POINTS, facecolor=PAPER)
+def _canvas(width: int, rows: int) -> FigureCanvasAgg:
+    size = (width / POINTS, rows / POINTS)
+    return FigureCanvasAgg(Figure(figsize=size, dpi=POINTS, facecolor=PAPER))
 
 
-def _pixels(figure: Figure) -> UInt8[np.ndarray, "H W 3"]:
-    canvas = FigureCanvasAgg(figure)
+def _pixels(canvas: FigureCanvasAgg) -> Picture:
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]

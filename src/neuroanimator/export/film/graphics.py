@@ -42,32 +42,23 @@ MAX_TRIAL = 60
 def needed_graphics() -> str:
     """Return the graphics library that can draw here; ResourceError says what is missing."""
     backend = graphics_backend()
-    if backend is None:
-        raise ResourceError(_why_no_graphics())
-    return backend
+    if backend is not None:
+        return backend
+    asked = os.environ.get("MUJOCO_GL")
+    if not asked:
+        raise ResourceError(HOW_TO_GET_GL)
+    why = ": it needs a display" if asked == "glfw" else ""
+    raise ResourceError(NOT_WITH_THIS_GL.format(asked=printable(asked), why=why))
 
 
 def graphics_backend() -> str | None:
     """Return the graphics library that can draw here: the user's choice, or EGL or OSMesa; None if none can."""
-    for backend in _backends():
+    asked = os.environ.get("MUJOCO_GL")
+    for backend in (asked,) if asked else BACKENDS:
         with suppress(ResourceError):
             context_module(backend)
             return backend
     return None
-
-
-def _why_no_graphics() -> str:
-    """Return why nothing can be drawn here, and the remedy."""
-    asked = os.environ.get("MUJOCO_GL")
-    if not asked:
-        return HOW_TO_GET_GL
-    why = ": it needs a display" if asked == "glfw" else ""
-    return NOT_WITH_THIS_GL.format(asked=printable(asked), why=why)
-
-
-def _backends() -> tuple[str, ...]:
-    asked = os.environ.get("MUJOCO_GL")
-    return (asked,) if asked else BACKENDS
 
 
 @cache

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, final
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.graphics import needed_graphics
-from neuroanimator.export.film.options import Film, Take
+from neuroanimator.export.film.options import Film, Picture, Take
 
 if TYPE_CHECKING:
     from neuroanimator.export.film.drawing import Canvas
@@ -33,34 +33,26 @@ class LiveCamera:
         """Return what is pickled: the graphics library's memory stays here."""
         return LiveCamera, (self._spec,)
 
-    def picture(self, state: Float[np.ndarray, " S"]) -> UInt8[np.ndarray, "H W 3"]:
+    def picture(self, state: Float[np.ndarray, " S"]) -> Picture:
         """Return the picture of `state`; ResourceError if nothing can be drawn here."""
-        clip = self._clip(state)
-        middle = bounding_boxes([clip]).centres[0]
+        spec = self._spec
+        twice = np.repeat(np.asarray(state, float)[None], 2, axis=0)
+        clip = Clip(spec.system, spec.skeleton, np.arange(2.0), twice, spec.definition)
         if self._canvas is None:
-            self._canvas = self._new_canvas(clip)
-        self._scene.pose([state])
-        return self._canvas.draw(middle, self._angles)
+            needed_graphics()
+            from neuroanimator.export.film.drawing import Canvas, scene_of
 
-    def _new_canvas(self, clip: Clip) -> Canvas:
-        needed_graphics()
-        from neuroanimator.export.film.drawing import Canvas, scene_of
-
-        self._scene, shots = scene_of(Take((clip,)), Film(SIZE))
-        self._angles = shots.angles(0)
-        return Canvas(self._scene, SIZE)
+            scene, shots = scene_of(Take((clip,)), Film(SIZE))
+            self._angles = shots.angles(0)
+            self._canvas = Canvas(scene, SIZE)
+        self._canvas.scene.pose([state])
+        return self._canvas.draw(bounding_boxes([clip]).centres[0], self._angles)
 
     def close(self) -> None:
         """Free the graphics library's memory."""
         if self._canvas is not None:
             self._canvas.close()
         self._canvas = None
-
-    def _clip(self, state: Float[np.ndarray, " S"]) -> Clip:
-        """Return a clip of two frames, both in `state`."""
-        spec = self._spec
-        states = np.repeat(np.asarray(state, float)[None], 2, axis=0)
-        return Clip(spec.system, spec.skeleton, np.arange(2.0), states, spec.definition)
 
 
 def checked_render_mode(mode: str | None) -> str | None:

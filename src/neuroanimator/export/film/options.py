@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Shaped, UInt8
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.errors import ArgumentError
 
+Picture = UInt8[np.ndarray, "H W 3"]
+"""Red, green and blue of every pixel."""
+
+Positions = Float[np.ndarray, "F 3"]
+"""A point in each frame [m]."""
+
+Vector = Float[np.ndarray, " 3"]
+"""A point, a direction or the sides of a box [m]."""
+
+
+class Camera(NamedTuple):
+    """Where a camera is, and in which direction it looks."""
+
+    about: str
+    """What it does, for the command line's help."""
+    azimuth: float
+    """Angle from the body's own direction [deg]: 90 is from its right side."""
+    elevation: float
+    """Angle above the horizon [deg]; negative when looking down."""
+
+
 CAMERAS = {
-    "follow": "moves along beside the body, a little above",
-    "side": "moves along exactly beside it, level",
-    "front": "moves ahead of it, looking back",
-    "back": "moves behind it",
-    "top": "moves along above it, looking down",
-    "still": "stays still, with the whole motion in view",
+    "follow": Camera("moves along beside the body, a little above", 48.0, -17.0),
+    "side": Camera("moves along exactly beside it, level", 90.0, 0.0),
+    "front": Camera("moves ahead of it, looking back", 180.0, -8.0),
+    "back": Camera("moves behind it", 0.0, -12.0),
+    "top": Camera("moves along above it, looking down", 90.0, -89.0),
+    "still": Camera("stays still, with the whole motion in view", 48.0, -17.0),
 }
-"""Cameras by name, with descriptions."""
+"""Cameras by name."""
 
 DEFAULT_SIZE = (1280, 720)
 """Default width and height of a picture [pixels]: 16:9 as screens are."""
@@ -74,15 +99,17 @@ def checked_film(size: tuple[int, int], camera: str) -> Film:
 
 def read_film(size: str, camera: str) -> Film:
     """Return the film of a size as typed, such as '1280x720', and the name of a camera."""
-    width, cross, height = size.partition("x")
-    if not (cross and _is_number(width) and _is_number(height)):
+    sides = re.fullmatch("([0-9]+)x([0-9]+)", size)
+    if sides is None:
         raise ArgumentError(
             f"size: wanted width x height in pixels, such as 1280x720, got '{size[:40]}'."
         )
+    width, height = sides.groups()
     if max(len(width), len(height)) > len(str(MAX_SIDE)):
         raise ArgumentError(f"size: wanted at most {MAX_SIDE} pixels a side, got '{size[:40]}'.")
     return checked_film((int(width), int(height)), camera)
 
 
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdigit()
+def held(rows: Shaped[np.ndarray, "T ..."], frames: int) -> Shaped[np.ndarray, "F ..."]:
+    """Return `rows` for each of `frames`: after their end the last one stays."""
+    return rows[np.minimum(np.arange(frames), len(rows) - 1)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import final
+from typing import NamedTuple, final
 
 import mujoco
 import numpy as np
@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import Shots
-from neuroanimator.export.film.options import Take
-from neuroanimator.export.film.scene import frame_model, glow
+from neuroanimator.export.film.options import Take, Vector
+from neuroanimator.export.film.scene import OPTIONS, FilmScene
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
@@ -36,9 +36,6 @@ BEHIND = 0.09
 AXLE_RADIUS, POST_RADIUS, FOOT_RADIUS, FOOT_HEIGHT = 0.012, 0.018, 0.13, 0.016
 """Measures of a stand, over the body's size."""
 
-_Rod = tuple[float, np.ndarray, np.ndarray]
-"""A part of a stand: its radius and its ends (3,) [m]."""
-
 HEADLIGHT = 0.2
 """Maximum brightness of the camera's headlight beside other lights: a floor seen from above must not glare."""
 
@@ -46,28 +43,50 @@ GROUND_TYPES = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
 """Shapes that only ground has."""
 
 
+class _Decor(NamedTuple):
+    """A floor or a part of a stand: a plane at its start, or a rod between its ends."""
+
+    radius: float
+    """Radius, or half the width of a plane [m]."""
+    start: Vector
+    end: Vector | None = None
+
+    def add_to(self, picture: mujoco.MjvScene) -> None:
+        """Add its shape to a picture."""
+        shape = picture.geoms[picture.ngeom]
+        picture.ngeom += 1
+        kind = mujoco.mjtGeom.mjGEOM_CYLINDER
+        colour = STAND_COLOUR
+        if self.end is None:
+            kind = mujoco.mjtGeom.mjGEOM_PLANE
+            colour = FLOOR_COLOUR
+        size = np.array([self.radius, self.radius, 1.0])
+        mujoco.mjv_initGeom(
+            shape, kind, size, self.start, np.eye(3).ravel(), np.array(colour, np.float32)
+        )
+        if self.end is None:
+            shape.category = mujoco.mjtCatBit.mjCAT_DECOR
+            shape.specular = 0
+        else:
+            mujoco.mjv_connector(shape, kind, self.radius, self.start, self.end)
+
+
 @final
-class RigidScene:
+class RigidScene(FilmScene):
     """A system's own model, with the bodies of further clips, and the ghost, drawn into it."""
 
     def __init__(self, system: MujocoSystem, take: Take, shots: Shots):
-        self.model = copy.deepcopy(system.model)
-        self.doubt = 0.0
+        super().__init__(copy.deepcopy(system.model), shots)
+        others = [mujoco.MjData(self.model) for _ in take.everything[1:]]
+        self._datas = [self.data, *others]
         self._has_ghost = take.ghost is not None
-        self._datas = [mujoco.MjData(self.model) for _ in take.everything]
-        self.data = self._datas[0]
-        frame_model(self.model, shots)
-        self._option = mujoco.MjvOption()
-        self._perturbation = mujoco.MjvPerturb()
-        self._floor_place: Float[np.ndarray, " 3"] | None = None
-        self._stand: list[_Rod] = []
-        farthest = self.model.vis.map.zfar * self.model.stat.extent
-        self._floor_size = FLOOR_HALF_WIDTH * farthest
+        self._decor: list[_Decor] = []
         if lacks_ground(self.model, shots.size):
-            lowest = float(bounding_boxes(take.clips).low[:, 2].min())
-            x, y, _ = shots.lookat.mean(axis=0)
-            self._floor_place = np.array([x, y, lowest - FLOOR_DEPTH * shots.size])
-            self._stand = _stand(self.model, shots, self._floor_place[2])
+            floor = shots.lookat.mean(axis=0)
+            floor[2] = bounding_boxes(take.clips).low[:, 2].min() - FLOOR_DEPTH * shots.size
+            farthest = self.model.vis.map.zfar * self.model.stat.extent
+            plane = _Decor(FLOOR_HALF_WIDTH * farthest, floor)
+            self._decor = [plane, *_stand(self.model, self.data, shots, floor[2])]
             _light_evenly(self.model)
 
     def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
@@ -77,67 +96,39 @@ class RigidScene:
                 data.qpos[:] = state[: self.model.nq]
                 mujoco.mj_forward(self.model, data)
 
-    def fill(self, scene: mujoco.MjvScene) -> None:
+    def fill(self, picture: mujoco.MjvScene) -> None:
         """Add the bodies of the other clips, without their scenery, and the floor."""
-        own = [scene.geoms[number] for number in range(scene.ngeom)]
-        for geom in own:
-            if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
-                # A plane's shadow on itself is speckled far from the middle of the shadow map.
-                geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-        moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
-        glow([geom for geom in own if geom.category == moving], self.doubt)
-        before = scene.ngeom
+        super().fill(picture)
+        first = picture.ngeom
         for data in self._datas[1:]:
-            before = scene.ngeom
-            mujoco.mjv_addGeoms(self.model, data, self._option, self._perturbation, moving, scene)
+            mujoco.mjv_addGeoms(self.model, data, *OPTIONS, mujoco.mjtCatBit.mjCAT_DYNAMIC, picture)
         if self._has_ghost:
-            for number in range(before, scene.ngeom):
-                geom = scene.geoms[number]
+            for geom in picture.geoms[first : picture.ngeom]:
                 geom.matid = -1
                 geom.rgba[:] = GHOST_RGBA
                 geom.size[:] *= GHOST_GROWTH
-        if self._floor_place is not None and scene.ngeom < scene.maxgeom:
-            self._add_floor(scene, self._floor_place)
-
-    def _add_floor(self, scene: mujoco.MjvScene, place: Float[np.ndarray, " 3"]) -> None:
-        floor = _added(scene, mujoco.mjtGeom.mjGEOM_PLANE, FLOOR_COLOUR)
-        floor.pos[:] = place
-        floor.size[:] = (self._floor_size, self._floor_size, 1.0)
-        floor.category = mujoco.mjtCatBit.mjCAT_DECOR
-        floor.specular = 0
-        for radius, start, end in self._stand[: scene.maxgeom - scene.ngeom]:
-            rod = _added(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, STAND_COLOUR)
-            mujoco.mjv_connector(rod, rod.type, radius, start, end)
+        for part in self._decor[: picture.maxgeom - picture.ngeom]:
+            part.add_to(picture)
 
 
-def _added(
-    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, colour: tuple[float, ...]
-) -> mujoco.MjvGeom:
-    """Return a new shape in a picture, at the origin."""
-    shape = scene.geoms[scene.ngeom]
-    scene.ngeom += 1
-    rgba = np.array(colour, np.float32)
-    mujoco.mjv_initGeom(shape, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
-    return shape
-
-
-def _stand(model: mujoco.MjModel, shots: Shots, floor: float) -> list[_Rod]:
+def _stand(model: mujoco.MjModel, data: mujoco.MjData, shots: Shots, floor: float) -> list[_Decor]:
     """Return the stand behind a body that a hinge holds in the air, as on the studio's stage; nothing for any other."""
     is_held = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE
     is_bare = 0 not in model.geom_bodyid
     if not (is_held and is_bare and model.body_parentid[model.jnt_bodyid[0]] == 0):
         return []
-    data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    pivot, axis = data.xanchor[0], data.xaxis[0]
+    pivot = data.xanchor[0]
+    axis = data.xaxis[0]
+    size = shots.size
     ahead = shots.lookat[0] - shots.position[0]
-    top = pivot + np.copysign(BEHIND * shots.size, axis @ ahead) * axis
+    top = pivot + np.copysign(BEHIND * size, axis @ ahead) * axis
     ground = np.array([*top[:2], floor])
-    plate = np.array([*top[:2], floor + FOOT_HEIGHT * shots.size])
+    plate = np.array([*top[:2], floor + FOOT_HEIGHT * size])
     return [
-        (AXLE_RADIUS * shots.size, pivot, top),
-        (POST_RADIUS * shots.size, ground, top),
-        (FOOT_RADIUS * shots.size, ground, plate),
+        _Decor(AXLE_RADIUS * size, pivot, top),
+        _Decor(POST_RADIUS * size, ground, top),
+        _Decor(FOOT_RADIUS * size, ground, plate),
     ]
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.trust import EDGE
-from neuroanimator.export.film.bounding_boxes import lasting
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots
+from neuroanimator.export.film.options import held
+from neuroanimator.export.ghost import GHOST_RGBA
 
 NEAREST = 0.02
 """Distance of the near clipping plane, over the camera's."""
@@ -39,30 +40,47 @@ SMOOTHED = 0.3
 """Time over which scores are averaged before they colour a body [s], against flicker."""
 
 
-@runtime_checkable
-class FilmScene(Protocol):
+OPTIONS = (mujoco.MjvOption(), mujoco.MjvPerturb())
+"""How MuJoCo draws: its defaults, and nothing is pulled."""
+
+
+class FilmScene(ABC):
     """A MuJoCo model with the bodies of a take."""
 
-    model: mujoco.MjModel
-    data: mujoco.MjData
-    doubt: float
+    doubt = 0.0
     """Share of the colour of doubt that bodies have, 0 to 1."""
 
+    def __init__(self, model: mujoco.MjModel, shots: Shots):
+        """Fit the model's clipping distances to `shots`, and its shadows to the motion."""
+        self.model = model
+        self.data = mujoco.MjData(model)
+        # MuJoCo measures these distances in the model's extent.
+        visual = model.vis
+        extent = model.stat.extent
+        visual.map.znear = NEAREST * shots.distance / extent
+        visual.map.zfar = max(visual.map.zfar, FARTHEST * shots.distance / extent)
+        visual.map.shadowclip = SHADOW_REACH * shots.size / extent
+        visual.global_.fovy = FIELD_OF_VIEW
+
+    @abstractmethod
     def pose(self, states: Sequence[Float[np.ndarray, " S"]]) -> None:
         """Put each body of the take into its state, the ghost last."""
 
-    def fill(self, scene: mujoco.MjvScene) -> None:
-        """Change the shapes that MuJoCo has put into a picture."""
+    def fill(self, picture: mujoco.MjvScene) -> None:
+        """Change the shapes that MuJoCo has put into a picture: what moves glows in doubt, planes cast no shadows."""
+        share = MAX_GLOW * self.doubt
+        for geom in picture.geoms[: picture.ngeom]:
+            if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
+                # A plane's shadow on itself is speckled far from the middle of the shadow map.
+                geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+            elif share and geom.category == mujoco.mjtCatBit.mjCAT_DYNAMIC and not is_ghost(geom):
+                geom.rgba[:3] = (1 - share) * geom.rgba[:3] + share * np.array(GLOW)
+                geom.emission = max(geom.emission, EMISSION * share)
 
 
-def frame_model(model: mujoco.MjModel, shots: Shots) -> None:
-    """Fit a model's clipping distances to `shots`, and its shadows to the motion."""
-    # MuJoCo measures these distances in the model's extent.
-    extent = model.stat.extent
-    model.vis.map.znear = NEAREST * shots.distance / extent
-    model.vis.map.zfar = max(model.vis.map.zfar, FARTHEST * shots.distance / extent)
-    model.vis.map.shadowclip = SHADOW_REACH * shots.size / extent
-    model.vis.global_.fovy = FIELD_OF_VIEW
+def is_ghost(geom: mujoco.MjvGeom) -> bool:
+    """Return whether a shape in a picture has the colour of ghosts."""
+    return np.array_equal(geom.rgba, np.array(GHOST_RGBA, np.float32))
 
 
 def doubts(clip: Clip, frames: int) -> Float[np.ndarray, " F"]:
@@ -71,16 +89,6 @@ def doubts(clip: Clip, frames: int) -> Float[np.ndarray, " F"]:
         return np.zeros(frames)
     scores = np.minimum(clip.trust, 2 * LOST)
     width = max(round(SMOOTHED * clip.rate), 1)
-    past = np.concatenate([np.full(width - 1, scores[0]), scores])
+    past = np.pad(scores, (width - 1, 0), mode="edge")
     smooth = np.convolve(past, np.full(width, 1 / width), mode="valid")
-    return np.clip((lasting(smooth, frames) - EDGE) / (LOST - EDGE), 0, 1)
-
-
-def glow(geoms: Iterable[mujoco.MjvGeom], doubt: float) -> None:
-    """Mix a share `doubt` of the colour of doubt into shapes."""
-    if doubt == 0:
-        return
-    share = MAX_GLOW * doubt
-    for geom in geoms:
-        geom.rgba[:3] = (1 - share) * geom.rgba[:3] + share * np.array(GLOW)
-        geom.emission = max(geom.emission, EMISSION * share)
+    return np.clip((held(smooth, frames) - EDGE) / (LOST - EDGE), 0, 1)

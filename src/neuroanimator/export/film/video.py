@@ -9,13 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import imageio_ffmpeg
-import numpy as np
-from jaxtyping import UInt8
 
 from neuroanimator.animation.clip import Clip, together
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.film.graphics import needed_graphics
-from neuroanimator.export.film.options import DEFAULT_SIZE, Film, Take, checked_film
+from neuroanimator.export.film.options import DEFAULT_SIZE, Film, Picture, Take, checked_film
 from neuroanimator.files.unfinished import finish, unfinished
 from neuroanimator.terminal import progress_bar
 from neuroanimator.text import printable
@@ -72,9 +70,9 @@ def write_takes(
     """Write `takes` one after another to `path`, as `write_video` does one; all have one rate."""
     path = Path(path)
     film = checked_film(size, camera)
+    rate = takes[0].clips[0].rate
     for take in takes:
-        _check_together(together(take.clips, take.ghost))
-    _check_rates([take.clips[0] for take in takes])
+        _check_together(take, rate)
     needed_graphics()
     from neuroanimator.export.film.drawing import draw_takes
 
@@ -82,29 +80,18 @@ def write_takes(
     try:
         with unfinished(path, path.suffix) as temporary:
             with progress_bar(f"drawing {path.name}", count) as bar:
-                _encode(draw_takes(takes, film, bar), temporary, film, takes[0].clips[0].rate)
+                _encode(draw_takes(takes, film, bar), temporary, film, rate)
             finish(temporary, path)
     except OSError as error:
         raise ResourceError(f"Could not write {path}: {error.strerror}.") from error
 
 
-def _encode(
-    images: Iterable[UInt8[np.ndarray, "H W 3"]], out: Path, film: Film, rate: float
-) -> None:
+def _encode(images: Iterable[Picture], out: Path, film: Film, rate: float) -> None:
     """Write `images` to `out` as they arrive, `rate` a second."""
     width, height = film.size
     source = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:.9g}")
-    command = [
-        imageio_ffmpeg.get_ffmpeg_exe(),
-        "-v",
-        "error",
-        "-y",
-        *source,
-        "-i",
-        "-",
-        *ENCODING,
-        str(out),
-    ]
+    program = (imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y")
+    command = [*program, *source, "-i", "-", *ENCODING, str(out)]
     with tempfile.TemporaryFile() as complaints:
         # In a session of its own: Ctrl-C in a terminal is for this process.
         process = subprocess.Popen(
@@ -113,16 +100,13 @@ def _encode(
         assert process.stdin is not None
         try:
             # If it ends early, it says why.
-            with suppress(BrokenPipeError):
+            with suppress(BrokenPipeError), process.stdin:
                 for image in images:
                     process.stdin.write(image.tobytes())
-                process.stdin.close()
             code = process.wait()
         finally:
             process.kill()
             process.wait()
-            with suppress(BrokenPipeError):
-                process.stdin.close()
         complaints.seek(0)
         lines = complaints.read().decode(errors="replace").strip().splitlines()
     if code:
@@ -130,22 +114,18 @@ def _encode(
         raise ResourceError(f"The film was not written: {printable(reason)[:MAX_COMPLAINT]}.")
 
 
-def _check_together(clips: Sequence[Clip]) -> None:
+def _check_together(take: Take, rate: float) -> None:
+    """Raise ArgumentError for clips that are not of one system, or not of this `rate`."""
+    clips = together(take.clips, take.ghost)
     if len(clips) > MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, got {len(clips)}.")
     first = clips[0]
-    for clip in clips[1:]:
+    for clip in clips:
         if (clip.name, clip.definition) != (first.name, first.definition):
             raise ArgumentError(
                 f"clips: wanted clips of one system, got {first.name} and {clip.name}."
             )
-    _check_rates(clips)
-
-
-def _check_rates(clips: Sequence[Clip]) -> None:
-    first = clips[0]
-    for clip in clips[1:]:
-        if abs(clip.rate - first.rate) > UNEVEN_RATES * first.rate:
+        if abs(clip.rate - rate) > UNEVEN_RATES * rate:
             raise ArgumentError(
-                f"clips: wanted one rate, got {first.rate:g} and {clip.rate:g} frames a second."
+                f"clips: wanted one rate, got {rate:g} and {clip.rate:g} frames a second."
             )
