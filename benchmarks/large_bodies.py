@@ -64,11 +64,12 @@ from large_bodies_cases.own_flex import QUICK as QUICK_FLEX
 from large_bodies_cases.sheet import draw_sheet
 from large_bodies_cases.spectra import Spectrum, band_rows, draw_spectra, spectra_of
 
+from neuroanimator.definitions.soft import ClothTable
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.machine import describe_machine
 from neuroanimator.evaluation.speed import one_core
 from neuroanimator.systems.soft.mesh import Mesh
-from neuroanimator.systems.soft.meshes import Cloth, cloth_body
+from neuroanimator.systems.soft.meshes import cloth_body
 from neuroanimator.systems.soft.program import LANES, SoftProgram
 from neuroanimator.systems.soft.soft_body import Air, Capsule, SoftBody
 from neuroanimator.terminal import print_table, progress_bar
@@ -139,7 +140,7 @@ def square(cells: int) -> SoftBody:
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     return cloth_body(
         Mesh(np.stack([x.ravel(), 0 * x.ravel(), z.ravel()], axis=1), faces),
-        Cloth(density=0.2, stretch=20.0, bend=0.5),
+        ClothTable(density=0.2, stretch=20.0, bend=0.5),
         nodes[0],
         air=Air(drag=0.5, density=1.2),
         capsules=(Capsule(BALL, friction=0.3, mover=1),),

@@ -161,7 +161,6 @@ def depth(
     every = tuple(range(points.shape[1]))
     deepest = 0.0
     for nodes, state in zip(points, states, strict=True):
-        no_modes = np.zeros((0, *nodes.shape))
-        for distance in scene.contacts(nodes, no_modes, every).distances(state):
+        for distance in scene.contacts(nodes, every).distances(state):
             deepest = max(deepest, -float(distance.min()))
     return MILLIMETRES * deepest
