@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.state.rotation import multiply
+from neuroanimator.state.rotation import continuous, multiply
 
 Pairs = tuple[tuple[int, int], ...]
 """Pairs of state entries: a number and its time derivative, or where a quaternion and its angular velocity begin."""
@@ -94,13 +94,6 @@ def _cubic_slope(
 ) -> Float[np.ndarray, "F K"]:
     """Return the slope of `hermite_cubic` per interval."""
     return 6 * (s**2 - s) * (p0 - p1) + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
-
-
-def continuous(quaternions: Float[np.ndarray, "T *B 4"]) -> Float[np.ndarray, "T *B 4"]:
-    """Return the quaternions with signs flipped such that each is nearest to the one before."""
-    dots = (quaternions[1:] * quaternions[:-1]).sum(axis=-1, keepdims=True)
-    signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
-    return np.concatenate([quaternions[:1], quaternions[1:] * signs])
 
 
 def _with_nearest_signs(

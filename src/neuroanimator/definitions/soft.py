@@ -60,12 +60,16 @@ class SoftPhysics(Table):
 
 
 class ClothTable(Table):
-    """The material; `systems.soft.meshes.Cloth` explains the keys."""
+    """The material of a surface."""
 
     density: Positive = 0.2
+    """Density [kg/m²]."""
     stretch: Positive = 20.0
+    """Young's modulus times thickness [N/m]."""
     bend: Positive = 0.5
+    """Stiffness of the springs across folds [N/m], which resist sharp folds, but hardly slight ones."""
     damping: NotNegative = 2e-3
+    """Time constant of internal friction [s]: damping of a spring over its stiffness."""
     thickness: NotNegative = 0.01
     """Thickness [m]."""
 
@@ -75,12 +79,16 @@ Stiffness = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]
 
 
 class SolidTable(Table):
-    """The material of a body of tetrahedra; `systems.soft.meshes.Solid` explains the keys."""
+    """The material of a body of tetrahedra."""
 
     density: Positive = 1000.0
+    """Density [kg/m³]."""
     stretch: Stiffness = 2e4
+    """Young's modulus [Pa]."""
     bulk: Stiffness = 2e5
+    """Bulk modulus [Pa]."""
     damping: NotNegative = 2e-3
+    """Time constant of internal friction [s]: damping of a spring over its stiffness."""
     margin: NotNegative = 0.0
     """Distance at which nodes touch colliders [m]."""
 

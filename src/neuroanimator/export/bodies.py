@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int, UInt16
 
 from neuroanimator.animation.clip import Clip, together
-from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.part_names import colour_names
@@ -21,7 +20,7 @@ from neuroanimator.appearance.skin import Skin
 from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, parts_of, skin_mesh
 from neuroanimator.export.ghost import GHOST_RGBA
 from neuroanimator.export.morphs import CLOTH_RGBA, SurfaceNode, surface_nodes
-from neuroanimator.state.rotation import rotation_matrices
+from neuroanimator.state.rotation import continuous, rotation_matrices
 
 
 class Paint(NamedTuple):

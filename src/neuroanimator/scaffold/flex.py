@@ -28,6 +28,7 @@ from neuroanimator.systems.soft.flex_model import (
     tied_bodies,
 )
 from neuroanimator.systems.soft.flex_scene import FlexScene
+from neuroanimator.systems.soft.soft_body import Points
 from neuroanimator.systems.soft.soft_scene import Motion
 from neuroanimator.terminal import phase
 
@@ -209,13 +210,13 @@ def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
         )
 
 
-def _kind_and_size(model: mujoco.MjModel, nodes: Float[np.ndarray, "N 3"]) -> str:
+def _kind_and_size(model: mujoco.MjModel, nodes: Points) -> str:
     """Return the kind of the body, its number of nodes and its size."""
     kind = ("rope", "cloth", "solid")[int(model.flex_dim[0]) - 1]
     return f"{kind} of {len(nodes):,} nodes, {np.ptp(nodes, axis=0).max():g} m"
 
 
-def _mover(model: mujoco.MjModel, body: int, nodes: Float[np.ndarray, "N 3"]) -> dict[str, Any]:
+def _mover(model: mujoco.MjModel, body: int, nodes: Points) -> dict[str, Any]:
     """Return the table of a mocap body: it carries the soft body around, or wanders from its position to beyond it."""
     size = float(np.ptp(nodes, axis=0).max())
     if body in tied_bodies(model):
@@ -265,7 +266,7 @@ def _usual_cost(scene: FlexScene, definition: FlexDefinition) -> float:
 
 def _simulated(
     scene: FlexScene, definition: FlexDefinition, path: Float[np.ndarray, "_ D"], patience: float
-) -> Iterator[Float[np.ndarray, "N 3"]]:
+) -> Iterator[Points]:
     """Yield the positions of the nodes after each super step of the teacher's, until `patience` is spent [s]."""
     dt = definition.substeps * definition.physics.step
     steps = round(dt / definition.physics.truth_step)

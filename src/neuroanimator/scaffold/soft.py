@@ -20,7 +20,7 @@ from neuroanimator.scaffold.teacher import data_row
 from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.systems.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.systems.soft.scene import Scene
-from neuroanimator.systems.soft.soft_body import GRAVITY
+from neuroanimator.systems.soft.soft_body import GRAVITY, Points
 from neuroanimator.systems.soft.soft_system import THROW_STEPS, SoftSystem
 
 STEP = 1 / 1200
@@ -93,9 +93,6 @@ COMMENTS = {
 }
 """Comments on the values of the TOML file."""
 
-Nodes = Float[np.ndarray, "N 3"]
-"""Positions of a mesh's nodes [m]."""
-
 
 def propose_soft(path: Path, given: MeshReading) -> Proposal:
     """Return a definition of the body whose mesh is in the file at `path`: a cloth (OBJ) or a solid (Gmsh).
@@ -108,7 +105,13 @@ def propose_soft(path: Path, given: MeshReading) -> Proposal:
     if "unit" not in given.model_fields_set:
         _ask_for_unit(path.name, mesh.positions)
     is_solid = path.suffix == SOLID_ENDING
-    own = _solid_values(mesh.positions) if is_solid else _cloth_values(mesh.positions)
+    if is_solid:
+        own = _solid_values(mesh.positions, size)
+        held_row = FREE_ROW
+    else:
+        pins, edge = _held_edge(mesh.positions, size)
+        own = _cloth_values(mesh.positions, size, pins)
+        held_row = ("held", f"{len(pins)} nodes: {edge}")
     values = {
         "name": usual_name(path),
         "kind": "soft",
@@ -130,10 +133,6 @@ def propose_soft(path: Path, given: MeshReading) -> Proposal:
     told = [("mesh", count)]
     if mesh.mended:
         told.append(("mended", "; ".join(mesh.mended)))
-    held_row = FREE_ROW
-    if not is_solid:
-        pins, edge = _held_edge(mesh.positions, size)
-        held_row = ("held", f"{len(pins)} nodes: {edge}")
     told.append(held_row)
     constraints = len(scene.body.pairs) + len(scene.body.tetrahedra)
     steps = definition.substeps * TRUTH_PARTS * data_steps(scene.anchor == FREE)
@@ -152,7 +151,7 @@ def data_steps(is_free: bool) -> float:
     return SOFT_COUNT / SAMPLES_PER_RUN * run_steps
 
 
-def _ask_for_unit(name: str, positions: Nodes) -> None:
+def _ask_for_unit(name: str, positions: Points) -> None:
     """Raise ArgumentError for a mesh that is unlikely to be in metres."""
     extents = np.ptp(positions, axis=0)
     size = float(extents.max())
@@ -167,7 +166,7 @@ def _ask_for_unit(name: str, positions: Nodes) -> None:
         raise ArgumentError(f"{told}: scale it where you made it. If it is that small: --unit m.")
 
 
-def _warnings(positions: Nodes, given: MeshReading, is_solid: bool) -> Iterator[str]:
+def _warnings(positions: Points, given: MeshReading, is_solid: bool) -> Iterator[str]:
     """Yield warnings for the user, one line each: about an unlikely size, and a body that lies though it may stand."""
     width, depth, height = np.ptp(positions, axis=0).tolist()
     size = max(width, depth, height)
@@ -183,13 +182,10 @@ def _warnings(positions: Nodes, given: MeshReading, is_solid: bool) -> Iterator[
         )
 
 
-def _cloth_values(positions: Nodes) -> dict[str, Any]:
+def _cloth_values(positions: Points, size: float, pins: np.ndarray) -> dict[str, Any]:
     """Return the material and the movers of a cloth."""
     low = positions.min(axis=0)
-    high = positions.max(axis=0)
-    size = float((high - low).max())
-    pins, _ = _held_edge(positions, size)
-    middle = (low + high) / 2
+    middle = (low + positions.max(axis=0)) / 2
     across = _thinnest_axis(positions)
     extent = float(((positions - middle) @ across).max())
     away = max(AWAY * size, extent + (BALL + GAP) * size)
@@ -213,13 +209,11 @@ def _cloth_values(positions: Nodes) -> dict[str, Any]:
     }
 
 
-def _solid_values(positions: Nodes) -> dict[str, Any]:
+def _solid_values(positions: Points, size: float) -> dict[str, Any]:
     """Return the material of a solid, the ground under it, and the movers."""
     low = positions.min(axis=0)
-    high = positions.max(axis=0)
-    size = float((high - low).max())
     half = size * np.array(PADDLE)
-    paddle = (low + high) / 2
+    paddle = (low + positions.max(axis=0)) / 2
     paddle[0] = low[0] - GAP * size - half[0]
     paddle[2] = low[2] + half[2]
     stretch = float(f"{-DENSITY * GRAVITY[2] * size / SAG:.2g}")
@@ -240,7 +234,7 @@ def _solid_values(positions: Nodes) -> dict[str, Any]:
     }
 
 
-def _held_edge(positions: Nodes, size: float) -> tuple[np.ndarray, str]:
+def _held_edge(positions: Points, size: float) -> tuple[np.ndarray, str]:
     """Return the nodes of the upper edge, or of one side of a level mesh; and a name for them."""
     along = positions[:, 2]
     name = "the upper edge"
@@ -254,7 +248,7 @@ def _held_edge(positions: Nodes, size: float) -> tuple[np.ndarray, str]:
     return pins, name
 
 
-def _thinnest_axis(positions: Nodes) -> Float[np.ndarray, " 3"]:
+def _thinnest_axis(positions: Points) -> Float[np.ndarray, " 3"]:
     """Return the unit vector along which the mesh extends least."""
     _, _, axes = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)
     return axes[-1]

@@ -5,6 +5,7 @@ All functions take any leading axes.
 
 from __future__ import annotations
 
+import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.state.arrays import AnyArray
@@ -162,3 +163,14 @@ def facing(heading: Float[AnyArray, " ..."]) -> Float[AnyArray, "... 4"]:
     xp = heading.__array_namespace__()
     zero = xp.zeros_like(heading)
     return xp.stack([xp.cos(heading / 2), zero, zero, xp.sin(heading / 2)], axis=-1)
+
+
+def continuous(
+    quaternions: Float[np.ndarray, "T *B 4"], before: Float[np.ndarray, "1 *B 4"] | None = None
+) -> Float[np.ndarray, "T *B 4"]:
+    """Return the quaternions with signs flipped such that each is nearest to the one before, the first to `before`."""
+    if before is None:
+        before = quaternions[:1]
+    earlier = np.concatenate([before, quaternions[:-1]])
+    dots = (earlier * quaternions).sum(axis=-1, keepdims=True)
+    return quaternions * np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)

@@ -38,10 +38,10 @@ from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import load_model
+from neuroanimator.systems.soft.find_shapes import RestingShapes
 from neuroanimator.systems.soft.mesh_file import read_mesh
 from neuroanimator.systems.soft.scene import Scene
 from neuroanimator.systems.soft.shape_file import (
-    ShapeFile,
     flex_scene,
     made_for,
     made_for_model,
@@ -75,7 +75,7 @@ def _packaged_soft(definition: SoftDefinition, folder: Path) -> SoftSystem:
     emulator = load_emulator(shipped_path(definition.name, definition.substeps))
     shapes = emulator.skeleton.shapes
     assert shapes is not None
-    return SoftSystem(definition, Scene(definition, mesh), ShapeFile(shapes, emulator.rest))
+    return SoftSystem(definition, Scene(definition, mesh), RestingShapes(shapes, emulator.rest))
 
 
 class Loader(NamedTuple):

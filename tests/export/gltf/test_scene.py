@@ -19,14 +19,13 @@ from neuroanimator import (
     write_glb,
     write_video,
 )
-from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
 from neuroanimator.export.csv_file import read_controls, write_table
 from neuroanimator.export.film import graphics
 from neuroanimator.export.film.graphics import graphics_backend
-from neuroanimator.state.rotation import rotation_matrices
+from neuroanimator.state.rotation import continuous, rotation_matrices
 
 
 @pytest.fixture(scope="module")

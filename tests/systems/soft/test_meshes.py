@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from jelly_mesh import cube
 
+from neuroanimator.definitions.soft import ClothTable, SolidTable
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.soft.mesh import Mesh
-from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body
+from neuroanimator.systems.soft.meshes import cloth_body, solid_body
 from neuroanimator.systems.soft.program import SoftProgram
 from neuroanimator.systems.soft.soft_body import Air, SoftBody
 
@@ -43,7 +44,7 @@ def at_rest(body: SoftBody) -> np.ndarray:
 
 def test_a_hanging_cloth_stretches_by_its_weight_whatever_its_mesh():
     """By ρ g L² / (2 Y), less what its held end keeps it from narrowing."""
-    material = Cloth(density=0.5, stretch=50.0, bend=0.0001)
+    material = ClothTable(density=0.5, stretch=50.0, bend=0.0001)
     stretches = []
     for columns, rows in ((4, 10), (6, 16), (8, 22)):
         positions, faces = strip(columns, rows)
@@ -56,7 +57,7 @@ def test_a_hanging_cloth_stretches_by_its_weight_whatever_its_mesh():
 
 def test_a_solid_weighs_what_it_holds_and_its_surface_is_closed():
     positions, tetrahedra = box()
-    body = solid_body(Mesh(positions, tetrahedra), Solid(), NO_PINS)
+    body = solid_body(Mesh(positions, tetrahedra), SolidTable(), NO_PINS)
     assert body.masses.sum() == pytest.approx(1.0)
     corners = positions[body.faces]
     enclosed = np.linalg.det(corners).sum() / 6
@@ -92,11 +93,11 @@ def test_a_mesh_that_is_no_surface_is_refused_by_name(change, message):
     if message == "triangles .* share the edge":
         positions = positions + np.array([0, 1.0, 0]) * np.arange(9)[:, None] ** 2 * 0.01
     with pytest.raises(NeuroAnimatorError, match=message):
-        cloth_body(Mesh(positions, faces), Cloth(), pins)
+        cloth_body(Mesh(positions, faces), ClothTable(), pins)
 
 
 def test_a_tetrahedron_that_is_inside_out_is_refused():
     positions, tetrahedra = box(1)
     tetrahedra[2] = tetrahedra[2][[1, 0, 2, 3]]
     with pytest.raises(NeuroAnimatorError, match="inside out, unlike others: tetrahedra 2"):
-        solid_body(Mesh(positions, tetrahedra), Solid(), NO_PINS)
+        solid_body(Mesh(positions, tetrahedra), SolidTable(), NO_PINS)

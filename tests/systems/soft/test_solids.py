@@ -14,13 +14,13 @@ from neuroanimator.control.policies import train_policy
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.morphs import surface_normals
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.state.rotation import facing, multiply, rotate, rotation_between
+from neuroanimator.state.rotation import continuous, facing, multiply, rotate, rotation_between
 from neuroanimator.systems.loading import resolve
+from neuroanimator.systems.soft.find_shapes import RestingShapes
 from neuroanimator.systems.soft.mesh_file import read_mesh
-from neuroanimator.systems.soft.own_frame import seen_from_root, with_steady_signs
+from neuroanimator.systems.soft.own_frame import seen_from_root
 from neuroanimator.systems.soft.program import SoftProgram
 from neuroanimator.systems.soft.scene import Scene
-from neuroanimator.systems.soft.shape_file import ShapeFile
 from neuroanimator.systems.soft.soft_system import SoftSystem
 
 DT = 1 / 30
@@ -238,7 +238,7 @@ def test_the_paddle_strikes_it(jelly):
 
 def test_signs_of_quaternions_are_steady():
     turned = np.array([[1.0, 0, 0, 0], [-1.0, 0, 0, 0], [-0.9, 0, 0, 0.4], [0.8, 0, 0, -0.6]])
-    steady = with_steady_signs(turned[None], np.array([[-1.0, 0, 0, 0]]))[0]
+    steady = continuous(turned, np.array([[-1.0, 0, 0, 0]]))
     assert (steady[:, 0] < 0).all()
 
 
@@ -406,7 +406,7 @@ def test_a_mover_that_is_called_as_a_part_of_the_root_is_refused(jelly):
     named = definition.model_copy(update={"movers": movers})
     scene = Scene(named, jelly.scene.mesh)
     with pytest.raises(NeuroAnimatorError, match="two parts are called 'velocity'. Rename a mover"):
-        SoftSystem(named, scene, ShapeFile(jelly.shapes, jelly.rest))
+        SoftSystem(named, scene, RestingShapes(jelly.shapes, jelly.rest))
 
 
 def test_a_solid_is_drawn_with_normals_at_all_nodes(jelly, tmp_path: Path):

@@ -45,6 +45,13 @@ SAMPLED = 1000
 """Number of times looked at to tell single precision."""
 
 
+Times = Float[np.ndarray, " N"]
+"""A time for each row [s], or its resolution."""
+
+Intervals = Bool[np.ndarray, " G"]
+"""Something that is or is not so between each row and the next."""
+
+
 @dataclass(frozen=True)
 class Clock:
     """The constant rate of a recording, and where it departs from it."""
@@ -69,7 +76,7 @@ class Clock:
 
 def resolution_of(
     times: Num[np.ndarray, " N"], places: Int[np.ndarray, " N"] | None = None
-) -> Float[np.ndarray, " N"]:
+) -> Times:
     """Return the smallest differences that times can tell, by their type and the `places` of their last written digits.
 
     Zeros at the end may have been left out: the finest place in a decade of times counts for all of them.
@@ -94,7 +101,7 @@ def resolution_of(
     return resolution
 
 
-def _are_single(times: Float[np.ndarray, " N"]) -> bool:
+def _are_single(times: Times) -> bool:
     """Return whether all times are numbers in single precision, as they are or as they are written."""
     some = times[:: -(-len(times) // SAMPLED) or 1]
     single = some.astype(np.float32)
@@ -103,9 +110,9 @@ def _are_single(times: Float[np.ndarray, " N"]) -> bool:
 
 
 def clock_of(
-    times: Float[np.ndarray, " N"],
-    resolution: Float[np.ndarray, " N"],
-    is_inside: Bool[np.ndarray, " G"],
+    times: Times,
+    resolution: Times,
+    is_inside: Intervals,
 ) -> Clock:
     """Return the clock of rows at `times` [s]; `is_inside` says of each but the last whether the next is of the same run.
 
@@ -128,9 +135,9 @@ def clock_of(
 
 
 def _clock_between(
-    times: Float[np.ndarray, " N"],
-    resolution: Float[np.ndarray, " N"],
-    is_inside: Bool[np.ndarray, " G"],
+    times: Times,
+    resolution: Times,
+    is_inside: Intervals,
     gaps: Int[np.ndarray, " K"],
 ) -> Clock:
     """Return the clock of rows that have these gaps."""
@@ -148,12 +155,12 @@ def _clock_between(
 
 
 def _are_off(
-    times: Float[np.ndarray, " N"],
-    resolution: Float[np.ndarray, " N"],
+    times: Times,
+    resolution: Times,
     section: Int[np.ndarray, " N"],
     step: float,
     margin: float,
-) -> Bool[np.ndarray, " G"]:
+) -> Intervals:
     """Return after which rows a span begins that `step`, which is known up to `margin`, does not explain."""
     is_off = np.zeros(len(times) - 1, bool)
     span = 1
@@ -169,7 +176,7 @@ def _are_off(
 
 
 def _step(
-    times: Float[np.ndarray, " N"], section: Int[np.ndarray, " N"], usual: float, finest: float
+    times: Times, section: Int[np.ndarray, " N"], usual: float, finest: float
 ) -> tuple[float, float]:
     """Return the step that fits the times of all sections best, and its margin within which it is a round number or rate."""
     counts = np.bincount(section)
@@ -193,9 +200,7 @@ def _step(
     return step, margin
 
 
-def straightened(
-    times: Float[np.ndarray, " N"], resolution: Float[np.ndarray, " N"]
-) -> Float[np.ndarray, " N"]:
+def straightened(times: Times, resolution: Times) -> Times:
     """Return times at the constant rate that they can mean; unchanged if there is none."""
     if len(times) < 2:
         return times

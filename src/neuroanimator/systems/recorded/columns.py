@@ -14,6 +14,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.files.names import PART_PATTERN
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.units import converted_unit
+from neuroanimator.systems.recorded.clock import Times
 from neuroanimator.text import did_you_mean, listed, quoted
 
 MAX_COLUMNS = 514
@@ -72,9 +73,9 @@ class Samples:
 
     run: Shaped[np.ndarray, " N"]
     """Label of the run of each row, of any type."""
-    time: Float[np.ndarray, " N"]
+    time: Times
     """Time of each row since the first one [s]."""
-    resolution: Float[np.ndarray, " N"]
+    resolution: Times
     """Smallest difference that each time can tell [s]."""
     states: Float[np.ndarray, "N S"]
     """State in each row."""
@@ -214,7 +215,7 @@ def _known(name: str, unit: str, factor: float, vocabulary: Vocabulary, place: s
 
 def seconds(
     times: Num[np.ndarray, " N"], column: Column, where: str, usual: str = ""
-) -> tuple[Float[np.ndarray, " N"], Column]:
+) -> tuple[Times, Column]:
     """Return the times since the first [s], and the column with the unit that they have.
 
     Without a unit, times less than a second apart are seconds, those that would be hours apart are in the only smaller unit
@@ -237,20 +238,35 @@ def seconds(
     return since * factor, Column(TIME, TIME, unit, factor)
 
 
-def numbers_of(
-    table: Float[np.ndarray, "N K"], columns: Sequence[Column], vector: str
-) -> tuple[Float[np.ndarray, "N D"], tuple[tuple[str, str], ...]]:
-    """Return the numbers of a vector in SI units, and their (name, unit)s; `table` has a column for each of `columns`."""
-    own = [number for number, column in enumerate(columns) if column.vector == vector]
-    factors = [columns[number].factor for number in own]
-    names = tuple((columns[number].name, columns[number].unit) for number in own)
-    return table[:, own] * np.array(factors), names
+def samples_of(
+    run: Shaped[np.ndarray, " N"],
+    timing: tuple[Times, Column],
+    resolution: Times,
+    table: Float[np.ndarray, "N K"],
+    columns: Sequence[Column],
+    lines: Int[np.ndarray, " N"] | None = None,
+) -> Samples:
+    """Return samples in SI units; `table` has a column for each of `columns`, and `timing` is that of `seconds`.
 
-
-def remarks_on(*columns: Column) -> tuple[str, ...]:
-    """Return the columns whose numbers were converted, in words."""
-    changed = [column for column in columns if column.factor != 1]
-    if not changed:
-        return ()
+    `resolution` is in the unit of the file's times.
+    """
+    time, clock = timing
+    values = table * np.array([column.factor for column in columns])
+    entries: dict[str, list[int]] = {vector: [] for vector in VECTORS}
+    names: dict[str, list[tuple[str, str]]] = {vector: [] for vector in VECTORS}
+    for number, column in enumerate(columns):
+        entries[column.vector].append(number)
+        names[column.vector].append((column.name, column.unit))
+    changed = [column for column in (clock, *columns) if column.factor != 1]
     told = listed(f"{column.vector}.{column.name}".removeprefix("time.") for column in changed)
-    return (f"{told}: converted to SI units and radians",)
+    return Samples(
+        run=run,
+        time=time,
+        resolution=clock.factor * resolution,
+        states=values[:, entries["state"]],
+        controls=values[:, entries["control"]],
+        state=tuple(names["state"]),
+        control=tuple(names["control"]),
+        lines=lines,
+        remarks=(f"{told}: converted to SI units and radians",) if changed else (),
+    )

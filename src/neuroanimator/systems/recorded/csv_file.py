@@ -13,8 +13,7 @@ from neuroanimator.systems.recorded.columns import (
     Samples,
     Vocabulary,
     columns_of,
-    numbers_of,
-    remarks_on,
+    samples_of,
     seconds,
     time_column,
 )
@@ -41,20 +40,9 @@ def read_csv(content: bytes, name: str, vocabulary: Vocabulary | None = None) ->
     clock = time_column(header.cells[time])
     assert clock is not None
     times = table.values[:, 0]
-    since, clock = seconds(times, clock, f"{where}, column {time + 1}")
-    states, state = numbers_of(table.values[:, 1:], columns, "state")
-    controls, control = numbers_of(table.values[:, 1:], columns, "control")
-    return Samples(
-        run=table.labels,
-        time=since,
-        resolution=clock.factor * resolution_of(times, table.places),
-        states=states,
-        controls=controls,
-        state=state,
-        control=control,
-        lines=table.lines,
-        remarks=remarks_on(clock, *columns),
-    )
+    timing = seconds(times, clock, f"{where}, column {time + 1}")
+    resolution = resolution_of(times, table.places)
+    return samples_of(table.labels, timing, resolution, table.values[:, 1:], columns, table.lines)
 
 
 def _clocks(header: Header, name: str) -> tuple[int, int | None]:

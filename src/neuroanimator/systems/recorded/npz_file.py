@@ -14,8 +14,7 @@ from neuroanimator.systems.recorded.columns import (
     Samples,
     Vocabulary,
     columns_of,
-    numbers_of,
-    remarks_on,
+    samples_of,
     seconds,
     time_column,
 )
@@ -60,21 +59,9 @@ def read_npz(content: bytes, name: str, vocabulary: Vocabulary | None = None) ->
             cells[f"{name}: {vector}_names[{number}]"] = f"{vector}.{text}"
     columns = columns_of(cells, vocabulary, name)
     usual = "s" if times.dtype.kind == "f" else ""
-    since, clock = seconds(times, clock, f"{name}: {key}", usual)
+    timing = seconds(times, clock, f"{name}: {key}", usual)
     every = np.hstack([table["state"], table["control"]])
-    states, state = numbers_of(every, columns, "state")
-    controls, control = numbers_of(every, columns, "control")
-    resolution = clock.factor * resolution_of(times)
-    return Samples(
-        run,
-        since,
-        resolution,
-        states,
-        controls,
-        state,
-        control,
-        remarks=remarks_on(clock, *columns),
-    )
+    return samples_of(run, timing, resolution_of(times), every, columns)
 
 
 def _clock_in(times: np.ndarray, key: str, name: str) -> tuple[np.ndarray, Column]:
@@ -120,13 +107,8 @@ def _numbers(array: np.ndarray, key: str, name: str) -> Float[np.ndarray, " ..."
         array = array.astype(float, copy=False)
     usable = np.abs(array) < MAX_MAGNITUDE  # False for NaN
     if not usable.all():
-        index = np.argwhere(~usable)[0].tolist()
-        row = 0
-        column = ""
-        if index:
-            row = index[0]
-        if len(index) > 1:
-            column = f", column {index[1]}"
+        row, *inside = np.argwhere(~usable)[0].tolist() or [0]
+        column = "".join(f", column {number}" for number in inside)
         raise BadFileError(
             f"{name}: {key}, row {row}{column}: not a finite number. Fill it in, or cut it out."
         )

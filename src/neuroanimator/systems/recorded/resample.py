@@ -36,19 +36,12 @@ def on_even_grids(
         if len(kept) > 1:
             pieces.append(_even(samples, kept, step, rotations))
     sizes = np.cumsum([len(piece.time) for piece in pieces])
-    lines = samples.lines
-    if lines is not None:
-        lines = np.concatenate([piece.lines for piece in pieces if piece.lines is not None])
-    joined = replace(
-        samples,
-        run=np.repeat(np.arange(len(pieces)), np.diff(sizes, prepend=0)),
-        time=np.concatenate([piece.time for piece in pieces]),
-        resolution=np.concatenate([piece.resolution for piece in pieces]),
-        states=np.concatenate([piece.states for piece in pieces]),
-        controls=np.concatenate([piece.controls for piece in pieces]),
-        lines=lines,
-    )
-    return joined, sizes[:-1]
+    names = ["time", "resolution", "states", "controls"]
+    if samples.lines is not None:
+        names.append("lines")
+    joined = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in names}
+    run = np.repeat(np.arange(len(pieces)), np.diff(sizes, prepend=0))
+    return replace(samples, run=run, **joined), sizes[:-1]
 
 
 def _even(

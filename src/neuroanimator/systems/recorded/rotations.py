@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.state.rotation import continuous
+
 ORDERS = ("wxyz", "xyzw", "0123", "1234")
 """The letters or digits by which the names of a quaternion's columns differ, in their usual orders."""
 
@@ -59,13 +61,10 @@ def with_one_sign(
     runs: Sequence[Float[np.ndarray, "_ S"]], rotations: Sequence[slice]
 ) -> list[Float[np.ndarray, "_ S"]]:
     """Return the runs with quaternions that do not jump, and begin on the side of the first run's beginning."""
-    continuous = []
+    steady = []
     for states in runs:
         turned = states.copy()
         for place in rotations:
-            rows = turned[:, place]
-            before = np.concatenate([runs[0][:1, place], rows[:-1]])
-            is_turned = (rows * before).sum(axis=1) < 0
-            rows *= np.where(np.cumsum(is_turned) % 2, -1.0, 1.0)[:, None]
-        continuous.append(turned)
-    return continuous
+            turned[:, place] = continuous(states[:, place], runs[0][:1, place])
+        steady.append(turned)
+    return steady

@@ -19,7 +19,7 @@ from neuroanimator.state.parameters import draw_parameters, nominal_values
 from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.state.shape_contacts import FREE, placement_of
-from neuroanimator.systems.soft.own_frame import OwnMotion
+from neuroanimator.systems.soft.soft_body import Points
 from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
 from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.terminal import progress_bar
@@ -61,15 +61,15 @@ TINY = 1e-300
 """Length added to divisors."""
 
 
-class Found(NamedTuple):
-    """The shapes of a body and its state of rest."""
+class RestingShapes(NamedTuple):
+    """The shapes of a body, and its state of rest."""
 
     shapes: Shapes
     rest: Float[np.ndarray, " S"]
     """State of rest, including its movers."""
 
 
-def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -> Found:
+def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -> RestingShapes:
     """Return the shapes of the body of `scene`, and its state of rest.
 
     Raises ArgumentError if the physics diverges in every run.
@@ -108,10 +108,7 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
                 )
             if not fits.all():
                 motion = Motion(*(part[..., fits] for part in motion))
-                own = OwnMotion(*(part[:, fits] for part in own))
                 away = away[:, fits]
-                movers = movers[:, fits]
-                moving = moving[:, fits]
                 paths = paths[..., fits]
                 rates = rates[:, fits]
                 parameters = parameters[:, fits]
@@ -130,12 +127,12 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
         placement_of(scene.movers.turning, scene.anchor),
     )
     rates = np.zeros(2 * len(modes))
-    return Found(shapes, np.concatenate([at_rest, rates, nominal_values(scene.parameters)]))
+    return RestingShapes(shapes, np.concatenate([at_rest, rates, nominal_values(scene.parameters)]))
 
 
 def _settled(
     scene: SoftScene, dt: float, steps: int, frames: int, on_frames: Callable[[int], None]
-) -> Float[np.ndarray, "N 3"]:
+) -> Points:
     """Return the positions of nodes [m] after the body has hung from movers at rest, or lain on the ground.
 
     `on_frames` is called with the number of frames done.
@@ -169,7 +166,7 @@ def _side_by_side(motion: Motion, count: int) -> Motion:
 def _thrown(
     scene: SoftScene,
     rng: np.random.Generator,
-    mean: Float[np.ndarray, "N 3"],
+    mean: Points,
     centre: Float[np.ndarray, " 3"],
     movers: Float[np.ndarray, "D L"],
     motion: Motion,

@@ -7,11 +7,10 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from neuroanimator.appearance.binding import NO_ROTATION
 from neuroanimator.appearance.skeleton import Bone, Shape
 from neuroanimator.systems.rigid.bones import is_drawn, shape_of_geom
 from neuroanimator.systems.soft.flex_model import geoms_below
-
-UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 def scenery(model: mujoco.MjModel, data: mujoco.MjData) -> list[Bone]:
@@ -19,7 +18,7 @@ def scenery(model: mujoco.MjModel, data: mujoco.MjData) -> list[Bone]:
     shapes = shapes_below(model, data, 0)
     if not shapes:
         return []
-    return [Bone("world", -1, (0.0, 0.0, 0.0), UPRIGHT, (), shapes)]
+    return [Bone("world", -1, (0.0, 0.0, 0.0), NO_ROTATION, (), shapes)]
 
 
 def shapes_below(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> tuple[Shape, ...]:

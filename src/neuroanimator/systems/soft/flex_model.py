@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from neuroanimator.files.names import PART_PATTERN
 from neuroanimator.state.shape_contacts import BoxCollider, RoundCollider
 from neuroanimator.systems.rigid.model_xml import refuse
+from neuroanimator.systems.soft.soft_body import Points
 from neuroanimator.text import listed
 
 ORTHONORMAL = 1e-6
@@ -33,11 +34,15 @@ MAX_MOVERS = 8
 """Maximum number of mocap bodies."""
 
 
+Slides = Float[np.ndarray, " V"]
+"""Values of the slides [m], or their rates [m/s]."""
+
+
 @dataclass(frozen=True, eq=False)
 class FlexBody:
     """A flex of N nodes and V slides."""
 
-    positions: Float[np.ndarray, "N 3"]
+    positions: Points
     """Positions of the nodes with every slide at its reference [m]."""
     faces: Int[np.ndarray, "F 3"]
     """Corners of the surface's triangles, counterclockwise from outside; empty for a rope."""
@@ -51,24 +56,24 @@ class FlexBody:
     """The node each slide moves."""
     axes: Float[np.ndarray, "V 3"]
     """Direction of each slide."""
-    reference: Float[np.ndarray, " V"]
+    reference: Slides
     """Value of each slide at its node's position."""
 
-    def placed(self, slides: Float[np.ndarray, " V"]) -> Float[np.ndarray, "N 3"]:
+    def placed(self, slides: Slides) -> Points:
         """Return the positions of the nodes [m]."""
         return self.positions + self.moved(slides - self.reference)
 
-    def moved(self, changes: Float[np.ndarray, " V"]) -> Float[np.ndarray, "N 3"]:
+    def moved(self, changes: Slides) -> Points:
         """Return the displacements of the nodes [m], or their velocities [m/s], for these changes or rates of slides."""
         away = np.zeros(self.positions.shape)
         np.add.at(away, self.nodes, changes[:, None] * self.axes)
         return away
 
-    def slides(self, positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " V"]:
+    def slides(self, positions: Points) -> Slides:
         """Return the slides that bring nodes closest to `positions`."""
         return self.reference + self.rates(positions - self.positions)
 
-    def rates(self, velocities: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " V"]:
+    def rates(self, velocities: Points) -> Slides:
         """Return the rates of the slides of nodes with these `velocities`."""
         return np.einsum("va,va->v", velocities[self.nodes], self.axes)
 

@@ -30,11 +30,16 @@ from neuroanimator.systems.soft.flex_model import (
     tied_bodies,
 )
 from neuroanimator.systems.soft.movers import mocap_movers
-from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
+from neuroanimator.systems.soft.soft_body import Played, Points
+from neuroanimator.systems.soft.soft_scene import Motion, Parameters, Paths, SoftScene
 from neuroanimator.text import listed, quoted
 
 SIDES = 6
 """Number of points drawn for each node of a rope: two edges of three ribbons."""
+
+
+DrawnPoints = Float[np.ndarray, "P 3"]
+"""Positions of what is drawn [m], or its velocities [m/s]."""
 
 
 class Touching(NamedTuple):
@@ -92,16 +97,11 @@ class FlexScene(SoftScene):
                 f"{main}: nothing holds the soft body, and it falls forever. Add a horizontal plane, pin nodes, or tie some "
                 "to a mocap body by an equality (connect)."
             )
-        capsules: list[RoundCollider] = []
-        boxes: list[BoxCollider] = []
+        colliders = []
         for number, body in enumerate(self.bodies):
-            for collider in colliders_of(model, self.data, body, number, self.margin):
-                if isinstance(collider, BoxCollider):
-                    boxes.append(collider)
-                else:
-                    capsules.append(collider)
-        self.capsules = tuple(capsules)
-        self.boxes = tuple(boxes)
+            colliders += colliders_of(model, self.data, body, number, self.margin)
+        self.capsules = tuple(one for one in colliders if isinstance(one, RoundCollider))
+        self.boxes = tuple(one for one in colliders if isinstance(one, BoxCollider))
         self._models: dict[float, mujoco.MjModel] = {}
 
     def _anchor(self) -> int:
@@ -117,11 +117,11 @@ class FlexScene(SoftScene):
     def play(
         self,
         motion: Motion,
-        paths: Float[np.ndarray, "F D ..."],
+        paths: Paths,
         duration: float,
         steps: int,
-        parameters: Float[np.ndarray, "Q ..."] | None = None,
-    ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
+        parameters: Parameters | None = None,
+    ) -> Played:
         model = self._stepping(duration / steps)
         if paths.ndim == 2:
             with warnings_counted:
@@ -139,9 +139,7 @@ class FlexScene(SoftScene):
         velocities = np.stack([one for _, one in played], axis=-1)
         return positions, velocities
 
-    def touching(
-        self, positions: Float[np.ndarray, "N 3"], movers: Float[np.ndarray, " D"]
-    ) -> Touching:
+    def touching(self, positions: Points, movers: Float[np.ndarray, " D"]) -> Touching:
         """Return the contacts of a body with its nodes at `positions` with the geoms of the movers."""
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.body.slides(self._nodes(positions))
@@ -167,7 +165,7 @@ class FlexScene(SoftScene):
 
     def _play(
         self, model: mujoco.MjModel, motion: Motion, path: Float[np.ndarray, "F D"], steps: int
-    ) -> tuple[Float[np.ndarray, "F-1 N 3"], Float[np.ndarray, "F-1 N 3"]]:
+    ) -> Played:
         """Return the result of `play` for one body; NaN after it has diverged."""
         data = mujoco.MjData(model)
         data.qpos[:] = self.body.slides(self._nodes(motion.positions + motion.origin))
@@ -199,18 +197,18 @@ class FlexScene(SoftScene):
                 turned = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
                 mujoco.mju_mulQuat(data.mocap_quat[number], turned, self.model.body_quat[body])
 
-    def _nodes(self, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "N 3"]:
+    def _nodes(self, points: DrawnPoints) -> Points:
         """Return the nodes among the drawn points, which begin with them."""
         return points[: len(self.body.positions)]
 
-    def drawn_points(self, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
+    def drawn_points(self, nodes: Points) -> DrawnPoints:
         """Return the points drawn for nodes, beginning with these; or the points' velocities for the nodes'."""
         if not len(self.body.pairs):
             return nodes
         return np.concatenate([nodes, _edge_points(self.body, nodes)])
 
 
-def _edge_points(body: FlexBody, nodes: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "P 3"]:
+def _edge_points(body: FlexBody, nodes: Points) -> DrawnPoints:
     """Return points of the edges of a rope's ribbons, those of each node together."""
     first, second = body.pairs.T
     lengths = np.linalg.norm(body.positions[second] - body.positions[first], axis=1)

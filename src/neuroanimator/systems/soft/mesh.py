@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,8 @@ from jaxtyping import Float, Int
 
 from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.soft.soft_body import tetrahedron_volumes
+from neuroanimator.files.numbers import number_in
+from neuroanimator.systems.soft.soft_body import Points, tetrahedron_volumes
 
 BYTES_A_NODE = 60_000
 """Memory for finding the shapes of a body [bytes per node]: snapshots of sixteen bodies."""
@@ -18,10 +20,14 @@ SHOWN = 3
 """Maximum number of nodes or elements a message names."""
 
 
+Numbers = Int[np.ndarray, " _"]
+"""Some nodes, elements or lines."""
+
+
 class Mesh(NamedTuple):
     """A mesh at rest: of triangles, or of tetrahedra."""
 
-    positions: Float[np.ndarray, "N 3"]
+    positions: Points
     """Positions of the nodes [m]."""
     elements: Int[np.ndarray, "E K"]
     """Corners of triangles (K = 3) or tetrahedra (K = 4)."""
@@ -34,13 +40,13 @@ class Mesh(NamedTuple):
     mended: tuple[str, ...] = ()
     """What was mended when it was read, in words."""
 
-    def named_nodes(self, nodes: Int[np.ndarray, " _"]) -> str:
+    def named_nodes(self, nodes: Numbers) -> str:
         """Return the first few of `nodes` by their numbers in the file."""
         if self.numbers is None:
             return f"nodes {some(nodes)}"
         return f"nodes {some(self.numbers[nodes])} of the file"
 
-    def named_elements(self, elements: Int[np.ndarray, " _"]) -> str:
+    def named_elements(self, elements: Numbers) -> str:
         """Return the first few of `elements` by their lines in the file."""
         kind = "triangles" if self.elements.shape[1] == 3 else "tetrahedra"
         if self.lines is None:
@@ -61,7 +67,7 @@ class Mesh(NamedTuple):
             np.minimum.at(roots, around, least[:, None])
             roots = roots[roots]
 
-    def only(self, elements: Int[np.ndarray, " _"]) -> Mesh:
+    def only(self, elements: Numbers) -> Mesh:
         """Return the mesh of these `elements` and their nodes, in the same order."""
         nodes, corners = np.unique(self.elements[elements], return_inverse=True)
         return self._replace(
@@ -86,10 +92,18 @@ def some(numbers: np.ndarray) -> str:
     return shown if len(numbers) <= SHOWN else f"{shown}, …"
 
 
-def named_lines(lines: Int[np.ndarray, " _"]) -> str:
+def named_lines(lines: Numbers) -> str:
     """Return the first few of `lines` of a file, each once."""
     distinct = np.unique(lines)
     return f"line {some(distinct)}" if len(distinct) == 1 else f"lines {some(distinct)}"
+
+
+def coordinates(words: Sequence[str]) -> list[float]:
+    """Return the first three of `words` as finite numbers; ValueError if they are none."""
+    point = [number_in(word) for word in words[:3]]
+    if len(point) < 3 or not np.isfinite(point).all():
+        raise ValueError
+    return point
 
 
 def refuse_size(name: str, count: int) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from neuroanimator.definitions.soft import SOLID_ENDING, UNITS, MeshReading
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.soft.mesh import Mesh, refuse_size
+from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.systems.soft.msh_file import read_msh
 from neuroanimator.systems.soft.obj_file import read_obj
 from neuroanimator.systems.soft.polygons import triangulated
+from neuroanimator.systems.soft.soft_body import Points
 
 MAX_FILE = 256 * 2**20
 """Maximum size of a file [bytes]."""
@@ -36,7 +36,6 @@ def read_mesh(name: str, content: bytes, reading: MeshReading = AS_IT_IS) -> Mes
         vertices, faces, lines = read_obj(name, content)
         _refuse_far(name, vertices)
         mesh = triangulated(name, vertices, faces, lines)
-    refuse_size(name, len(mesh.positions))
     positions = mesh.positions
     if reading.up == "y":
         x, y, z = positions.T
@@ -49,7 +48,7 @@ def read_mesh(name: str, content: bytes, reading: MeshReading = AS_IT_IS) -> Mes
     return mesh.only(np.flatnonzero(pieces == largest))
 
 
-def _refuse_far(name: str, positions: Float[np.ndarray, "N 3"]) -> None:
+def _refuse_far(name: str, positions: Points) -> None:
     """Raise BadFileError for a coordinate that is too large."""
     largest = np.abs(positions).max()
     if largest > MAX_COORDINATE:

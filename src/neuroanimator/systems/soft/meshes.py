@@ -6,13 +6,13 @@ Membranes by Triangulated Spring Meshes, 1998): a finer mesh of the same cloth s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.definitions.soft import ClothTable, SolidTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.soft.mesh import Mesh, some
 from neuroanimator.systems.soft.polygons import MIN_SIZE
@@ -21,53 +21,25 @@ from neuroanimator.systems.soft.soft_body import SoftBody
 MAX_FACES_OF_AN_EDGE = 2
 """Maximum number of triangles at an edge of a surface."""
 
+Pins = Int[np.ndarray, " K"]
+"""Numbers of nodes that are held."""
 
-@dataclass(frozen=True)
-class Cloth:
-    """The material of a surface."""
-
-    density: float = 0.2
-    """Density [kg/m²]."""
-    stretch: float = 100.0
-    """Young's modulus times thickness [N/m]."""
-    bend: float = 1.0
-    """Stiffness of the springs across folds [N/m], which resist sharp folds, but hardly slight ones."""
-    damping: float = 2e-3
-    """Time constant of internal friction [s]: damping of a spring over its stiffness."""
+Sizes = Float[np.ndarray, " E"]
+"""Area of each triangle [m²], or volume of each tetrahedron [m³]."""
 
 
-@dataclass(frozen=True)
-class Solid:
-    """The material of a body of tetrahedra."""
-
-    density: float = 1000.0
-    """Density [kg/m³]."""
-    stretch: float = 2e4
-    """Young's modulus [Pa]."""
-    bulk: float = 2e5
-    """Bulk modulus [Pa]."""
-    damping: float = 2e-3
-    """Time constant of internal friction [s]: damping of a spring over its stiffness."""
-
-
-def cloth_body(
-    mesh: Mesh, material: Cloth, pins: Int[np.ndarray, " K"], **surroundings: Any
-) -> SoftBody:
+def cloth_body(mesh: Mesh, material: ClothTable, pins: Pins, **surroundings: Any) -> SoftBody:
     """Return the cloth of a mesh of triangles; `surroundings` are `SoftBody`'s air, capsules, planes and margin.
 
     Raises BadFileError, which names the fault: a node without a face, or at the place of another, a face without area,
     an edge of three faces, neighbours of opposite orientation; ArgumentError for a pin that is not a node.
     """
-    _check_nodes(mesh)
-    areas = mesh.sizes()
-    _check_sizes(mesh, areas, 2, "area")
-    _check_pins(pins, len(mesh.positions))
+    mesh, areas = _checked(mesh, pins)
     faces = mesh.elements
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     edges, places = _distinct(sides)
     _check_sides(mesh, sides, places)
-    around = np.bincount(places, np.repeat(areas, 3))
-    stiffness = material.stretch * around / _squared_lengths(mesh.positions, edges)
+    stiffness = _stiffness(mesh, material.stretch, areas, edges, places)
     opposite = np.roll(faces, -2, axis=1).ravel()
     order = np.argsort(places, kind="stable")
     is_shared = places[order[1:]] == places[order[:-1]]
@@ -87,29 +59,14 @@ def cloth_body(
     )
 
 
-def solid_body(
-    mesh: Mesh, material: Solid, pins: Int[np.ndarray, " K"], **surroundings: Any
-) -> SoftBody:
+def solid_body(mesh: Mesh, material: SolidTable, pins: Pins, **surroundings: Any) -> SoftBody:
     """Return the solid of a mesh of tetrahedra; see `cloth_body`. Corners may be in either order, the same in all."""
-    _check_nodes(mesh)
-    volumes = mesh.sizes()
-    if (volumes < 0).all():
-        mesh = mesh._replace(elements=mesh.elements[:, [1, 0, 2, 3]])
-        volumes = -volumes
-    inverted = np.flatnonzero(volumes < 0)
-    if len(inverted):
-        raise BadFileError(
-            f"{mesh.name}: inside out, unlike others: {mesh.named_elements(inverted)}. Swap two corners of each, or mesh it "
-            "again."
-        )
-    _check_sizes(mesh, volumes, 3, "volume")
-    _check_pins(pins, len(mesh.positions))
+    mesh, volumes = _checked(mesh, pins)
     tetrahedra = mesh.elements
     corners = np.sort(tetrahedra, axis=1)
     sides = corners[:, list(combinations(range(4), 2))].reshape(-1, 2)
     edges, places = _distinct(sides)
-    around = np.bincount(places, np.repeat(volumes, 6))
-    stiffness = material.stretch * around / _squared_lengths(mesh.positions, edges)
+    stiffness = _stiffness(mesh, material.stretch, volumes, edges, places)
     return SoftBody(
         mesh.positions,
         _masses(mesh, material.density * volumes),
@@ -169,21 +126,29 @@ def _surface(tetrahedra: Int[np.ndarray, "T 4"]) -> Int[np.ndarray, "F 3"]:
     return sides[np.sort(places[counts == 1])]
 
 
-def _masses(mesh: Mesh, masses: Float[np.ndarray, " E"]) -> Float[np.ndarray, " N"]:
+def _masses(mesh: Mesh, masses: Sizes) -> Float[np.ndarray, " N"]:
     """Return the mass of each node [kg]: an equal share of each element at it."""
     corners = mesh.elements.shape[1]
     shares = np.repeat(masses / corners, corners)
     return np.bincount(mesh.elements.ravel(), shares, len(mesh.positions))
 
 
-def _squared_lengths(
-    positions: Float[np.ndarray, "N 3"], edges: Int[np.ndarray, "P 2"]
+def _stiffness(
+    mesh: Mesh,
+    stretch: float,
+    sizes: Sizes,
+    edges: Int[np.ndarray, "P 2"],
+    places: Int[np.ndarray, " M"],
 ) -> Float[np.ndarray, " P"]:
-    extent = positions[edges[:, 1]] - positions[edges[:, 0]]
-    return (extent**2).sum(axis=1)
+    """Return the stiffness of springs along the edges [N/m], as stiff as the elements around; `places` are their sides' edges."""
+    extent = mesh.positions[edges[:, 1]] - mesh.positions[edges[:, 0]]
+    around = np.bincount(places, np.repeat(sizes, len(places) // len(sizes)))
+    return stretch * around / (extent**2).sum(axis=1)
 
 
-def _check_nodes(mesh: Mesh) -> None:
+def _checked(mesh: Mesh, pins: Pins) -> tuple[Mesh, Sizes]:
+    """Return (the mesh, with tetrahedra in the usual order of corners, the sizes of its elements)."""
+    # nodes
     count = len(mesh.positions)
     if not np.isfinite(mesh.positions).all():
         raise BadFileError(f"{mesh.name}: a node's position is not finite.")
@@ -201,18 +166,26 @@ def _check_nodes(mesh: Mesh) -> None:
         raise BadFileError(
             f"{mesh.name}: at the place of others: {mesh.named_nodes(doubled)}. Merge them by distance."
         )
-
-
-def _check_sizes(mesh: Mesh, sizes: Float[np.ndarray, " E"], power: int, size: str) -> None:
-    extent = float(np.ptp(mesh.positions, axis=0).max())
-    flat = np.flatnonzero(sizes < MIN_SIZE * extent**power)
+    # elements: none inside out, or without a size
+    sizes = mesh.sizes()
+    if (sizes < 0).all():
+        mesh = mesh._replace(elements=elements[:, [1, 0, 2, 3]])
+        sizes = -sizes
+    inverted = np.flatnonzero(sizes < 0)
+    if len(inverted):
+        raise BadFileError(
+            f"{mesh.name}: inside out, unlike others: {mesh.named_elements(inverted)}. Swap two corners of each, or mesh it "
+            "again."
+        )
+    power = elements.shape[1] - 1
+    flat = np.flatnonzero(sizes < MIN_SIZE * float(np.ptp(mesh.positions, axis=0).max()) ** power)
     if len(flat):
+        size = "area" if power == 2 else "volume"
         raise BadFileError(
             f"{mesh.name}: without {size}: {mesh.named_elements(flat)}. Remove them."
         )
-
-
-def _check_pins(pins: Int[np.ndarray, " K"], count: int) -> None:
+    # pins
     wrong = pins[(pins < 0) | (pins >= count)]
     if len(wrong):
         raise ArgumentError(f"pins: {some(wrong)} are not nodes; the mesh has 0 to {count - 1}.")
+    return mesh, sizes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -34,6 +34,13 @@ HOLDING = (0.1, 0.4)
 
 RETURN = 0.5
 """Time constant with which a mover returns to its path [s]."""
+
+SLICES = {
+    "pose": ("", "m", "_heading", "rad"),
+    "rate": ("_velocity", "m/s", "_turning_rate", "rad/s"),
+    "control": ("", "m/s", "_turning", "rad/s"),
+}
+"""Suffixes and units of what moves and of what turns in a state, in its rates and in a control."""
 
 
 class Pace(NamedTuple):
@@ -87,24 +94,14 @@ class Movers:
                 values.append(getattr(mover, turning) if turning else 0.0)
         return np.array(values)
 
-    def slices(self, rate: str = "") -> list[Slice]:
-        """Return the parts of a state that hold positions and headings; their rates if `rate` is "rate"."""
+    def slices(self, kind: Literal["pose", "rate", "control"]) -> list[Slice]:
+        """Return the parts of a state that hold positions and headings, or their rates; or those of a control."""
+        moved, unit, turned, turned_unit = SLICES[kind]
         parts = []
         for name, mover in zip(self.names, self.tables, strict=True):
-            parts.append(Slice(f"{name}_velocity", 3, "m/s") if rate else Slice(name, 3, "m"))
-            if mover.turns and rate:
-                parts.append(Slice(f"{name}_turning_rate", 1, "rad/s"))
-            elif mover.turns:
-                parts.append(Slice(f"{name}_heading", 1, "rad"))
-        return parts
-
-    def controls(self) -> list[Slice]:
-        """Return the parts of a control: velocities and turning rates."""
-        parts = []
-        for name, mover in zip(self.names, self.tables, strict=True):
-            parts.append(Slice(name, 3, "m/s"))
+            parts.append(Slice(name + moved, 3, unit))
             if mover.turns:
-                parts.append(Slice(f"{name}_turning", 1, "rad/s"))
+                parts.append(Slice(name + turned, 1, turned_unit))
         return parts
 
     def poses(
@@ -135,14 +132,14 @@ class Movers:
         follow = 1 - np.exp(-dt / pace.response)
         position = starts
         rate = rates
-        path = []
+        path = np.empty((len(starts), steps, self.size))
         for step in range(steps):
             onwards = (wanted[:, step + 1] - wanted[:, step]) / dt
             aim = onwards + (wanted[:, step] - position) / RETURN
             rate = rate + follow * (np.clip(aim, -self.speed, self.speed) - rate)
             position = position + dt * rate
-            path.append(rate)
-        return np.stack(path, axis=1) if path else np.zeros((len(starts), 0, self.size))
+            path[:, step] = rate
+        return path
 
     def _waves(
         self,

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.numbers import number_in, whole_in
+from neuroanimator.files.numbers import whole_in
 from neuroanimator.files.text_lines import text_lines
-from neuroanimator.systems.soft.mesh import Mesh, refuse_size
+from neuroanimator.systems.soft.mesh import Mesh, coordinates, refuse_size
 from neuroanimator.text import quoted
 
 TETRAHEDRON = 4
@@ -79,12 +79,9 @@ class _Lines:
     def point(self, words: list[str]) -> list[float]:
         """Return three of the line's words as coordinates."""
         try:
-            point = [number_in(word) for word in words[:3]]
+            return coordinates(words)
         except ValueError as error:
             raise self.fault("three coordinates") from error
-        if not np.isfinite(point).all():
-            raise self.fault("three coordinates")
-        return point
 
     def fault(self, wanted: str) -> BadFileError:
         return BadFileError(f"{self.name}: line {self._next}: wanted {wanted}. Save it again.")
@@ -109,7 +106,7 @@ def read_msh(name: str, content: bytes) -> Mesh:
     lines.section("Elements")
     tetrahedra: list[list[int]] = []
     numbers: list[int] = []
-    for element, corners in _old_elements(lines) if is_old else _elements(lines):
+    for element, corners in _elements(lines, is_old):
         if element in CURVED_TETRAHEDRA:
             raise BadFileError(
                 f"{name}: tetrahedra of second order. Save it with straight ones: gmsh -3 -order 1"
@@ -131,8 +128,7 @@ def read_msh(name: str, content: bytes) -> Mesh:
 
 def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float]]]:
     """Return (the index of each node by its tag, positions)."""
-    head = lines.wholes(1 if is_old else 4)
-    count = head[0] if is_old else head[1]
+    count, blocks = _head(lines, is_old)
     if count < 1:
         raise lines.fault("a number of nodes above 0")
     refuse_size(lines.name, count)
@@ -143,7 +139,7 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
             tag, *rest = lines.words(4)
             tags += lines.as_wholes([tag])
             positions.append(lines.point(rest))
-    for _ in range(0 if is_old else head[0]):
+    for _ in range(blocks):
         own = lines.wholes(4)[3]
         if not 0 <= own <= count - len(tags):
             raise lines.fault("no more nodes than the section says")
@@ -157,17 +153,22 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
     return places, positions
 
 
-def _old_elements(lines: _Lines) -> Iterator[tuple[int, list[int]]]:
-    """Yield the kind and the nodes of each element of version 2.2."""
-    for _ in range(_count(lines, lines.wholes(1)[0])):
+def _head(lines: _Lines, is_old: bool) -> tuple[int, int]:
+    """Return (the number of nodes or elements in a section, its number of blocks)."""
+    if is_old:
+        return lines.wholes(1)[0], 0
+    blocks, count = lines.wholes(4)[:2]
+    return count, blocks
+
+
+def _elements(lines: _Lines, is_old: bool) -> Iterator[tuple[int, list[int]]]:
+    """Yield the kind and the nodes of each element."""
+    left, blocks = _head(lines, is_old)
+    if not 0 <= left <= MAX_ELEMENTS:
+        raise lines.fault(f"0 to {MAX_ELEMENTS:,} elements")
+    for _ in range(left if is_old else 0):
         _, kind, labels, *rest = lines.wholes(3)
         yield kind, rest[max(labels, 0) :]
-
-
-def _elements(lines: _Lines) -> Iterator[tuple[int, list[int]]]:
-    """Yield the kind and the nodes of each element of version 4.1."""
-    blocks, total = lines.wholes(4)[:2]
-    left = _count(lines, total)
     for _ in range(blocks):
         _, _, kind, own = lines.wholes(4)[:4]
         if not 0 <= own <= left:
@@ -175,9 +176,3 @@ def _elements(lines: _Lines) -> Iterator[tuple[int, list[int]]]:
         left -= own
         for _ in range(own):
             yield kind, lines.wholes(1)[1:]
-
-
-def _count(lines: _Lines, count: int) -> int:
-    if not 0 <= count <= MAX_ELEMENTS:
-        raise lines.fault(f"0 to {MAX_ELEMENTS:,} elements")
-    return count

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.numbers import number_in, whole_in
+from neuroanimator.files.numbers import whole_in
 from neuroanimator.files.text_lines import TextError, text_lines
-from neuroanimator.systems.soft.mesh import refuse_size
+from neuroanimator.systems.soft.mesh import coordinates, refuse_size
+from neuroanimator.systems.soft.soft_body import Points
 
 MAX_CORNERS = 256
 """Maximum number of corners of a face."""
@@ -22,9 +22,7 @@ VERTEX = re.compile(rb"^\s*v\s", re.MULTILINE)
 """Beginning of a line with a vertex."""
 
 
-def read_obj(
-    name: str, content: bytes
-) -> tuple[Float[np.ndarray, "N 3"], list[list[int]], list[int]]:
+def read_obj(name: str, content: bytes) -> tuple[Points, list[list[int]], list[int]]:
     """Return (positions of the vertices, corners of the faces, lines of the faces) in the file's order, unit and axes.
 
     Raises BadFileError naming the file and the line.
@@ -40,7 +38,7 @@ def read_obj(
             kind, *values = line.split(maxsplit=MAX_CORNERS + 1) or [""]
             if kind == "v":
                 wanted = "three numbers"
-                positions.append(_position(values))
+                positions.append(coordinates(values))
             elif kind == "f":
                 wanted = f"3 to {MAX_CORNERS} vertices of the file, in at most {MAX_FACES:,} faces"
                 faces.append(_corners(values, len(positions)))
@@ -55,13 +53,6 @@ def read_obj(
         raise BadFileError(f"{name}: no faces. Export a surface as OBJ.")
     refuse_size(name, len(positions))
     return np.array(positions), faces, lines
-
-
-def _position(values: list[str]) -> list[float]:
-    position = [number_in(value) for value in values[:3]]
-    if len(position) < 3 or not np.isfinite(position).all():
-        raise ValueError
-    return position
 
 
 def _corners(values: list[str], count: int) -> list[int]:

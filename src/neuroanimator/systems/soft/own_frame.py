@@ -15,21 +15,27 @@ from jaxtyping import Float
 from neuroanimator.state.placement import heading_rows, turn_back
 from neuroanimator.state.rotation import quaternions_of
 
+ManyPoints = Float[np.ndarray, "*B N 3"]
+"""Positions of the nodes of many bodies [m], or their velocities [m/s]."""
+
+Matrices = Float[np.ndarray, "*B 3 3"]
+"""A matrix for each of many bodies."""
+
 
 class OwnMotion(NamedTuple):
     """The motion of N nodes in their body's own frame."""
 
     root: Float[np.ndarray, "*B R"]
     """Position, quaternion, velocity and angular velocity (in its own axes) of a free body's frame; else empty."""
-    positions: Float[np.ndarray, "*B N 3"]
+    positions: ManyPoints
     """Positions [m]."""
-    velocities: Float[np.ndarray, "*B N 3"]
+    velocities: ManyPoints
     """Time derivatives of the positions [m/s]."""
 
 
 def seen_from_mover(
-    positions: Float[np.ndarray, "*B N 3"],
-    velocities: Float[np.ndarray, "*B N 3"],
+    positions: ManyPoints,
+    velocities: ManyPoints,
     position: Float[np.ndarray, "*B P"],
     rate: Float[np.ndarray, "*B P"],
 ) -> OwnMotion:
@@ -47,8 +53,8 @@ def seen_from_mover(
 
 
 def seen_from_root(
-    positions: Float[np.ndarray, "*B N 3"],
-    velocities: Float[np.ndarray, "*B N 3"],
+    positions: ManyPoints,
+    velocities: ManyPoints,
     mean: Float[np.ndarray, "N 3"],
     masses: Float[np.ndarray, " N"],
 ) -> OwnMotion:
@@ -75,24 +81,14 @@ def seen_from_root(
     return OwnMotion(root, away, relative)
 
 
-def _nearest_rotations(moments: Float[np.ndarray, "*B 3 3"]) -> Float[np.ndarray, "*B 3 3"]:
+def _nearest_rotations(moments: Matrices) -> Matrices:
     """Return the rotations from the mean to the nodes, from their moments with it."""
     left, _, right = np.linalg.svd(_finite(moments))
     left[..., 2] *= np.expand_dims(np.sign(np.linalg.det(left @ right)), -1)
     return left @ right
 
 
-def _finite(matrices: Float[np.ndarray, "*B 3 3"]) -> Float[np.ndarray, "*B 3 3"]:
+def _finite(matrices: Matrices) -> Matrices:
     """Return `matrices`, with the identity for those of diverged motions."""
     is_finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
     return np.where(is_finite, matrices, np.eye(3))
-
-
-def with_steady_signs(
-    quaternions: Float[np.ndarray, "L F 4"], before: Float[np.ndarray, "L 4"]
-) -> Float[np.ndarray, "L F 4"]:
-    """Return the same orientations, each quaternion with the sign of the one before it."""
-    earlier = np.concatenate([before[:, None], quaternions[:, :-1]], axis=1)
-    is_opposite = (earlier * quaternions).sum(axis=-1) < 0
-    signs = np.cumprod(np.where(is_opposite, -1.0, 1.0), axis=1)
-    return signs[..., None] * quaternions

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.soft.mesh import Mesh, named_lines
+from neuroanimator.systems.soft.soft_body import Points
 
 WELD = 1e-6
 """Distance at which vertices are one, and a vertex lies on an edge, over the size of the mesh: six digits of a file."""
@@ -44,15 +45,25 @@ MAX_EDGES_BESIDE = 8
 """Maximum number of an edge's neighbours at a vertex among which the one that lies on it is looked for."""
 
 
+Outlines = Float[np.ndarray, "P C 2"]
+"""Corners of polygons in their planes."""
+
+FaceNumbers = Int[np.ndarray, " F"]
+"""A number for each polygon."""
+
+CornerNumbers = Int[np.ndarray, " K"]
+"""A number for each corner of all polygons."""
+
+
 class Faces(NamedTuple):
     """Polygons: their corners one after the other."""
 
-    corners: Int[np.ndarray, " K"]
-    owners: Int[np.ndarray, " K"]
+    corners: CornerNumbers
+    owners: CornerNumbers
     """Number of the polygon each corner belongs to, ascending."""
 
     @property
-    def following(self) -> Int[np.ndarray, " K"]:
+    def following(self) -> CornerNumbers:
         """Index of the next corner of the same polygon."""
         following = np.arange(1, len(self.owners) + 1)
         _, first, counts = np.unique(self.owners, return_index=True, return_counts=True)
@@ -63,9 +74,7 @@ class Faces(NamedTuple):
         return Faces(self.corners[~is_left_out], self.owners[~is_left_out])
 
 
-def triangulated(
-    name: str, positions: Float[np.ndarray, "N 3"], polygons: list[list[int]], lines: list[int]
-) -> Mesh:
+def triangulated(name: str, positions: Points, polygons: list[list[int]], lines: list[int]) -> Mesh:
     """Return the mesh of the polygons on these `lines` of a file, in their order; BadFileError names what is no polygon."""
     sizes = np.array([len(polygon) for polygon in polygons])
     of_lines = np.array(lines)
@@ -105,9 +114,9 @@ def triangulated(
 
 def _with_area(
     name: str,
-    positions: Float[np.ndarray, "N 3"],
+    positions: Points,
     faces: Faces,
-    lines: Int[np.ndarray, " F"],
+    lines: FaceNumbers,
     extent: float,
 ) -> Faces:
     """Return the faces that have an area; BadFileError names one that has none though its corners are on no line."""
@@ -135,7 +144,7 @@ def _crossed(name: str, lines: Int[np.ndarray, " _"]) -> BadFileError:
 
 
 def _normals(
-    places: Float[np.ndarray, "K 3"], following: Int[np.ndarray, " K"], first: Int[np.ndarray, " F"]
+    places: Float[np.ndarray, "K 3"], following: CornerNumbers, first: FaceNumbers
 ) -> Float[np.ndarray, "F 3"]:
     """Return Newell's normal of each polygon, as long as its doubled area; `first` are their first corners."""
     counts = np.diff(np.append(first, len(places)))
@@ -145,9 +154,9 @@ def _normals(
 
 def _corner_to_corner(
     name: str,
-    positions: Float[np.ndarray, "N 3"],
+    positions: Points,
     faces: Faces,
-    lines: Int[np.ndarray, " F"],
+    lines: FaceNumbers,
     tolerance: float,
 ) -> Faces:
     """Return the faces with the vertices that lie on an edge of only one face as corners of that face.
@@ -202,7 +211,7 @@ def _corner_to_corner(
 
 
 def _triangles(
-    name: str, positions: Float[np.ndarray, "N 3"], faces: Faces, lines: Int[np.ndarray, " F"]
+    name: str, positions: Points, faces: Faces, lines: FaceNumbers
 ) -> tuple[Int[np.ndarray, "T 3"], Int[np.ndarray, " T"]]:
     """Return (the triangles, the polygon of each), in the order of the polygons."""
     owners, first, counts = np.unique(faces.owners, return_index=True, return_counts=True)
@@ -235,9 +244,7 @@ def _triangles(
     return triangles, np.repeat(owners, counts - 2)
 
 
-def _in_plane(
-    places: Float[np.ndarray, "P C 3"], normals: Float[np.ndarray, "P 3"]
-) -> Float[np.ndarray, "P C 2"]:
+def _in_plane(places: Float[np.ndarray, "P C 3"], normals: Float[np.ndarray, "P 3"]) -> Outlines:
     """Return coordinates in the planes across the `normals`, in which polygons run counterclockwise."""
     unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     least = np.eye(3)[np.abs(unit).argmin(axis=1)]
@@ -248,15 +255,15 @@ def _in_plane(
 
 
 def _triangles_of(
-    places: Float[np.ndarray, "P C 2"],
+    places: Outlines,
 ) -> tuple[Int[np.ndarray, "P T 3"], Bool[np.ndarray, " P"]]:
     """Return (triangles of each polygon, whether they all have an area): a fan if it is convex, else its ears."""
     rows, size, _ = places.shape
     steps = np.arange(1, size - 1)
     fan = np.stack([0 * steps, steps, steps + 1], axis=1)
     triangles = np.repeat(fan[None], rows, axis=0)
-    of_corners = _shapes(places)
-    of_fan = _shapes(places[:, fan].reshape(-1, 3, 2))[:, 0].reshape(rows, -1)
+    of_corners = _shapes(np.roll(places, 1, axis=1), places, np.roll(places, -1, axis=1))
+    of_fan = _shapes(places[:, fan[:, 2]], places[:, fan[:, 0]], places[:, fan[:, 1]])
     is_sound = np.minimum(of_corners.min(axis=1), of_fan.min(axis=1)) > MIN_SHAPE
     hard = np.flatnonzero(~is_sound)
     if len(hard):
@@ -265,7 +272,7 @@ def _triangles_of(
 
 
 def _clipped(
-    places: Float[np.ndarray, "P C 2"],
+    places: Outlines,
 ) -> tuple[Int[np.ndarray, "P T 3"], Bool[np.ndarray, " P"]]:
     """Return (the ears of each polygon, whether they all have an area)."""
     rows, size, _ = places.shape
@@ -294,23 +301,21 @@ def _clipped(
     return triangles, is_sound
 
 
-def _shapes(places: Float[np.ndarray, "P C 2"]) -> Float[np.ndarray, "P C"]:
-    """Return how good the triangle of each corner and its neighbours is, see `MIN_SHAPE`; negative where it turns right."""
-    before = places - np.roll(places, 1, axis=1)
-    after = np.roll(places, -1, axis=1) - places
+def _shapes(first: Outlines, second: Outlines, third: Outlines) -> Float[np.ndarray, "P C"]:
+    """Return how good the triangles of three corners are, see `MIN_SHAPE`; negative for those that turn right."""
+    before = second - first
+    after = third - second
     squares = (before**2 + after**2 + (before + after) ** 2).sum(axis=2)
     return _cross(before, after) / np.maximum(squares, np.finfo(float).tiny)
 
 
-def _ears(
-    places: Float[np.ndarray, "P C 2"], at: Int[np.ndarray, "P A"]
-) -> Float[np.ndarray, "P A"]:
+def _ears(places: Outlines, at: Int[np.ndarray, "P A"]) -> Float[np.ndarray, "P A"]:
     """Return `_shapes` of the corners `at`, with 0 for one whose triangle has another corner in it or on it."""
     size = places.shape[1]
     corners = []
     for turn in (-1, 0, 1):
         corners.append(np.take_along_axis(places, (at + turn)[:, :, None] % size, axis=1))
-    shapes = _shapes(np.stack(corners, axis=2).reshape(-1, 3, 2))[:, 1].reshape(at.shape)
+    shapes = _shapes(*corners)
     if size == 3:
         return shapes
     squares = sum(

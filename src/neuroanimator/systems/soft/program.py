@@ -17,7 +17,7 @@ from neuroanimator.codegen.c_formula import c_formula
 from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.soft import constraints
-from neuroanimator.systems.soft.soft_body import GRAVITY, SoftBody
+from neuroanimator.systems.soft.soft_body import GRAVITY, Played, SoftBody
 
 PROGRAM = Path(__file__).with_name("soft.c")
 """Path of the loops, which are the same for every body."""
@@ -59,7 +59,7 @@ class SoftProgram:
         duration: float,
         steps: int,
         wind: Float[np.ndarray, "3 ..."] | None = None,
-    ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
+    ) -> Played:
         """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
 
         `movers` are the movers' positions [m] and headings [rad], at the start and at each frame's end; in between they

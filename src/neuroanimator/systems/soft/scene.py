@@ -11,11 +11,18 @@ from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
 from neuroanimator.systems.parameter_tables import parameter_from_table
 from neuroanimator.systems.soft.mesh import Mesh
-from neuroanimator.systems.soft.meshes import Cloth, Solid, cloth_body, solid_body
+from neuroanimator.systems.soft.meshes import cloth_body, solid_body
 from neuroanimator.systems.soft.movers import Movers
 from neuroanimator.systems.soft.program import LANES, SoftProgram
-from neuroanimator.systems.soft.soft_body import Air, Capsule, MovingBox, MovingPlane, SoftBody
-from neuroanimator.systems.soft.soft_scene import Motion, SoftScene
+from neuroanimator.systems.soft.soft_body import (
+    Air,
+    Capsule,
+    MovingBox,
+    MovingPlane,
+    Played,
+    SoftBody,
+)
+from neuroanimator.systems.soft.soft_scene import Motion, Parameters, Paths, SoftScene
 from neuroanimator.text import listed, quoted
 
 WIND = ("air/wind_x", "air/wind_y", "air/wind_z")
@@ -97,12 +104,8 @@ class Scene(SoftScene):
             "held": held,
         }
         if definition.is_solid:
-            solid = definition.solid
-            material = Solid(solid.density, solid.stretch, solid.bulk, solid.damping)
-            return solid_body(mesh, material, pins, **surroundings)
-        cloth = definition.cloth
-        material = Cloth(cloth.density, cloth.stretch, cloth.bend, cloth.damping)
-        return cloth_body(mesh, material, pins, **surroundings)
+            return solid_body(mesh, definition.solid, pins, **surroundings)
+        return cloth_body(mesh, definition.cloth, pins, **surroundings)
 
     def _colliders(self) -> tuple[list[Capsule], list[MovingBox]]:
         capsules = []
@@ -131,7 +134,7 @@ class Scene(SoftScene):
             )
         return parameters
 
-    def _wind_at(self, parameters: Float[np.ndarray, "Q ..."]) -> Float[np.ndarray, "3 ..."]:
+    def _wind_at(self, parameters: Parameters) -> Float[np.ndarray, "3 ..."]:
         """Return the velocity of the air [m/s] for these values of the parameters."""
         wind = np.empty((3, *parameters.shape[1:]))
         for axis, speed in enumerate(self.wind):
@@ -146,9 +149,9 @@ class Scene(SoftScene):
         body = self.body
         free = np.setdiff1d(np.arange(len(body.positions)), body.pins)
         owners = [self.movers.names[one.mover] for one in (*body.capsules, *body.boxes)]
-        mean = body.positions - self.centre(body.positions)
-        contacts = self.contacts(mean, np.zeros((0, *mean.shape)), tuple(free.tolist()))
-        distances = contacts.distances(self.state_at_rest(self.centre(body.positions)))
+        centre = self.centre(body.positions)
+        contacts = self.contacts(body.positions - centre, tuple(free.tolist()))
+        distances = contacts.distances(self.state_at_rest(centre))
         for number, distance in enumerate(distances):
             inside = free[distance < -body.margin - WITHIN * self.size]
             if len(inside) and number < len(owners):
@@ -164,11 +167,11 @@ class Scene(SoftScene):
     def play(
         self,
         motion: Motion,
-        paths: Float[np.ndarray, "F D ..."],
+        paths: Paths,
         duration: float,
         steps: int,
-        parameters: Float[np.ndarray, "Q ..."] | None = None,
-    ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
+        parameters: Parameters | None = None,
+    ) -> Played:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
         `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`

@@ -6,10 +6,8 @@ import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from neuroanimator.appearance.shapes import TENSORS, Shapes
 from neuroanimator.definitions.flex import FlexDefinition
@@ -25,7 +23,7 @@ from neuroanimator.files.atomic import (
 from neuroanimator.state.shape_contacts import FREE, first_amplitude, placement_of
 from neuroanimator.systems.rigid.compiled_model import compile_model
 from neuroanimator.systems.rigid.model_files import ModelFiles
-from neuroanimator.systems.soft.find_shapes import find_shapes
+from neuroanimator.systems.soft.find_shapes import RestingShapes, find_shapes
 from neuroanimator.systems.soft.flex_scene import FlexScene
 from neuroanimator.systems.soft.mesh import Mesh
 from neuroanimator.systems.soft.mesh_file import MAX_FILE, read_mesh
@@ -42,13 +40,6 @@ FLEX_METHOD = 5
 
 MAX_NUMBER = 1e6
 """Largest number of a mesh or a state in a file."""
-
-
-class ShapeFile(NamedTuple):
-    """The shapes of a body, and the state of rest."""
-
-    shapes: Shapes
-    rest: Float[np.ndarray, " S"]
 
 
 def made_for(toml: Path, definition: SoftDefinition) -> Path:
@@ -104,7 +95,7 @@ def _made(
     return path
 
 
-def read_shapes(path: Path, definition: SoftDefinition) -> tuple[ShapeFile, Mesh]:
+def read_shapes(path: Path, definition: SoftDefinition) -> tuple[RestingShapes, Mesh]:
     """Return the shapes `made_for` wrote, and the mesh; BadFileError names the fault."""
     turning = tuple(mover.turns for mover in definition.movers.values())
     holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
@@ -115,7 +106,7 @@ def read_shapes(path: Path, definition: SoftDefinition) -> tuple[ShapeFile, Mesh
         return file, _mesh_of(tensors, file.shapes, 3 + definition.is_solid)
 
 
-def read_flex_shapes(path: Path, scene: FlexScene) -> ShapeFile:
+def read_flex_shapes(path: Path, scene: FlexScene) -> RestingShapes:
     """Return the shapes `made_for_model` wrote; BadFileError names the fault."""
     tensors, _ = read_tensors(path, "shapes")
     with _faults_named(path):
@@ -137,7 +128,7 @@ def _faults_named(path: Path) -> Iterator[None]:
 
 def _checked(
     tensors: dict[str, np.ndarray], turning: tuple[bool, ...], anchor: int, parameters: int = 0
-) -> ShapeFile:
+) -> RestingShapes:
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
     size = first + 2 * len(own["scales"]) + parameters
@@ -146,7 +137,7 @@ def _checked(
     if rest.shape != (size,):
         raise ValueError("a state of another size")
     _check_numbers(rest)
-    return ShapeFile(shapes, rest.astype(float))
+    return RestingShapes(shapes, rest.astype(float))
 
 
 def _mesh_of(tensors: dict[str, np.ndarray], shapes: Shapes, corners: int) -> Mesh:

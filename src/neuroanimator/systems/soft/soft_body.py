@@ -24,6 +24,12 @@ class Air:
     """Velocity of the air [m/s]."""
 
 
+Points = Float[np.ndarray, "N 3"]
+"""Positions of the nodes [m], or their velocities [m/s]."""
+
+Played = tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]
+"""Positions [m] and velocities [m/s] after each frame."""
+
 Place = tuple[float, float, float]
 """Position relative to a mover, along the mover's axes [m]."""
 
@@ -69,11 +75,19 @@ class MovingPlane:
     point: Place = (0.0, 0.0, 0.0)
 
 
+COLOURED = {
+    "pair": ("pairs", "stiffness", "damping"),
+    "tetrahedron": ("tetrahedra", "bulk_stiffness"),
+    "face": ("faces",),
+}
+"""Arrays of a body that are put in the order of colours, by kind of element."""
+
+
 @dataclass(frozen=True, eq=False)
 class SoftBody:
     """A soft body in SI units: N nodes, P springs, T tetrahedra, F faces, K pins."""
 
-    positions: Float[np.ndarray, "N 3"]
+    positions: Points
     """Positions of the nodes at rest [m]."""
     masses: Float[np.ndarray, " N"]
     """Masses of the nodes [kg]."""
@@ -111,19 +125,11 @@ class SoftBody:
             object.__setattr__(self, "holders", np.zeros(len(self.pins), int))
         if not len(self.held):
             object.__setattr__(self, "held", self.positions[self.pins])
-        order, starts = _by_colour(self.pairs)
-        self._reorder(order, "pairs", "stiffness", "damping")
-        object.__setattr__(self, "pair_colours", starts)
-        order, starts = _by_colour(self.tetrahedra)
-        self._reorder(order, "tetrahedra", "bulk_stiffness")
-        object.__setattr__(self, "tetrahedron_colours", starts)
-        order, starts = _by_colour(self.faces)
-        self._reorder(order, "faces")
-        object.__setattr__(self, "face_colours", starts)
-
-    def _reorder(self, order: Int[np.ndarray, " E"], *names: str) -> None:
-        for name in names:
-            object.__setattr__(self, name, getattr(self, name)[order])
+        for kind, names in COLOURED.items():
+            order, starts = _by_colour(getattr(self, names[0]))
+            object.__setattr__(self, f"{kind}_colours", starts)
+            for name in names:
+                object.__setattr__(self, name, getattr(self, name)[order])
 
     @property
     def lengths(self) -> Float[np.ndarray, " P"]:
@@ -145,7 +151,7 @@ class SoftBody:
 
 
 def tetrahedron_volumes(
-    positions: Float[np.ndarray, "N 3"], tetrahedra: Int[np.ndarray, "T 4"]
+    positions: Points, tetrahedra: Int[np.ndarray, "T 4"]
 ) -> Float[np.ndarray, " T"]:
     """Return the signed volumes of `tetrahedra` [m³]."""
     corners = positions[tetrahedra]

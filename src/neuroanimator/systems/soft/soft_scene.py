@@ -8,16 +8,30 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.appearance.binding import NO_ROTATION
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider, ShapeContacts
 from neuroanimator.systems.soft.movers import Movers, pace_of
-from neuroanimator.systems.soft.own_frame import OwnMotion, seen_from_mover, seen_from_root
+from neuroanimator.systems.soft.own_frame import (
+    ManyPoints,
+    OwnMotion,
+    seen_from_mover,
+    seen_from_root,
+)
+from neuroanimator.systems.soft.soft_body import Played, Points
 
 CONTACT_REACH = 0.1
 """Distance at which features of contacts begin, over the size of the body."""
 
 WORLD = np.zeros(())
 """The origin of the world, for any number of bodies."""
+
+
+Paths = Float[np.ndarray, "F D ..."]
+"""Positions [m] and headings [rad] of movers at the start and at the end of each frame."""
+
+Parameters = Float[np.ndarray, "Q ..."]
+"""Values of the parameters of each body."""
 
 
 class Motion(NamedTuple):
@@ -36,6 +50,11 @@ class Motion(NamedTuple):
         return Motion(self.positions - middle, self.velocities, self.origin + middle)
 
 
+def root_at_rest(position: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 13"]:
+    """Return the position, quaternion, velocity and angular velocity of a body that stands still, upright."""
+    return np.concatenate([position, NO_ROTATION, np.zeros(6)])
+
+
 class SoftScene(abc.ABC):
     """A soft body of N nodes among M movers, one of which may be its anchor: its own frame moves and turns with it."""
 
@@ -50,7 +69,7 @@ class SoftScene(abc.ABC):
     movers: Movers
     anchor: int
     """Number of the mover that holds the body; `FREE` if nothing holds it, `HELD` if the world does."""
-    positions: Float[np.ndarray, "N 3"]
+    positions: Points
     """Positions of the nodes in the mesh or the model [m]."""
     faces: Int[np.ndarray, "F 3"]
     """Corners of the surface's triangles, counterclockwise from outside."""
@@ -96,11 +115,11 @@ class SoftScene(abc.ABC):
     def play(
         self,
         motion: Motion,
-        paths: Float[np.ndarray, "F D ..."],
+        paths: Paths,
         duration: float,
         steps: int,
-        parameters: Float[np.ndarray, "Q ..."] | None = None,
-    ) -> tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."]]:
+        parameters: Parameters | None = None,
+    ) -> Played:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
         `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
@@ -109,11 +128,13 @@ class SoftScene(abc.ABC):
 
     def contacts(
         self,
-        mean: Float[np.ndarray, "N 3"],
-        modes: Float[np.ndarray, "K N 3"],
+        mean: Points,
         nodes: tuple[int, ...],
+        modes: Float[np.ndarray, "K N 3"] | None = None,
     ) -> ShapeContacts:
-        """Return the contacts of these `nodes` of a body with this mean and these modes."""
+        """Return the contacts of these `nodes` of a body with this mean and these modes, by default none."""
+        if modes is None:
+            modes = np.zeros((0, *mean.shape))
         return ShapeContacts(
             turning=self.movers.turning,
             anchor=self.anchor,
@@ -127,7 +148,7 @@ class SoftScene(abc.ABC):
             modes=modes[:, list(nodes)],
         )
 
-    def centre(self, positions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " 3"]:
+    def centre(self, positions: Points) -> Float[np.ndarray, " 3"]:
         """Return the origin of the body's own frame [m] with its nodes at `positions`, and movers at rest."""
         if self.anchor == FREE:
             return np.average(positions, axis=0, weights=self.masses)
@@ -140,17 +161,16 @@ class SoftScene(abc.ABC):
         """Return a state without its shapes: all at rest, a free body upright at `centre` [m]."""
         state = np.concatenate([self.movers.rest, np.zeros(self.movers.size)])
         if self.anchor == FREE:
-            upright = np.array([1.0, 0.0, 0.0, 0.0])
-            state = np.concatenate([state, centre, upright, np.zeros(6)])
+            state = np.concatenate([state, root_at_rest(centre)])
         return state
 
     def own_motion(
         self,
-        positions: Float[np.ndarray, "*B N 3"],
-        velocities: Float[np.ndarray, "*B N 3"],
+        positions: ManyPoints,
+        velocities: ManyPoints,
         movers: Float[np.ndarray, "*B D"],
         rates: Float[np.ndarray, "*B D"],
-        mean: Float[np.ndarray, "N 3"],
+        mean: Points,
         origin: Float[np.ndarray, " ..."] = WORLD,
     ) -> OwnMotion:
         """Return the motion of nodes in the body's own frame; `positions` are relative to `origin`, `mean` to the frame."""

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
+from neuroanimator.appearance.binding import NO_ROTATION
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
@@ -17,6 +18,7 @@ from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
 from neuroanimator.state.parameters import draw_parameters, nominal_values
 from neuroanimator.state.placement import turn
+from neuroanimator.state.rotation import continuous
 from neuroanimator.state.segments import (
     Constant,
     Driven,
@@ -29,11 +31,11 @@ from neuroanimator.state.segments import (
 )
 from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.state.structure import Structure
+from neuroanimator.systems.soft.find_shapes import RestingShapes
 from neuroanimator.systems.soft.flex_bones import scenery, shapes_below
 from neuroanimator.systems.soft.flex_scene import FlexScene
-from neuroanimator.systems.soft.own_frame import with_steady_signs
+from neuroanimator.systems.soft.own_frame import ManyPoints
 from neuroanimator.systems.soft.scene import Scene
-from neuroanimator.systems.soft.shape_file import ShapeFile
 from neuroanimator.systems.soft.soft_scene import WORLD, Motion
 from neuroanimator.systems.soft.throws import random_roots
 from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
@@ -53,9 +55,6 @@ MAX_AMPLITUDE = 20.0
 
 COLOUR = (0.75, 0.75, 0.78, 1.0)
 """Colour of colliders."""
-
-UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-"""The quaternion of no rotation."""
 
 ROOT_SLICES = (
     Slice("position", 3, "m"),
@@ -81,15 +80,15 @@ class SoftSystem(System):
         self,
         definition: SoftDefinition | FlexDefinition,
         scene: Scene | FlexScene,
-        file: ShapeFile,
+        found: RestingShapes,
         definition_text: str = "",
     ):
         """`scene` is that of the definition, `definition_text` the text from which the system can be made again."""
         self.name = definition.name
         self.definition_text = definition_text
-        self.shapes = file.shapes
+        self.shapes = found.shapes
         self.scene = scene
-        self.rest = file.rest
+        self.rest = found.rest
         self.parameters = scene.parameters
         if self.is_free:
             self.run_steps = THROW_STEPS
@@ -101,7 +100,7 @@ class SoftSystem(System):
         count = len(self.shapes.modes)
         self.state = Layout(
             (
-                *movers.slices(),
+                *movers.slices("pose"),
                 *movers.slices("rate"),
                 *(ROOT_SLICES if self.is_free else ()),
                 Slice("shapes", count, "m"),
@@ -113,7 +112,7 @@ class SoftSystem(System):
             refuse_twins((part.name for part in self.state.slices), "movers")
         except ValueError as error:
             raise ArgumentError(f"{error}. Rename a mover or a parameter.") from error
-        self.control = Layout(tuple(movers.controls()))
+        self.control = Layout(tuple(movers.slices("control")))
         self.bounds = Bounds.symmetric(movers.speed)
         self.structure = self._structure(definition.contact_nodes)
         self.skeleton = Skeleton(tuple(self._bones()), shapes=self.shapes)
@@ -153,7 +152,7 @@ class SoftSystem(System):
             plain=tuple(plain),
             segments=tuple(segments),
             has_gravity=self.is_free,
-            shape_contacts=self.scene.contacts(self.shapes.mean, self.shapes.modes, nodes),
+            shape_contacts=self.scene.contacts(self.shapes.mean, nodes, self.shapes.modes),
         )
 
     def _bones(self) -> list[Bone]:
@@ -172,7 +171,7 @@ class SoftSystem(System):
             if place.turns:
                 joints.append(Joint("hinge", place.entry + 3, tuple(axes[2]), (0.0, 0.0, 0.0)))
             shapes = self._drawn(number, mover)
-            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), UPRIGHT, tuple(joints), shapes))
+            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), NO_ROTATION, tuple(joints), shapes))
         return bones
 
     def _drawn(self, number: int, mover: MoverTable) -> tuple[Shape, ...]:
@@ -207,12 +206,12 @@ class SoftSystem(System):
 
     def encode(
         self,
-        positions: Float[np.ndarray, "*B N 3"],
-        velocities: Float[np.ndarray, "*B N 3"],
+        positions: ManyPoints,
+        velocities: ManyPoints,
         movers: Float[np.ndarray, "*B D"],
         rates: Float[np.ndarray, "*B D"],
         origin: Float[np.ndarray, " ..."] = WORLD,
-        parameters: Float[np.ndarray, "*B Q"] | None = None,
+        parameters: Float[np.ndarray, "*#B Q"] | None = None,
     ) -> Float[np.ndarray, "*B S"]:
         """Return the states closest to the motion of all nodes; `positions` are relative to `origin` [m].
 
@@ -223,9 +222,9 @@ class SoftSystem(System):
         amplitudes = self.shapes.project(own.positions - mean.astype(own.positions.dtype))
         changes = self.shapes.project(own.velocities)
         if parameters is None:
-            nominal = nominal_values(self.parameters)
-            parameters = np.broadcast_to(nominal, (*movers.shape[:-1], len(nominal)))
-        parts = [movers, rates, own.root, amplitudes, changes, parameters]
+            parameters = nominal_values(self.parameters)
+        held = np.broadcast_to(parameters, (*movers.shape[:-1], parameters.shape[-1]))
+        parts = [movers, rates, own.root, amplitudes, changes, held]
         return np.concatenate(parts, axis=-1)
 
     def _simulate(
@@ -264,7 +263,6 @@ class SoftSystem(System):
         paths = np.moveaxis(movers, 0, -1)
         motion = self.motion(starts)
         parameters = starts[:, self.parameter_entries]
-        held = np.repeat(parameters[:, None], count, axis=1)
         block_size = FREE_BLOCK if self.is_free else BLOCK
         told = []
         for first in range(0, count, block_size):
@@ -274,13 +272,15 @@ class SoftSystem(System):
             moved = movers[:, first + 1 : first + block_size + 1]
             rates = controls[:, first : first + block_size]
             origin = motion.origin.T[:, None]
-            parts = (positions, velocities, moved, rates, origin, held[:, : moved.shape[1]])
-            told.append(self.encode(*parts))
+            told.append(
+                self.encode(positions, velocities, moved, rates, origin, parameters[:, None])
+            )
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
         states = np.concatenate(told, axis=1)
         if self.is_free:
             entries = slice(2 * size + 3, 2 * size + 7)
-            states[..., entries] = with_steady_signs(states[..., entries], starts[:, entries])
+            turned = np.swapaxes(states[..., entries], 0, 1)
+            states[..., entries] = np.swapaxes(continuous(turned, starts[None, :, entries]), 0, 1)
         return states
 
     def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
@@ -329,11 +329,11 @@ def _shape(collider: ColliderTable) -> Shape:
     """Return the box, sphere or capsule drawn for a collider."""
     if collider.radius is None:
         assert collider.box is not None
-        return Shape("box", collider.box, collider.start, UPRIGHT, COLOUR)
+        return Shape("box", collider.box, collider.start, NO_ROTATION, COLOUR)
     along = np.subtract(collider.end or collider.start, collider.start)
     length = float(np.linalg.norm(along))
     if length == 0:
-        return Shape("sphere", (collider.radius,), collider.start, UPRIGHT, COLOUR)
+        return Shape("sphere", (collider.radius,), collider.start, NO_ROTATION, COLOUR)
     middle = tuple((np.array(collider.start) + along / 2).tolist())
     turned = np.empty(4)
     mujoco.mju_quatZ2Vec(turned, along)

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.state.rotation import facing, multiply
-from neuroanimator.systems.soft.soft_body import GRAVITY
-from neuroanimator.systems.soft.soft_scene import SoftScene
+from neuroanimator.systems.soft.soft_body import GRAVITY, Points
+from neuroanimator.systems.soft.soft_scene import SoftScene, root_at_rest
 
 REST_SHARE = 0.5
 """Share of bodies that begin at rest."""
@@ -25,7 +25,7 @@ ROUNDING = 1e-6
 def random_roots(
     scene: SoftScene,
     rng: np.random.Generator,
-    mean: Float[np.ndarray, "N 3"],
+    mean: Points,
     centre: Float[np.ndarray, " 3"],
     movers: Float[np.ndarray, "B D"],
 ) -> list[Float[np.ndarray, " 13"] | None]:
@@ -34,8 +34,7 @@ def random_roots(
     `mean` are the nodes in the body's own frame, `centre` is its position at rest, and `movers` are the movers' entries. No
     node is deeper in anything than `SoftScene.margin`, or than the deepest at rest, where a body touches its support.
     """
-    nodes = tuple(range(len(mean)))
-    contacts = scene.contacts(mean, np.zeros((0, *mean.shape)), nodes)
+    contacts = scene.contacts(mean, tuple(range(len(mean))))
     rates = np.zeros(scene.movers.size)
     at_rest = contacts.distances(scene.state_at_rest(centre))
     deepest = min(-scene.margin, *(distance.min() for distance in at_rest))
@@ -62,9 +61,8 @@ def _random_root(
     and spinning.
     """
     size = scene.size
-    upright = np.array([1.0, 0.0, 0.0, 0.0])
     if rng.random() < REST_SHARE:
-        return np.concatenate([centre, upright, np.zeros(6)])
+        return root_at_rest(centre)
     tilt = np.concatenate([[2 / TILT], rng.normal(size=2), [0.0]])
     heading = rng.uniform(-np.pi, np.pi)
     quaternion = multiply(tilt / np.linalg.norm(tilt), facing(np.asarray(heading)))
