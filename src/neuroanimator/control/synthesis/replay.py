@@ -25,6 +25,9 @@ LARGE_GAP_SHARE = 0.25
 WRONG_FACTOR = 2.0
 """Ratio of the larger J to the smaller from which on the emulator is called wrong about a motion."""
 
+WRONG_GAP = 4.0
+"""Minimum difference of the two: the cost of a number of the final state that is off by twice its scale."""
+
 
 def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
     """Return whether the physics disagrees with the emulator so much that more effort is worth the time."""
@@ -53,7 +56,7 @@ class Replay:
     def fault(self) -> str:
         """Sentence that the emulator is wrong about this motion, for better or worse; empty if it is not, or without physics."""
         least, most = sorted((self.cost_emulator, self.cost_physics))
-        if not self.is_on_physics or not is_gap_large(least, most) or most < WRONG_FACTOR * least:
+        if not self.is_on_physics or most < max(WRONG_FACTOR * least, least + WRONG_GAP):
             return ""
         return (
             f"The emulator is wrong about the motion found, whatever its trust: J is {self.cost_physics:.3g} on the physics "
