@@ -224,13 +224,13 @@ def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
 def trim_metrics(folder: Path, update: int) -> None:
     """Drop the lines that a killed run logged after its last checkpoint."""
     path = folder / METRICS
+    logged = [line + "\n" for line in _lines(path) if _logged_by(line, update)]
     if path.exists():
-        logged = [line + "\n" for line in _lines(path) if _logged_by(line, update)]
         write_whole(path, "".join(logged).encode())
 
 
 def _lines(path: Path) -> list[str]:
-    if not path.is_file():
+    if not path.exists():
         return []
     return read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
 
