@@ -41,7 +41,9 @@ SHOWN = [
     *ROOT.glob("docs/tutorials/*.md"),
     ROOT / "README.md",
 ]
-SHOWN.remove(ROOT / "docs" / "extending.md")  # it shows developers the inner classes that they extend
+SHOWN.remove(
+    ROOT / "docs" / "extending.md"
+)  # it shows developers the inner classes that they extend
 
 
 @pytest.mark.parametrize("path", sorted(SHOWN), ids=lambda path: path.name)

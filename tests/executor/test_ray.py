@@ -8,6 +8,7 @@ import socket
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
@@ -26,10 +27,10 @@ NUMBERS = range(6)
 
 
 @pytest.fixture(scope="module")
-def two() -> Iterator[Executor]:
-    """Two workers of a cluster on this machine."""
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Executor]:
+    """Two workers of a cluster on this machine, begun in a folder that tests put on no path."""
     pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
-    with RayExecutor(None, workers=2) as executor:
+    with chdir(tmp_path_factory.mktemp("present")), RayExecutor(None, workers=2) as executor:
         yield executor
 
 

@@ -146,7 +146,7 @@ def _observer_samples(observer: Observer) -> list[Float[np.ndarray, "N _"]]:
     latent, _ = _step_samples(observer.emulator)
     count = len(latent)
     positions = rng.normal(scale=3 * observer.scale, size=(count, 3))
-    matters = rng.integers(0, 2, (count, 3))
+    matters = rng.integers(0, 2, (count, 3)).astype(float)
     directions = unit(rng.normal(size=(count, 3)))
     times = rng.uniform(0, 1, (count, 1))
     return [latent, matters * positions, matters, directions, times]
