@@ -27,6 +27,11 @@ MAX_MEGABYTES = 100
 MAX_MESSAGE = 500
 """Characters: a line on a wide terminal, and a long path."""
 
+QUICK = 0.25
+"""[s] Own time from which an input is tried again: a busy machine lengthens even that, and never shortens it."""
+
+TRIES = 3
+
 PATIENCE = 600
 """[s] Of the clock, for one input, on a busy machine."""
 
@@ -51,7 +56,10 @@ def refusals(inputs: dict[str, tuple[str, bytes]], folder: Path) -> dict[str, Re
     for number, (name, (parser, content)) in enumerate(inputs.items()):
         path = folder / f"input-{number}"
         path.write_bytes(content)
-        answers[name] = _ask(parser, path)
+        tried = [_ask(parser, path)]
+        while tried[-1].seconds > QUICK and len(tried) < TRIES:
+            tried.append(_ask(parser, path))
+        answers[name] = min(tried, key=lambda answer: answer.seconds)
     return answers
 
 
