@@ -40,6 +40,7 @@ from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, eval
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness
+from neuroanimator.systems import carried_system
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.training.train import train
@@ -174,7 +175,8 @@ def row_of(model: Model, effort: Effort, folder: Path) -> dict[str, Any]:
     trust_files(toml)
     name, definition, substeps = resolve(str(toml))
     config = limited_to_recordings(
-        DatasetConfig.usual(name, definition, substeps, count=effort.count)
+        DatasetConfig.usual(name, definition, substeps, count=effort.count),
+        carried_system(name, definition),
     )
     diverged = generate(config, folder / "data")
     data = read_transitions(folder / "data")

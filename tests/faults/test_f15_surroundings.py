@@ -78,3 +78,24 @@ def test_f15_results_that_cannot_be_written_are_one_line_and_exit_code_4(
             timeout=PATIENCE,
         )
     assert (done.returncode, done.stderr) == (4, "neuroanimator: No space left on device\n")
+
+
+RESULT_AND_ERROR = """
+import neuroanimator.cli.verbs
+from neuroanimator.cli.main import main
+
+def app():
+    print("a result")
+    raise OSError(5, "a disk fails", "some.file")
+
+neuroanimator.cli.verbs.app = app
+main()
+"""
+
+
+def test_f15_an_error_elsewhere_leaves_the_results_that_were_printed():
+    program = [sys.executable, "-c", RESULT_AND_ERROR]
+    buffered = {**os.environ, "PYTHONUNBUFFERED": ""}
+    done = subprocess.run(program, capture_output=True, text=True, env=buffered, timeout=PATIENCE)
+    assert (done.returncode, done.stdout) == (4, "a result\n")
+    assert done.stderr == "neuroanimator: a disk fails: some.file\n"

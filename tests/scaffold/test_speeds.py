@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
+from neuroanimator.evaluation.held_out import make_test
+from neuroanimator.evaluation.speed_function import FUNCTION_STEPS, function_player
 from neuroanimator.scaffold.defaults import BEARABLE, MAX_TURN, SHORT_SUPER_STEP
 from neuroanimator.scaffold.function import _fastest_turning, _run_trial
 from neuroanimator.scaffold.write_toml import write_definition
@@ -85,3 +87,20 @@ def test_a_step_that_prints_does_so_on_stderr_in_python_too(
     assert out == ""
     assert "a banner" in err
     assert "a step" in err
+
+
+def test_a_step_that_prints_does_so_on_stderr_while_it_is_timed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    path = tmp_path / "loud.py"
+    path.write_text(BANNER.replace('os.name == "posix"', "False"))
+    toml, _ = write_definition(str(path))
+    system = load_system(str(toml))
+    assert isinstance(system, PythonSystem)
+    states = np.random.default_rng(0).normal(size=(4, 11, 1))
+    play = function_player(system, make_test(system, 0.1, states, np.zeros((4, 10, 1))))
+    capsys.readouterr()
+    play()
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("a step") == FUNCTION_STEPS

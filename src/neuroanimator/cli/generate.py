@@ -17,7 +17,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.executor import Executor
 from neuroanimator.files.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
 from neuroanimator.files.sources import refuse_source
-from neuroanimator.systems import SYSTEMS
+from neuroanimator.systems import SYSTEMS, carried_system
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.terminal import phase, print_rows, progress_bar, warn_once
 
@@ -73,8 +73,7 @@ def run(
     if samples_per_run is not None:
         settings["samples_per_run"] = samples_per_run
     config = DatasetConfig.usual(name, definition, substeps, count=count, **settings)
-    config = limited_to_recordings(config)
-    tell_shortcomings(config, shortcomings_of(config))
+    config = _checked_data(config)
     with chosen_executor(executor, workers, threads) as spread:
         diverged = generate_with_bar(config, place, spread)
     rows: list[tuple[str, object]] = [
@@ -85,6 +84,15 @@ def run(
         rows.append(("kept for replay in", place / PATTERN))
     rows += [("shards", config.shards), ("folder", place)]
     print_rows(rows)
+
+
+def _checked_data(config: DatasetConfig) -> DatasetConfig:
+    """Return what `config` asks for and recordings hold; what such data lack is said."""
+    with phase("loading"):
+        system = carried_system(config.system, config.definition)
+        config = limited_to_recordings(config, system)
+    tell_shortcomings(config, shortcomings_of(config, system))
+    return config
 
 
 def tell_shortcomings(config: DatasetConfig, lacking: list[str]) -> None:
@@ -127,7 +135,6 @@ def ensure_data(reference: str, emulator: Path, executor: Executor | None = None
     name, definition, usual_substeps = resolve(reference)
     stem = emulator.name.removesuffix(".safetensors").removesuffix(".emulator")
     folder = emulator.with_name(stem + ".data")
-    config = limited_to_recordings(DatasetConfig.usual(name, definition, usual_substeps))
-    tell_shortcomings(config, shortcomings_of(config))
+    config = _checked_data(DatasetConfig.usual(name, definition, usual_substeps))
     generate_with_bar(config, folder, executor)
     return folder

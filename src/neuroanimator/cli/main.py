@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 
 from neuroanimator.cli.stop import STDERR, STOP
 from neuroanimator.errors import NeuroAnimatorError
@@ -46,8 +47,7 @@ def _run() -> None:
         try:
             app()
         except SystemExit:
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            write_out()
             raise
         finally:
             say_what_mujoco_warned_of()
@@ -57,13 +57,15 @@ def _run() -> None:
         fail("Out of memory. Reduce the size of the job.", 4)
     except BrokenPipeError:
         # Whoever reads the results has read enough, as `head` does.
-        drop_results()
+        with suppress(OSError):
+            write_out()
         sys.exit(1)
     except OSError as error:
         name = ""
         if error.filename:
             name = f": {error.filename}"
-        drop_results()
+        with suppress(OSError):
+            write_out()
         fail(f"{error.strerror or error}{name}", 4)
     except Exception as error:
         if os.environ.get("NEUROANIMATOR_DEBUG"):
@@ -74,10 +76,15 @@ def _run() -> None:
         )
 
 
-def drop_results() -> None:
-    """Forget what could not be written to stdout, which Python would try again at its end."""
-    if sys.stdout is not None:
+def write_out() -> None:
+    """Write what stdout still holds. If that fails it is forgotten, for Python would try again at its end."""
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
 
 
 def say_what_mujoco_warned_of() -> None:

@@ -55,8 +55,8 @@ def generate(
     if not threads and executor is not None:
         threads = executor.threads
     threads = _checked_threads(threads)
-    config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
+    config = limited_to_recordings(config, system)
     with locked(folder):
         claim_folder(folder, config)
         if isinstance(folder, Path):
@@ -87,8 +87,8 @@ def generate(
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
     """Return the dataset of `config` without storing it."""
     threads = _checked_threads(threads)
-    config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
+    config = limited_to_recordings(config, system)
     parts = []
     for shard in range(config.shards):
         made = make_shard(system, config, shard, threads)

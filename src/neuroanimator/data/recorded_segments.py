@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from neuroanimator.data.config import DatasetConfig, window_length
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded.recording_file import RecordingFile
+from neuroanimator.systems.system import System
 
 MANY_SEGMENTS = 20
 """Approximate number of segments that long runs are cut into; training holds out whole ones for validation."""
@@ -89,13 +89,12 @@ def _cut_run(rows: Sequence[int], run: int, length: int) -> list[Segment]:
     return segments
 
 
-def limited_to_recordings(config: DatasetConfig) -> DatasetConfig:
-    """Return `config` with `count` lowered to the number its recordings hold; unchanged if its system is simulated.
+def limited_to_recordings(config: DatasetConfig, system: System) -> DatasetConfig:
+    """Return `config`, of `system`, with `count` lowered to the number its recordings hold; unchanged if it is simulated.
 
     The recordings are read and checked against the definition, so that a wrong file is refused before a folder is made
     for it. Raises BadFileError if they hold too few windows for even one run's worth of examples.
     """
-    system = carried_system(config.system, config.definition)
     recordings = system.recordings
     if recordings is None:
         return config

@@ -11,8 +11,8 @@ from neuroanimator.data.config import DatasetConfig, window_length
 from neuroanimator.data.recorded_segments import split_runs
 from neuroanimator.data.store import Dataset
 from neuroanimator.state.layout import Layout
-from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded.velocities import MEASURED
+from neuroanimator.systems.system import System
 from neuroanimator.text import listed
 
 PER_NUMBER = 100
@@ -27,7 +27,7 @@ VELOCITIES = ("rad/s", "m/s")
 
 def shortcomings(data: Dataset) -> list[str]:
     """Return what `data` lack, half a sentence each."""
-    lacking = shortcomings_of(data.config)
+    lacking = shortcomings_of(data.config, data.system)
     if data.held_out is not None:
         names, units = _names_and_units(data.system.state)
         learnt = data.read_part(0).states
@@ -35,9 +35,8 @@ def shortcomings(data: Dataset) -> list[str]:
     return [text for text in lacking if text]
 
 
-def shortcomings_of(config: DatasetConfig) -> list[str]:
-    """Return what the data of `config` will lack, half a sentence each."""
-    system = carried_system(config.system, config.definition)
+def shortcomings_of(config: DatasetConfig, system: System) -> list[str]:
+    """Return what the data of `config`, of `system`, will lack, half a sentence each."""
     numbers = system.state.size + system.control.size
     recordings = system.recordings
     if recordings is None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 
 import numpy as np
 
@@ -35,8 +37,9 @@ def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
     dt = system.physics_dt
 
     def play() -> None:
-        for state, control, body in zip(states, controls, bodies, strict=True):
-            function(state, control, dt, **body)
+        with redirect_stdout(sys.stderr):
+            for state, control, body in zip(states, controls, bodies, strict=True):
+                function(state, control, dt, **body)
 
     # Errors are raised here, not while the clock runs.
     for state, control, body in zip(states, controls, bodies, strict=True):

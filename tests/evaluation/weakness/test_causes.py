@@ -119,7 +119,7 @@ def small() -> Transitions:
 
 def test_data_say_before_training_that_they_are_few(small: Transitions):
     enough = DatasetConfig(system="pendulum", substeps=50, count=5_000)
-    assert not shortcomings_of(enough)
+    assert not shortcomings_of(enough, small.system)
     [told] = shortcomings(small)
     assert told.startswith("only 800 super steps to learn 9 numbers from, wanted about 900")
     assert "--count" in told

@@ -313,7 +313,7 @@ def test_runs_too_short_or_too_few_are_refused(tmp_path: Path, rows: int, messag
     system = load_system(*resolve(str(toml))[:2])
     config = DatasetConfig(system=system.name, definition=system.definition_text, substeps=SUBSTEPS)
     with pytest.raises(BadFileError, match=message):
-        limited_to_recordings(config)
+        limited_to_recordings(config, system)
 
 
 def test_runs_may_be_of_any_length_and_too_short_ones_are_left_out_and_named(

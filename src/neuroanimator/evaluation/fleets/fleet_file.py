@@ -127,7 +127,7 @@ def members_of(reference: str, table: FleetTable, folder: Path) -> list[Member]:
         reference = str(folder / reference)
         trust_files(reference)
     name, definition, _ = resolve(reference)
-    structure = carried_system(name, definition).structure
+    system = carried_system(name, definition)
     members = []
     for substeps, size, seed in product(table.substeps, table.sizes, table.seeds):
         settings = table.sizes[size] | {"seed": seed}
@@ -141,8 +141,8 @@ def members_of(reference: str, table: FleetTable, folder: Path) -> list[Member]:
         member = Member(
             name=f"{name}-{substeps}-{size}-{seed}",
             size=size,
-            data=limited_to_recordings(data),
-            training=TrainingConfig.usual(structure, **settings),
+            data=limited_to_recordings(data, system),
+            training=TrainingConfig.usual(system.structure, **settings),
             seconds=table.seconds,
         )
         members.append(member)
