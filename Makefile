@@ -27,7 +27,7 @@ test: setup studio
 	$(BIN)/pytest
 
 # No result may hang on the last bits, which other instructions round differently (tests/instruction_sets.py).
-ROOMS ?= codegen control data emulator evaluation gym state systems training
+ROOMS ?= codegen control emulator gym learn physics state systems
 numerics: setup
 	$(BIN)/pytest $(addprefix tests/,$(ROOMS))
 

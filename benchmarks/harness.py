@@ -1,6 +1,6 @@
 """What all benchmarks share: where things lie, their options, clocks, and tables with the machine's description.
 
-Two sides are timed in turn by `neuroanimator.evaluation.speed.interleaved`.
+Two sides are timed in turn by `neuroanimator.learn.evaluation.speed.interleaved`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neuroanimator.evaluation.csv_table import merge_csv, write_csv
-from neuroanimator.evaluation.machine import describe_machine
+from neuroanimator.learn.evaluation.csv_table import merge_csv, write_csv
+from neuroanimator.learn.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]

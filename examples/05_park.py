@@ -6,7 +6,7 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator.control import Spline
-from neuroanimator.control.tasks import TRUCK_MARGIN, TRUCK_PROBES, clearance, lot_zones
+from neuroanimator.learn.tasks import TRUCK_MARGIN, TRUCK_PROBES, clearance, lot_zones
 
 emulator = na.load_emulator("truck-100")
 system = na.load_system("truck")

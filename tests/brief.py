@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from neuroanimator.evaluation.evaluate import EvaluationBudget
+from neuroanimator.learn.evaluation.evaluate import EvaluationBudget
 
 BRIEF = EvaluationBudget(runs=2, transitions=80, repeats=1, starts=20, steps=50, rounds=1)
 """A second: most of what a longer one takes goes into simulating finely."""

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.definitions.model import Definition
-from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.physics.rigid.model_system import ModelSystem
 
 GAP = 1e-4
 """Largest residual of an equality [m or rad]: MuJoCo keeps a four-bar linkage to twice that as it moves."""

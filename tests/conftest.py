@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from serving import Serving
 
     from neuroanimator import Emulator
-    from neuroanimator.data.store import Transitions
+    from neuroanimator.learn.data.store import Transitions
 
 # Cutting JAX' own frames out of tracebacks takes ten times as long as refusing a file does.
 os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
@@ -177,8 +177,8 @@ def shipped() -> Emulator:
 def untrained_cube() -> Emulator:
     """A soft body on the ground that is pushed about. None ships; for laws that hold of any weights."""
     from neuroanimator import DatasetConfig, TrainingConfig
-    from neuroanimator.data.generate import simulate_transitions
-    from neuroanimator.training.initialise import build_emulator
+    from neuroanimator.learn.data.generate import simulate_transitions
+    from neuroanimator.learn.training.initialise import build_emulator
 
     transitions = simulate_transitions(DatasetConfig(system="cube", count=360, samples_per_run=36))
     config = TrainingConfig(
@@ -192,7 +192,7 @@ def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
     """Run the command line in this process: without seconds of imports, and all else as `cli_process` does."""
     from neuroanimator import terminal
     from neuroanimator.cli import main as command_line
-    from neuroanimator.systems.rigid import warnings as mujoco_warnings
+    from neuroanimator.physics.rigid import warnings as mujoco_warnings
 
     def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         words = [str(argument) for argument in arguments]

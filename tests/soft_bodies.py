@@ -10,12 +10,12 @@ import numpy as np
 from neuroanimator import Clip, DatasetConfig, Emulator, TrainingConfig
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
-from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.training.initialise import build_emulator
+from neuroanimator.physics.loading import resolve
+from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import Placement
-from neuroanimator.systems.loading import resolve
-from neuroanimator.systems.soft.soft_system import SoftSystem
-from neuroanimator.training.initialise import build_emulator
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

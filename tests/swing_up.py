@@ -7,7 +7,7 @@ import numpy as np
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import is_reached, reach_goal
 from neuroanimator.control.objective.objective import Moments, Objective
-from neuroanimator.systems.rigid.pendulum import active_pendulum
+from neuroanimator.physics.rigid.pendulum import active_pendulum
 
 PENDULUM = active_pendulum()
 

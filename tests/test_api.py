@@ -20,7 +20,7 @@ PUBLIC = (
     "neuroanimator",
     "neuroanimator.control",
     "neuroanimator.control.policies",
-    "neuroanimator.control.tasks",
+    "neuroanimator.learn.tasks",
 )
 """Packages with names for users, besides `neuroanimator.gym`, which needs an extra."""
 
@@ -75,7 +75,7 @@ def test_what_is_no_object_of_the_wanted_kind_is_refused_at_once_in_one_line(pac
                     function(**{parameter: wrong})
                 assert "\n" not in str(refusal.value), (name, parameter)
                 tried += 1
-    assert tried or package == "neuroanimator.control.tasks"
+    assert tried or package == "neuroanimator.learn.tasks"
 
 
 def test_a_name_does_where_an_object_is_wanted_and_a_cost_where_an_objective_is():

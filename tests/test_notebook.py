@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from test_documentation import DOCS, SMALL_FILM
 
-from neuroanimator.export.film.graphics import graphics_backend
-from neuroanimator.export.film.inline import InlineFilm
+from neuroanimator.film.graphics import graphics_backend
+from neuroanimator.film.inline import InlineFilm
 
 NOTEBOOK = DOCS / "quickstart.ipynb"
 
@@ -38,7 +38,7 @@ def test_the_notebook_learns_animates_and_controls(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("neuroanimator.export.film.inline.SIZE", SMALL_FILM)
+    monkeypatch.setattr("neuroanimator.film.inline.SIZE", SMALL_FILM)
     names: dict[str, Any] = {"__name__": "__main__"}
     shown = [run_cell(code, names) for code in cells_of("code")]
     films = [film for film in shown if isinstance(film, InlineFilm)]

@@ -12,17 +12,21 @@ from waiting import PATIENCE
 SOURCE = Path(__file__).parents[1] / "src" / "neuroanimator"
 
 MAKERS = (
-    "systems", "data", "training", "evaluation", "gym", "scaffold", "control/identification", "control/planning",
-    "control/tasks", "control/policies/policy_training", "control/policies/policy_seeds", "control/synthesis/finetune",
-    "export/film", "export/control_report", "export/worst_cases", "cli",
-)  # fmt: skip
-"""Rooms and modules that make emulators: physics, data, training, measuring, learning of policies, films and their verbs."""
+    "executor",
+    "physics",
+    "learn",
+    "film",
+    "gym",
+    "scaffold",
+    "control/synthesis/finetune",
+    "cli",
+)
+"""What makes emulators: physics, learning from it, films, learning of policies, and their verbs."""
 
 PLAYERS_AMONG_THEM = (
-    "systems/system", "systems/goal", "systems/named_files", "systems/trusted_files", "systems/closed_starts",
-    "cli/main", "cli/verbs", "cli/animate", "cli/control", "cli/export", "cli/list", "cli/doctor",
+    "film/options", "cli/main", "cli/verbs", "cli/formats", "cli/animate", "cli/control", "cli/export", "cli/list", "cli/doctor",
 )  # fmt: skip
-"""The interface of physics, where it is looked for, and the verbs of players."""
+"""The verbs of players."""
 
 NEEDED_BY_MAKERS = (
     "mujoco", "optax", "matplotlib", "gymnasium", "imageio_ffmpeg", "jinja2", "tomlkit",

@@ -22,7 +22,7 @@ import neuroanimator as na
 from benchmarks.harness import IMAGES, ROOT
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.motion import default_motion
-from neuroanimator.export.film.options import read_film
+from neuroanimator.film.options import read_film
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")
 COLUMNS, ROWS = 3, 4

@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 
-from neuroanimator.data.config import SAMPLES_PER_RUN, DatasetConfig
-from neuroanimator.data.generate import generate
-from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
-from neuroanimator.systems import load_system
-from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.training.config import SOFT, TrainingConfig
-from neuroanimator.training.error_fitting import fit_error_bounds
-from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES
-from neuroanimator.training.train import Report, train
+from neuroanimator.learn.data.config import SAMPLES_PER_RUN, DatasetConfig
+from neuroanimator.learn.data.generate import generate
+from neuroanimator.learn.data.store import read_transitions
+from neuroanimator.learn.training.config import SOFT, TrainingConfig
+from neuroanimator.learn.training.error_fitting import fit_error_bounds
+from neuroanimator.learn.training.recipes import LARGE_RECIPES, RECIPES
+from neuroanimator.learn.training.train import Report, train
+from neuroanimator.physics import load_system
+from neuroanimator.physics.loading import resolve, trust_files
 
 
 @dataclass(frozen=True)

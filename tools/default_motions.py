@@ -20,11 +20,11 @@ from neuroanimator.animation.motion import Drive, random_drive
 from neuroanimator.control import EmulatorPlant, Planner, Spline, Steered, control_plant
 from neuroanimator.control.objective.goals import goal_start
 from neuroanimator.control.objective.obstacles import Zone
-from neuroanimator.control.tasks import TRUCK_PROBES, lot_zones
-from neuroanimator.control.tasks.rigid import landing_objective
 from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.zoo import default_motion_path
+from neuroanimator.learn.tasks import TRUCK_PROBES, lot_zones
+from neuroanimator.learn.tasks.rigid import landing_objective
 from neuroanimator_studio.description import short_numbers
 
 WANDERED = 5.0

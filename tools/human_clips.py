@@ -29,9 +29,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.harness import HUMAN
 from neuroanimator.export.csv_file import write_table
+from neuroanimator.physics import load_system
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import facing, heading_of, multiply
-from neuroanimator.systems import load_system
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 STEPS = 4
 """Number of physics steps between two states: for so long a control is held."""

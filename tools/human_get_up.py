@@ -24,8 +24,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.harness import HUMAN
 from neuroanimator.export.csv_file import write_table
-from neuroanimator.systems import load_system
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics import load_system
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from tools.human_clips import STEPS, Attachment, Poses, fit_poses, smoothed, with_velocities
 
 Point = tuple[float, float]

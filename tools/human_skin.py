@@ -27,8 +27,8 @@ from jaxtyping import Float, Int
 
 from benchmarks.harness import HUMAN
 from neuroanimator.files.atomic import canonical_json, read_tensors, write_tensors
-from neuroanimator.systems import load_system
-from neuroanimator.systems.rigid.model_files import read_model_files
+from neuroanimator.physics import load_system
+from neuroanimator.systems.model_files import read_model_files
 
 BIND = {"shoulder_x": -0.52, "hip_x": -0.16, "elbow": 0.12}
 """Angles of the joints in the pose in which the skin is made, on both sides [rad]: arms and legs must not touch."""

@@ -34,7 +34,7 @@ from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control import PhysicsPlant, Planner, control_plant
 from neuroanimator.gym.disturbances import pushed
 from neuroanimator.gym.state_rows import EmulatorStepper
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 
 RATE = 15
 """[1/s] Pictures a second: half of what is drawn, and smooth enough for a loop."""

@@ -20,7 +20,6 @@ from neuroanimator import load_emulator, load_system
 from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_training import PolicyTraining, train_policy
 from neuroanimator.control.policies.steering import (
     SteeringTarget,
     command_toward,
@@ -29,10 +28,11 @@ from neuroanimator.control.policies.steering import (
     unit,
     upright,
 )
-from neuroanimator.control.tasks.swimmers import body_length
-from neuroanimator.data.sampling import sample_starts
-from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.files.zoo import POLICIES, find_policy, shipped_policy
+from neuroanimator.gym.policy_training import PolicyTraining, train_policy
+from neuroanimator.learn.data.sampling import sample_starts
+from neuroanimator.learn.evaluation.csv_table import write_csv
+from neuroanimator.learn.tasks.swimmers import body_length
 from neuroanimator.state.pose import Pose
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table

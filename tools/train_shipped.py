@@ -14,16 +14,16 @@ import argparse
 from pathlib import Path
 
 from benchmarks.trust.task_motions import task_motions
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import load_emulator
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.files.zoo import LARGE, SHIPPED, SOFT, emulator_name, shipped_path
-from neuroanimator.systems.loading import USUAL_SUBSTEPS
-from neuroanimator.training.error_fitting import fit_error_bounds
-from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES
-from neuroanimator.training.trust_fitting import fit_trust
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.training.error_fitting import fit_error_bounds
+from neuroanimator.learn.training.recipes import LARGE_RECIPES, RECIPES
+from neuroanimator.learn.training.trust_fitting import fit_trust
+from neuroanimator.physics.loading import USUAL_SUBSTEPS
 from tools.cook import cook, cook_soft
 
 WORKPLACE = Path("out/shipped")

@@ -21,11 +21,11 @@ from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
 from neuroanimator import DescentOptions, descend, load_emulator, load_system
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.synthesis.replay import replay
-from neuroanimator.control.tasks.all_tasks import TASKS
-from neuroanimator.control.tasks.solver import Solver
-from neuroanimator.control.tasks.task import Task
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.evaluation.csv_table import quartiles
+from neuroanimator.learn.evaluation.csv_table import quartiles
+from neuroanimator.learn.tasks.all_tasks import TASKS
+from neuroanimator.learn.tasks.solver import Solver
+from neuroanimator.learn.tasks.task import Task
 
 ITERATIONS = (20, 100)
 """Maximum numbers of iterations of a descent."""

@@ -15,12 +15,12 @@ from benchmarks.control.first_controller import cold_seconds
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import ALL_ALONG, Objective
-from neuroanimator.control.planning.planner import Planner
-from neuroanimator.control.planning.plants import PhysicsPlant, control_plant
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.control.tasks.solver import Solver
-from neuroanimator.control.tasks.task import Task, Trial
-from neuroanimator.evaluation.csv_table import quartiles
+from neuroanimator.learn.evaluation.csv_table import quartiles
+from neuroanimator.learn.planning.planner import Planner
+from neuroanimator.learn.planning.plants import PhysicsPlant, control_plant
+from neuroanimator.learn.tasks.solver import Solver
+from neuroanimator.learn.tasks.task import Task, Trial
 from neuroanimator.terminal import progress_bar
 
 Rows = list[dict[str, Any]]

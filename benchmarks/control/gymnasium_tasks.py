@@ -28,11 +28,11 @@ import numpy as np
 import neuroanimator as na
 from benchmarks.harness import keep_rows, parser_of, show_rows
 from neuroanimator import control
-from neuroanimator.data.config import RUN_STEPS
-from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
-from neuroanimator.evaluation.held_out import held_out_runs, system_of
+from neuroanimator.learn.data.config import RUN_STEPS
+from neuroanimator.learn.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.learn.evaluation.held_out import held_out_runs, system_of
+from neuroanimator.physics.loading import resolve
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import progress_bar
 

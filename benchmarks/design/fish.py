@@ -18,10 +18,10 @@ from neuroanimator.control import Periodic
 from neuroanimator.control.descent.descend import start_of_body
 from neuroanimator.control.descent.problem import VariedParameters
 from neuroanimator.control.objective.objective import Trajectory
-from neuroanimator.data.sampling import sample_controls
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.physics.deformable.native.compiled import SINGLE_LANES, c_twin
 from neuroanimator.state.pose import read_pose
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.native.compiled import SINGLE_LANES, c_twin
+from neuroanimator.systems.random_controls import sample_controls
 
 SECONDS = 3.0
 """Length of the motion [s]: six strokes, in which the fish comes about half its length."""

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.evaluation.speed_mass_spring import Player, body_state_of, jax_run
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.native.compiled import SINGLE_LANES, c_twin
+from neuroanimator.learn.evaluation.speed_mass_spring import Player, body_state_of, jax_run
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.physics.deformable.native.compiled import SINGLE_LANES, c_twin
 
 BATCH_STEPS = 200
 """Physics steps of every body in one timed run of a batch."""

@@ -14,18 +14,18 @@ import numpy as np
 
 from benchmarks.equal_error.batch_players import BATCH_STEPS, c_batch_players, random_bodies
 from benchmarks.equal_error.plain_mass_spring import plain_player
-from neuroanimator.data.config import RUN_STEPS, DatasetConfig
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.c_emulator import CEmulator
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.runner import program_of
 from neuroanimator.emulator.super_step import rollout
-from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
-from neuroanimator.evaluation.csv_table import quartiles
-from neuroanimator.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
-from neuroanimator.evaluation.held_out import held_out_runs, system_of
-from neuroanimator.evaluation.speed import (
+from neuroanimator.learn.data.config import RUN_STEPS, DatasetConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.learn.evaluation.csv_table import quartiles
+from neuroanimator.learn.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
+from neuroanimator.learn.evaluation.held_out import held_out_runs, system_of
+from neuroanimator.learn.evaluation.speed import (
     IN_C,
     IN_JAX,
     PHYSICS_STEPS,
@@ -36,9 +36,9 @@ from neuroanimator.evaluation.speed import (
     interleaved,
     one_core,
 )
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.training.config import UPDATES_PER_CHUNK
-from neuroanimator.training.recipes import RECIPES
+from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
+from neuroanimator.learn.training.recipes import RECIPES
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 
 NOMINAL_1998 = {
     ("pendulum-passive", 25): 47,

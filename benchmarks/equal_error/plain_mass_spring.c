@@ -1,4 +1,4 @@
-/* The mass-spring loop of systems/deformable/mass_spring.py as one writes it down in C: any body, its springs and faces
+/* The mass-spring loop of physics/deformable/mass_spring.py as one writes it down in C: any body, its springs and faces
    read from tables, symplectic Euler. */
 
 #include <math.h>

@@ -1,6 +1,6 @@
 """The mass-spring loop in C as one writes it down, for any body: another opponent of the emulators of deformable bodies.
 
-It reads the body from tables, as MuJoCo reads its model. The package's own C (systems/deformable/native) is made for
+It reads the body from tables, as MuJoCo reads its model. The package's own C (physics/deformable/native) is made for
 one body and about twice as fast: that is what `evaluate` measures against.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.codegen.compiler import compiled_library
-from neuroanimator.systems.deformable.body import GRAVITY, Body
+from neuroanimator.physics.deformable.body import GRAVITY, Body
 
 PROGRAM = Path(__file__).with_name("plain_mass_spring.c")
 """The C program, the same for all bodies."""

@@ -13,9 +13,10 @@ import numpy as np
 
 from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
 from neuroanimator import Emulator, load_emulator
-from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
-from neuroanimator.evaluation.held_out import HELD_OUT_RUNS, held_out_runs
-from neuroanimator.evaluation.speed import (
+from neuroanimator.files.zoo import LARGE, emulator_name
+from neuroanimator.learn.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
+from neuroanimator.learn.evaluation.held_out import HELD_OUT_RUNS, held_out_runs
+from neuroanimator.learn.evaluation.speed import (
     IN_C,
     IN_JAX,
     REPEATS,
@@ -23,8 +24,7 @@ from neuroanimator.evaluation.speed import (
     interleaved,
     one_core,
 )
-from neuroanimator.evaluation.stability import count_diverged
-from neuroanimator.files.zoo import LARGE, emulator_name
+from neuroanimator.learn.evaluation.stability import count_diverged
 
 SIZES = ("", "large")
 SETS = 3

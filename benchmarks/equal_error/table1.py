@@ -23,10 +23,10 @@ from benchmarks.equal_error.work_precision import draw_work_precision
 from benchmarks.harness import keep_rows, parser_of, show_rows
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.evaluation.evaluate import QUICK, THOROUGH, EvaluationBudget
 from neuroanimator.files.zoo import SHIPPED, emulator_name
+from neuroanimator.learn.evaluation.evaluate import QUICK, THOROUGH, EvaluationBudget
+from neuroanimator.learn.training.recipes import RECIPES
 from neuroanimator.terminal import progress_bar
-from neuroanimator.training.recipes import RECIPES
 from tools.cook import cook
 
 Choice = list[tuple[str, int]]

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.learn.training.checkpoint import Progress
+from neuroanimator.learn.training.chunk import TrainingProblem, WindowsInMemory, train_chunk
+from neuroanimator.learn.training.config import TrainingConfig
+from neuroanimator.learn.training.optimizer import make_optimizer
 from neuroanimator.state.structure import Structure
-from neuroanimator.training.checkpoint import Progress
-from neuroanimator.training.chunk import TrainingProblem, WindowsInMemory, train_chunk
-from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.optimizer import make_optimizer
 
 WINDOWS = 1024
 """Made-up windows the updates learn from."""

@@ -7,8 +7,8 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neuroanimator.evaluation.evaluate import Evaluation
-from neuroanimator.evaluation.figures import draw_work
+from neuroanimator.learn.evaluation.evaluate import Evaluation
+from neuroanimator.learn.evaluation.figures import draw_work
 
 PANEL_WIDTH = 3.4
 """Width of one panel [inch]."""

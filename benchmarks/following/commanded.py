@@ -48,9 +48,9 @@ from neuroanimator.gym.following import following_rules
 from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_of_policy
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
+from neuroanimator.physics import load_system
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import heading_of
-from neuroanimator.systems import load_system
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from tools.contact_sheets import tile_motion
 
 UPDATES = 2700

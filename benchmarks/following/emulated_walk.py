@@ -41,19 +41,19 @@ from neuroanimator.control.policies.state_policy import StatePolicy, policy_leav
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.tensors import to_numpy
-from neuroanimator.evaluation.speed import (
+from neuroanimator.files.atomic import digest
+from neuroanimator.gym.bodies import episodes_of
+from neuroanimator.gym.policy_task import PolicyTask
+from neuroanimator.gym.state_rows import EmulatorStepper, Stepper, physics_stepper
+from neuroanimator.learn.evaluation.speed import (
     IN_C,
     TIMED_SUPER_STEPS,
     emulator_players,
     interleaved,
     one_core,
 )
-from neuroanimator.files.atomic import digest
-from neuroanimator.gym.bodies import episodes_of
-from neuroanimator.gym.policy_task import PolicyTask
-from neuroanimator.gym.state_rows import EmulatorStepper, Stepper, physics_stepper
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import rotation_between
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 EPISODES = 1000
 

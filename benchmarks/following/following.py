@@ -36,8 +36,8 @@ from neuroanimator.gym.bodies import Bodies, episodes_of, motion_of
 from neuroanimator.gym.following import Following
 from neuroanimator.gym.policy_task import PolicyTask, follow_table, task_of_policy
 from neuroanimator.gym.state_rows import physics_stepper
-from neuroanimator.systems import load_system
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics import load_system
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from tools.contact_sheets import tile_motion
 from tools.human_clips import soles
 

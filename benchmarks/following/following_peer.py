@@ -47,13 +47,13 @@ from neuroanimator.control.policies.state_policy import (
 )
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.csv_table import read_rows
 from neuroanimator.gym.bodies import Bodies, returns_of
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy, task_to_learn
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
-from neuroanimator.systems import load_system
-from neuroanimator.systems.loading import resolve
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.learn.evaluation.csv_table import read_rows
+from neuroanimator.physics import load_system
+from neuroanimator.physics.loading import resolve
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 
 try:
     import torch

@@ -29,8 +29,8 @@ from benchmarks.harness import HUMAN, keep_rows, parser_of, show_rows
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.reference_motion import ORIENTATION, POSITION, TURN
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 BODIES = 100
 

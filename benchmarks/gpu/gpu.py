@@ -33,13 +33,13 @@ from benchmarks.following.emulated_walk import walk
 from benchmarks.harness import HUMAN, keep_rows, parser_of, seconds_of, show_rows
 from neuroanimator import Emulator, load_emulator
 from neuroanimator.cli.policy_returns import loaded_policy
+from neuroanimator.codegen.cores import core_count
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.emulator.runner import program_of
-from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square, scheme_error
-from neuroanimator.evaluation.held_out import HeldOut, held_out_runs, make_test
-from neuroanimator.executor.cores import core_count
-from neuroanimator.systems.loading import trust_files
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.learn.evaluation.accuracy import one_step_error, root_mean_square, scheme_error
+from neuroanimator.learn.evaluation.held_out import HeldOut, held_out_runs, make_test
+from neuroanimator.physics.loading import trust_files
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import Scheme
 
 BATCHES = (1_000, 10_000, 100_000, 1_000_000)

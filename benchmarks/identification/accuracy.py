@@ -9,9 +9,9 @@ import equinox as eqx
 import jax
 
 from neuroanimator import Emulator
-from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
-from neuroanimator.evaluation.held_out import held_out_runs
-from neuroanimator.evaluation.speed import (
+from neuroanimator.learn.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.learn.evaluation.held_out import held_out_runs
+from neuroanimator.learn.evaluation.speed import (
     IN_C,
     TIMED_SUPER_STEPS,
     emulator_players,

@@ -22,7 +22,7 @@ import neuroanimator as na
 from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
 from benchmarks.identification.emulators import CARRIER_FAMILY, made
 from neuroanimator.control import ParameterEstimator, PhysicsPlant, Planner, control_plant
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.held_out import system_of
 
 TABLE = Path(__file__).with_name("adapting.csv")
 

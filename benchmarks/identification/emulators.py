@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 from benchmarks.harness import Clocks
 from neuroanimator import TrainingConfig, load_emulator
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import generate, simulate_transitions
-from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.training.train import read_metrics, run_folder, train
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import generate, simulate_transitions
+from neuroanimator.learn.data.store import read_transitions
+from neuroanimator.learn.training.train import read_metrics, run_folder, train
+from neuroanimator.physics.loading import resolve, trust_files
 
 FILES = Path(__file__).parent
 """The folder of the arm and its definitions."""

@@ -39,8 +39,8 @@ from benchmarks.identification.toolbox import (
     run_toolbox,
 )
 from neuroanimator import Emulator
-from neuroanimator.evaluation.csv_table import read_rows
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.csv_table import read_rows
+from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.systems.system import Scheme, System
 
 RESULTS = Path(__file__).parent

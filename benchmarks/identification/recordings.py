@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.sampling import sample_controls
-from neuroanimator.systems.recorded.columns import column_names
+from neuroanimator.state.columns import column_names
+from neuroanimator.systems.random_controls import sample_controls
 from neuroanimator.systems.system import System
 
 NOISE = 0.01

@@ -19,9 +19,9 @@ from mujoco import sysid
 
 from benchmarks.harness import Clocks
 from benchmarks.identification.recordings import NOISE, Recording
+from neuroanimator.codegen.cores import core_count
 from neuroanimator.errors import ArgumentError
-from neuroanimator.executor.cores import core_count
-from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.systems.system import Scheme
 
 OPTIMISERS: dict[str, tuple[str, dict[str, Any]]] = {

@@ -16,7 +16,7 @@ from typing import Any
 
 import neuroanimator as na
 from benchmarks.harness import keep_rows, parser_of, show_rows
-from neuroanimator.evaluation.drift import STEPS
+from neuroanimator.learn.evaluation.drift import STEPS
 from neuroanimator.terminal import progress_bar
 
 TABLE = Path(__file__).with_name("drift.csv")

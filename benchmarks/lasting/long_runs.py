@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from benchmarks.harness import keep_rows, parser_of, show_rows
 from neuroanimator import Emulator, load_emulator, load_system
-from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.super_step import rollout_latent
+from neuroanimator.systems.random_controls import sample_control_runs
 from neuroanimator.systems.system import System
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")

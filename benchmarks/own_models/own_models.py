@@ -29,21 +29,21 @@ from neuroanimator import (
     write_glb,
 )
 from neuroanimator.animation.gauges import drawable
-from neuroanimator.data.config import USUAL_COUNT, DatasetConfig
-from neuroanimator.data.generate import generate
-from neuroanimator.data.recorded_segments import limited_to_recordings
-from neuroanimator.data.sampling import sample_controls
-from neuroanimator.data.store import read_transitions
-from neuroanimator.evaluation.evaluate import QUICK as QUICK_EVALUATION
-from neuroanimator.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
-from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
+from neuroanimator.learn.data.config import USUAL_COUNT, DatasetConfig
+from neuroanimator.learn.data.generate import generate
+from neuroanimator.learn.data.recorded_segments import limited_to_recordings
+from neuroanimator.learn.data.store import read_transitions
+from neuroanimator.learn.evaluation.evaluate import QUICK as QUICK_EVALUATION
+from neuroanimator.learn.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
+from neuroanimator.learn.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
+from neuroanimator.learn.training.train import train
+from neuroanimator.physics import carried_system
+from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness
-from neuroanimator.systems import carried_system
-from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.systems.random_controls import sample_controls
 from neuroanimator.systems.system import System
-from neuroanimator.training.train import train
 
 TABLE = Path(__file__).with_name("own_models.csv")
 

@@ -16,8 +16,8 @@ from benchmarks.real_recordings.cases import Case, Windows, windows
 from benchmarks.real_recordings.errors import TOSS_STEPS
 from benchmarks.real_recordings.runs import Run
 from neuroanimator import Emulator, UnseenRuns, fit_error_bounds
-from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.training.error_fitting import with_error_bounds
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.training.error_fitting import with_error_bounds
 
 LEVEL = 0.9
 """Share of motions that bounds promise."""

@@ -26,10 +26,10 @@ from benchmarks.real_recordings.fitted_physics import fit_physics
 from benchmarks.real_recordings.methods import Prediction, making_cells
 from benchmarks.real_recordings.runs import Run, write_recording
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig, fine_tune, train
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.evaluation.weakness.config import ImprovementConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.evaluation.weakness.config import ImprovementConfig
+from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve, trust_files
 
 TRANSITIONS = 600_000
 

@@ -36,10 +36,10 @@ from neuroanimator import (
     load_system,
     train,
 )
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.evaluation.weakness.fine_tune import TAIL
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.evaluation.weakness.fine_tune import TAIL
+from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve, trust_files
 
 SUPER_STEP = 0.05
 """Super step of the emulators [s]: every horizon of the table is a multiple."""

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from neuroanimator import DatasetConfig, TrainingConfig, generate, load_system, read_transitions
-from neuroanimator.data.shard import make_shard
-from neuroanimator.data.stored import StoredTransitions
-from neuroanimator.training.checkpoint import Progress
-from neuroanimator.training.config import UPDATES_PER_CHUNK
-from neuroanimator.training.initialise import build_emulator
-from neuroanimator.training.lesson import lesson_of
-from neuroanimator.training.optimizer import make_optimizer
-from neuroanimator.training.survey import Survey, sample_of
+from neuroanimator.learn.data.shard import make_shard
+from neuroanimator.learn.data.stored import StoredTransitions
+from neuroanimator.learn.training.checkpoint import Progress
+from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
+from neuroanimator.learn.training.initialise import build_emulator
+from neuroanimator.learn.training.lesson import lesson_of
+from neuroanimator.learn.training.optimizer import make_optimizer
+from neuroanimator.learn.training.survey import Survey, sample_of
 
 SYSTEMS = ("pendulum", "fish")
 

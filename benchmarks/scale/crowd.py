@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import load_policy
+from neuroanimator.codegen.cores import CORES, core_count
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator
 from neuroanimator.control.policies.school import school_start
-from neuroanimator.executor.cores import CORES, core_count
 from neuroanimator.gym import EmulatorVectorEnv
 
 COUNTS = (1, 10, 100, 1_000, 10_000)

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import DatasetConfig, TrainingConfig, generate, load_system, read_transitions
-from neuroanimator.data.stored import StoredTransitions, memory_taken
-from neuroanimator.training.checkpoint import Progress
-from neuroanimator.training.config import UPDATES_PER_CHUNK
-from neuroanimator.training.feed import Feed
-from neuroanimator.training.lesson import lesson_of
-from neuroanimator.training.optimizer import make_optimizer
-from neuroanimator.training.train import run_folder
+from neuroanimator.learn.data.stored import StoredTransitions, memory_taken
+from neuroanimator.learn.training.checkpoint import Progress
+from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
+from neuroanimator.learn.training.feed import Feed
+from neuroanimator.learn.training.lesson import lesson_of
+from neuroanimator.learn.training.optimizer import make_optimizer
+from neuroanimator.learn.training.train import run_folder
 
 WINDOWS = 50_000_000
 

@@ -14,12 +14,12 @@ import neuroanimator as na
 from benchmarks.soft_bodies.families import FAMILIES, Family, resampled
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.speed import interleaved
 from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.learn.evaluation.speed import interleaved
+from neuroanimator.physics.soft.program import LANES
+from neuroanimator.physics.soft.scene import Motion, Scene
+from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.state.parameters import draw_parameters
-from neuroanimator.systems.soft.program import LANES
-from neuroanimator.systems.soft.scene import Motion, Scene
-from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.terminal import progress_bar
 
 Rows = list[dict[str, Any]]

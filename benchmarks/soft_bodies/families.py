@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.definitions.soft import SoftDefinition
-from neuroanimator.systems.soft.mesh import Mesh
-from neuroanimator.systems.soft.scene import Scene
+from neuroanimator.physics.soft.mesh import Mesh
+from neuroanimator.physics.soft.scene import Scene
 from tools.soft_meshes import (
     CAPE,
     FLAG,

@@ -17,11 +17,11 @@ import neuroanimator as na
 from benchmarks.soft_bodies.equal_error import ASSETS, SHOWN, STEPS, TEST_SEED, TIMINGS
 from benchmarks.soft_bodies.families import FAMILIES, Family, Shape
 from neuroanimator.definitions.soft import SoftDefinition
-from neuroanimator.evaluation.speed import interleaved
 from neuroanimator.files.tables import check_table, read_toml
-from neuroanimator.systems.rigid.warnings import warnings_counted
-from neuroanimator.systems.soft.soft_body import GRAVITY
-from neuroanimator.systems.soft.soft_system import SoftSystem
+from neuroanimator.learn.evaluation.speed import interleaved
+from neuroanimator.physics.rigid.warnings import warnings_counted
+from neuroanimator.physics.soft.soft_body import GRAVITY
+from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.terminal import progress_bar
 from tools.soft_meshes import msh_text, obj_text
 

@@ -10,13 +10,13 @@ import numpy as np
 
 import neuroanimator as na
 from benchmarks.soft_bodies.equal_error import EMULATOR, Race, add_emulator, unseen
-from neuroanimator.data.config import SAMPLES_PER_RUN, DatasetConfig
+from neuroanimator.learn.data.config import SAMPLES_PER_RUN, DatasetConfig
+from neuroanimator.learn.training.config import TrainingConfig
+from neuroanimator.learn.training.train import METRICS, read_metrics, run_folder
+from neuroanimator.physics.loading import resolve, trust_files
+from neuroanimator.physics.soft.scene import Motion
+from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.systems.soft.scene import Motion
-from neuroanimator.systems.soft.soft_system import SoftSystem
-from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.train import METRICS, read_metrics, run_folder
 
 MODELS = Path(__file__).parent / "models"
 """The models that are nobody else's: a cloth tied to a bar, and a jelly on the ground that a paddle strikes."""

@@ -36,7 +36,7 @@ from benchmarks.soft_bodies.families import FAMILIES
 from benchmarks.soft_bodies.flex import flex_rows
 from benchmarks.soft_bodies.own_flex import EXTENTS, own_flex_rows
 from benchmarks.soft_bodies.own_flex import QUICK as QUICK_FLEX
-from neuroanimator.evaluation.speed import one_core
+from neuroanimator.learn.evaluation.speed import one_core
 
 RESULTS = Path(__file__).parent
 

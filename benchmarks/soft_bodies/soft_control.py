@@ -37,10 +37,10 @@ from benchmarks.control.baselines.fast_physics import FastPhysics
 from benchmarks.harness import Clocks, Rows, keep_rows, parser_of, show_rows
 from neuroanimator.control.descent.parametrisation import Parametrisation, Spline
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.evaluation.speed import one_core
-from neuroanimator.systems.soft.program import LANES
-from neuroanimator.systems.soft.scene import Motion
-from neuroanimator.systems.soft.soft_system import SoftSystem
+from neuroanimator.learn.evaluation.speed import one_core
+from neuroanimator.physics.soft.program import LANES
+from neuroanimator.physics.soft.scene import Motion
+from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.terminal import progress_bar
 
 TARGETS = 10

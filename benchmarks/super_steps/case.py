@@ -16,7 +16,7 @@ from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.costs import effort, stay_within
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.systems import load_system
+from neuroanimator.physics import load_system
 
 STEPS = 200
 """Super steps of a rollout."""

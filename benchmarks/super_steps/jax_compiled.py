@@ -24,7 +24,7 @@ from benchmarks.super_steps.case import (
 )
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.emulator.super_step import rollout
-from neuroanimator.evaluation.speed import compiled
+from neuroanimator.learn.evaluation.speed import compiled
 
 NAME = "JAX"
 

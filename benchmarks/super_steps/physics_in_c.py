@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.super_steps.case import BATCHES, SUPER_STEP, Case, Motion, batch_task
-from neuroanimator.systems import load_system
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.native.compiled import SINGLE_LANES, c_twin
+from neuroanimator.physics import load_system
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.physics.deformable.native.compiled import SINGLE_LANES, c_twin
 
 NAME = "physics in C"
 

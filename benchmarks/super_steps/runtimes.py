@@ -34,7 +34,7 @@ from benchmarks.super_steps import (
 )
 from benchmarks.super_steps.case import Case, Motion
 from neuroanimator import load_emulator, write_c_header, write_onnx, write_wasm
-from neuroanimator.evaluation.speed import one_core
+from neuroanimator.learn.evaluation.speed import one_core
 from neuroanimator.terminal import progress_bar
 
 SYSTEMS = ("pendulum", "pendulum-passive", "truck", "lander", "fish", "dolphin")

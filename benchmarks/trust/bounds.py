@@ -8,13 +8,13 @@ import numpy as np
 
 from benchmarks.trust.task_motions import task_motions
 from neuroanimator import Emulator, UnseenRuns, load_emulator
-from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.systems.system import System
-from neuroanimator.training.error_fitting import (
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.training.error_fitting import (
     conformal_quantile,
     simulate_optimised,
     simulate_random,
 )
+from neuroanimator.systems.system import System
 
 LEVEL = 0.9
 

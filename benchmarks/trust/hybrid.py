@@ -9,12 +9,13 @@ import numpy as np
 
 from benchmarks.trust.bounds import errors_of
 from neuroanimator import Emulator, UnseenRuns, hybrid_rollout, load_emulator
-from neuroanimator.data.sampling import sample_control_runs, sample_starts
-from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.evaluation.weakness.sampling import rate_entries
-from neuroanimator.systems.hybrid import PHYSICS_STEPS
+from neuroanimator.learn.data.sampling import sample_starts
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.weakness.sampling import rate_entries
+from neuroanimator.learn.training.error_fitting import simulate_unseen, steps_of
+from neuroanimator.physics.hybrid import PHYSICS_STEPS
+from neuroanimator.systems.random_controls import sample_control_runs
 from neuroanimator.systems.system import System
-from neuroanimator.training.error_fitting import simulate_unseen, steps_of
 
 SHARE = 0.1
 """Of the super steps are the physics'."""

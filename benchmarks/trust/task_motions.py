@@ -7,12 +7,12 @@ import numpy as np
 from neuroanimator import Emulator
 from neuroanimator.control.descent.descend import descend
 from neuroanimator.control.descent.options import DescentOptions
-from neuroanimator.control.tasks.all_tasks import TASKS
-from neuroanimator.control.tasks.solver import Solver
-from neuroanimator.control.tasks.task import Trial
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.learn.tasks.all_tasks import TASKS
+from neuroanimator.learn.tasks.solver import Solver
+from neuroanimator.learn.tasks.task import Trial
+from neuroanimator.learn.training.error_fitting import UnseenRuns, simulate_unseen, steps_of
 from neuroanimator.systems.system import System
-from neuroanimator.training.error_fitting import UnseenRuns, simulate_unseen, steps_of
 
 CANDIDATES = 6
 """Number of controls played of those that the first guesses of a descent came to, the best first."""

@@ -32,14 +32,15 @@ import numpy as np
 from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
 from benchmarks.trust import bounds, hybrid
 from neuroanimator import Emulator, load_emulator
-from neuroanimator.data.sampling import sample_control_runs, sample_starts
+from neuroanimator.codegen.cores import core_count
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.c_emulator import c_emulator
-from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.evaluation.weakness.sampling import rate_entries
-from neuroanimator.executor.cores import core_count
 from neuroanimator.files.zoo import LARGE, SHIPPED, emulator_name
+from neuroanimator.learn.data.sampling import sample_starts
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.weakness.sampling import rate_entries
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.systems.random_controls import sample_control_runs
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import progress_bar
 

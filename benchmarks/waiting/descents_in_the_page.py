@@ -23,7 +23,7 @@ from benchmarks.harness import ROOT, keep_rows, parser_of, show_rows
 from neuroanimator import load_emulator
 from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.systems.system import System
 from neuroanimator_studio.catalogue import shipped_folder
 from neuroanimator_studio.descent_module import ITERATIONS, PageDescent

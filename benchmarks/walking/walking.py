@@ -28,10 +28,10 @@ from matplotlib.ticker import NullFormatter
 from benchmarks.harness import IMAGES, PROGRAM, Rows, keep_rows, parser_of, show_rows
 from neuroanimator.cli.policy import first_emulator
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.csv_table import read_rows
 from neuroanimator.gym.policy_task import PolicyTask, task_to_learn
-from neuroanimator.systems import load_system
-from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.learn.evaluation.csv_table import read_rows
+from neuroanimator.physics import load_system
+from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.systems.system import System
 
 RESULTS = Path(__file__).parent

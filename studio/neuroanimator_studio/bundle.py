@@ -14,7 +14,6 @@ from neuroanimator import Emulator, Policy, load_policy
 from neuroanimator.control.policies.state_policy import StatePolicy, load_any_policy
 from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.export.programs.definition import commands_of, definition_of
 from neuroanimator.export.programs.wasm_file import checked_wasm
 from neuroanimator.files.atomic import write_whole
@@ -26,7 +25,8 @@ from neuroanimator.files.zoo import (
     shipped_path,
     shipped_policy,
 )
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.learn.evaluation.held_out import replayable_system
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.system import System
 from neuroanimator_studio.catalogue import BUNDLE, EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator_studio.descent_module import descent_module

@@ -30,7 +30,9 @@ from neuroanimator.control.descent.parametrisation import (
 )
 from neuroanimator.control.objective.goals import goal_start, goal_state, reach_goal
 from neuroanimator.control.objective.objective import Moments
-from neuroanimator.control.tasks.rigid import (
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name
+from neuroanimator.learn.tasks.rigid import (
     FINAL_DESCENT_SECONDS,
     HOLD_SECONDS,
     HOLD_STRIDE,
@@ -43,17 +45,15 @@ from neuroanimator.control.tasks.rigid import (
     landing_objective,
     lot_zones,
 )
-from neuroanimator.control.tasks.swimmers import (
+from neuroanimator.learn.tasks.swimmers import (
     ROLL_WITHIN,
     body_length,
     ends_upright,
     gait_controls,
     steps_of_a_period,
 )
-from neuroanimator.errors import ArgumentError
-from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.goal import Goal
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 from neuroanimator_studio.descent_module import Movable, PageDescent, Write, entries_of
 from neuroanimator_studio.description import TARGET_WITHIN

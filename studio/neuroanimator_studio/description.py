@@ -21,13 +21,13 @@ from neuroanimator.export.morphs import CLOTH_RGBA
 from neuroanimator.export.programs.c_header import stored_latent_size
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.goal import Goal
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
-from neuroanimator.systems.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import System
 
 DIGITS = 9

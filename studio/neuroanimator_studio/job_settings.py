@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from neuroanimator import DatasetConfig, TrainingConfig
+from neuroanimator.learn.training.recipes import LARGE_RECIPES, RECIPES, Recipe
+from neuroanimator.physics.loading import resolve
 from neuroanimator.state.structure import Structure
-from neuroanimator.systems.loading import resolve
-from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, Recipe
 from neuroanimator_studio.job_plan import MIN_COUNT, MIN_UPDATES, MODEL, Plan
 
 SHARES = {"sketch": 0.1, "usual": 1.0, "large": 2.0}

@@ -18,7 +18,7 @@ STATUS = "status.json"
 """The file of a job's folder that says how far it is."""
 
 RUN = "job.emulator.run"
-"""The folder of its training, as `training.train.run_folder` calls it."""
+"""The folder of its training, as `learn.training.train.run_folder` calls it."""
 
 DATA = "data"
 """The folder of a job with what it learns from; it goes when the training is done."""
@@ -75,10 +75,10 @@ def _train(folder: Path, bundles: Path, reporter: Reporter) -> None:
     """Simulate, train, and put the emulator on show."""
     reporter.say("starting")
     # What takes a second to import comes when somebody can see that it is coming.
-    from neuroanimator.data.generate import generate
-    from neuroanimator.data.store import read_transitions
-    from neuroanimator.training.config import UPDATES_PER_CHUNK
-    from neuroanimator.training.train import Report, train
+    from neuroanimator.learn.data.generate import generate
+    from neuroanimator.learn.data.store import read_transitions
+    from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
+    from neuroanimator.learn.training.train import Report, train
     from neuroanimator_studio.job_plan import read_plan
     from neuroanimator_studio.job_settings import data_of, training_of
     from neuroanimator_studio.library import Library

@@ -15,10 +15,10 @@ from threading import Lock, Timer
 from neuroanimator import Emulator, NeuroAnimatorError, load_system
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
-from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.executor.python_command import python_command
 from neuroanimator.files.private_folder import private_folders
 from neuroanimator.files.zoo import find_emulator
+from neuroanimator.learn.evaluation.held_out import replayable_system
 from neuroanimator.systems.system import System
 from neuroanimator_studio.bundle_worker import FAULT, PHASE
 from neuroanimator_studio.catalogue import (

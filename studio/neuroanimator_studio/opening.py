@@ -62,7 +62,7 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
                 states = np.asarray(emulator.rollout(start, controls), float)
                 if is_reached(system, name, states[-1]):
                     return Drive(start, np.array(controls, float))
-    return random_drive(emulator, None, 0)
+    return random_drive(emulator, None, 0, system=system)
 
 
 def wander(emulator: Emulator) -> Drive:

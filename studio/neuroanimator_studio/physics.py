@@ -17,9 +17,9 @@ from neuroanimator.animation.motion import USUAL_SECONDS, Drive
 from neuroanimator.animation.showcase import throw_body
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.files.atomic import write_whole
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.learn.training.initialise import spec_of
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.system import System
-from neuroanimator.training.initialise import spec_of
 from neuroanimator_studio.catalogue import EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator_studio.description import describe_physics, short_numbers
 from neuroanimator_studio.springs_module import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from neuroanimator.codegen.wasm import wasm_module
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.native.compiled import INTEGRATORS
-from neuroanimator.systems.deformable.native.source import c_source
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.physics.deformable.native.compiled import INTEGRATORS
+from neuroanimator.physics.deformable.native.source import c_source
 from neuroanimator.systems.system import Scheme
 
 CALLS = Path(__file__).with_name("mass_spring_calls.c")

@@ -9,8 +9,8 @@ import pytest
 from neuroanimator import Emulator, NeuroAnimatorError, load_system, make_clip
 from neuroanimator.animation.interpolate import interpolate_hermite, interpolate_linear
 from neuroanimator.animation.motion import random_motion
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import rotation_matrices
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 RATES = ((0, 3), (1, 4), (2, 5))
 

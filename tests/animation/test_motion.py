@@ -19,8 +19,8 @@ from neuroanimator import (
     train,
 )
 from neuroanimator.animation.motion import random_motion
+from neuroanimator.physics.loading import resolve
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve
 
 TANK = """\
 import numpy as np

@@ -20,10 +20,10 @@ from neuroanimator import Clip, write_glb, write_usd
 from neuroanimator.appearance.mesh_skin import MAX_VERTICES, PACKED, MeshSkin
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
-from neuroanimator.export.film.bounding_boxes import bounding_boxes
+from neuroanimator.film.bounding_boxes import bounding_boxes
+from neuroanimator.physics.rigid.bones import skeleton_of
+from neuroanimator.physics.rigid.skins import skin_of
 from neuroanimator.state.rotation import rotation_matrices
-from neuroanimator.systems.rigid.bones import skeleton_of
-from neuroanimator.systems.rigid.skins import skin_of
 
 HUMAN = Path(__file__).parents[2] / "examples" / "human" / "human.xml"
 UP_TO_Y = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])

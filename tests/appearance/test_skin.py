@@ -18,12 +18,12 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box, Skin, Swimmer
 from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, skin_mesh
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.film.camera import camera_path
-from neuroanimator.export.film.graphics import graphics_backend
-from neuroanimator.export.film.video import write_video
+from neuroanimator.film.camera import camera_path
+from neuroanimator.film.graphics import graphics_backend
+from neuroanimator.film.video import write_video
+from neuroanimator.physics.deformable.bones import body_skeleton
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.state.rotation import rotate, rotate_back, rotation_matrices
-from neuroanimator.systems.deformable.bones import body_skeleton
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 
 ANIMALS = ("fish", "dolphin")
 TURN = np.array([0.5, -0.5, 0.1, 0.7]) / np.linalg.norm([0.5, -0.5, 0.1, 0.7])

@@ -27,13 +27,14 @@ from neuroanimator import (
 )
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
-from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.files.atomic import canonical_json
-from neuroanimator.systems import carried_system, trusted_files
-from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.systems.recorded.recording import read_recording
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.physics import carried_system
+from neuroanimator.physics.loading import resolve, trust_files
+from neuroanimator.physics.recorded.recording import read_recording
+from neuroanimator.systems import trusted_files
 
 STEP = """
 STEP = 0.01

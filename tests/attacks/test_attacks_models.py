@@ -12,10 +12,10 @@ import pytest
 from neuroanimator import load_system
 from neuroanimator.errors import BadFileError
 from neuroanimator.executor.limited import ProcessLimits
-from neuroanimator.systems.rigid import compiled_model
-from neuroanimator.systems.rigid.compiled_model import compile_model
-from neuroanimator.systems.rigid.model_files import ModelFiles
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid import compiled_model
+from neuroanimator.physics.rigid.compiled_model import compile_model
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.model_files import ModelFiles
 
 TOML = """
 name = "balls"

@@ -23,7 +23,7 @@ library.add(find_emulator("pendulum"), print)
 
 MAIN = "from neuroanimator.cli.main import main; main()"
 
-DRAWING = "from neuroanimator.export.film.graphics import graphics_backend as draw; draw()"
+DRAWING = "from neuroanimator.film.graphics import graphics_backend as draw; draw()"
 """The process that draws films, without a film."""
 
 COMMANDS = {

@@ -28,24 +28,24 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.emulator.c_emulator import c_program
 from neuroanimator.emulator.description import describe
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.component_errors import ComponentError, error_spread
-from neuroanimator.evaluation.evaluate import Evaluation
-from neuroanimator.evaluation.weakness.causes import Extrapolation
-from neuroanimator.evaluation.weakness.conditions import WeakSpot
-from neuroanimator.evaluation.weakness.coverage import Coverage, Divergence, Spread
-from neuroanimator.evaluation.weakness.inspection import Inspection
-from neuroanimator.evaluation.weakness.readings import Reading
-from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
 from neuroanimator.files.atomic import canonical_json, read_tensors
 from neuroanimator.files.names import MAX_MODEL_NAME
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.files.zoo import SHIPPED, shipped_path
+from neuroanimator.learn.evaluation.component_errors import ComponentError, error_spread
+from neuroanimator.learn.evaluation.evaluate import Evaluation
+from neuroanimator.learn.evaluation.weakness.causes import Extrapolation
+from neuroanimator.learn.evaluation.weakness.conditions import WeakSpot
+from neuroanimator.learn.evaluation.weakness.coverage import Coverage, Divergence, Spread
+from neuroanimator.learn.evaluation.weakness.inspection import Inspection
+from neuroanimator.learn.evaluation.weakness.readings import Reading
+from neuroanimator.learn.evaluation.weakness.worst_segments import Curve, Segment
+from neuroanimator.physics.rigid.compiled_model import compile_model
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.scaffold.proposal import Proposal, as_toml
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.systems.rigid.compiled_model import compile_model
-from neuroanimator.systems.rigid.model_files import ModelFiles
-from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.systems.model_files import ModelFiles
 from neuroanimator.terminal import print_rows, print_table, progress_bar
 
 FIELDS = {

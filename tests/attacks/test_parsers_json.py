@@ -11,7 +11,7 @@ from fuzz.measure import Refusal, check_refusal, refusals
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import METADATA_KEY, read_tensors, write_tensors
-from neuroanimator.systems.rigid.model_files import ModelFiles
+from neuroanimator.systems.model_files import ModelFiles
 
 ANY = 2**20 - 100
 """[bytes] Almost as much as a header may take."""

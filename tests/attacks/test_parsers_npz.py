@@ -14,8 +14,8 @@ from fuzz.measure import Refusal, check_refusal, refusals
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.export.csv_file import read_table
+from neuroanimator.physics.recorded.npz_file import read_npz
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.systems.recorded.npz_file import read_npz
 
 TIMES = np.arange(3) * 0.02
 GOOD = {

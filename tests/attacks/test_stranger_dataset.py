@@ -18,9 +18,9 @@ from neuroanimator import (
     read_diverged,
     read_transitions,
 )
-from neuroanimator.data.store import CONFIG_NAME
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.learn.data.store import CONFIG_NAME
 
 Tensors = dict[str, np.ndarray]
 

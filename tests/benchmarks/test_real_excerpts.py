@@ -26,12 +26,12 @@ from neuroanimator import (
     identify,
     train,
 )
-from neuroanimator.control.identification.measurements import read_measurements
-from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.identification.measurements import read_measurements
+from neuroanimator.physics.loading import resolve, trust_files
+from neuroanimator.physics.recorded.csv_file import read_csv
+from neuroanimator.physics.recorded.recording import Recording, cut_runs
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.systems.recorded.csv_file import read_csv
-from neuroanimator.systems.recorded.recording import Recording, cut_runs
 
 FOLDER = Path(__file__).parent / "recordings"
 

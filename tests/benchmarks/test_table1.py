@@ -16,10 +16,10 @@ from executor_tasks import PackedHere
 from benchmarks.equal_error import table1, training_time
 from benchmarks.equal_error.table1 import chosen_rows
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.evaluation.fleets.sweep import SweepRow, largest_within, sweep
 from neuroanimator.files.zoo import SHIPPED, shipped_path
-from neuroanimator.training.batches import draw_batches
-from neuroanimator.training.recipes import RECIPES
+from neuroanimator.learn.evaluation.fleets.sweep import SweepRow, largest_within, sweep
+from neuroanimator.learn.training.batches import draw_batches
+from neuroanimator.learn.training.recipes import RECIPES
 
 
 @pytest.mark.endurance

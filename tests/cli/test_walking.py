@@ -11,7 +11,7 @@ from conftest import Cli
 from soft_bodies import hasty_emulator
 
 from neuroanimator.cli.policy_returns import emulator_rows
-from neuroanimator.systems.loading import trust_files
+from neuroanimator.physics.loading import trust_files
 
 FILE = "hop.policy.safetensors"
 

@@ -22,14 +22,14 @@ from neuroanimator import (
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.descent.problem import Problem
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.super_step import rollout
 from neuroanimator.files.atomic import METADATA_KEY, _seal
 from neuroanimator.files.zoo import SHIPPED, SOFT, WITHOUT_EMULATOR, find_emulator
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.systems import SYSTEMS
-from neuroanimator.training.initialise import build_emulator
 
 
 @pytest.fixture(params=["gated", "classic"])

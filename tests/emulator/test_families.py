@@ -19,12 +19,12 @@ from neuroanimator import (
     load_system,
     set_backend,
 )
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.super_step import rollout
-from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.training.initialise import build_emulator
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.training.initialise import build_emulator
+from neuroanimator.physics.loading import resolve, trust_files
 
 
 @pytest.fixture(scope="module")

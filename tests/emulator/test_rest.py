@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_emulator, load_system
-from neuroanimator.data.sampling import sample_control_runs, with_idle_runs
 from neuroanimator.errors import ArgumentError
+from neuroanimator.learn.data.sampling import with_idle_runs
 from neuroanimator.state.layout import Bounds
+from neuroanimator.systems.random_controls import sample_control_runs
 
 SECONDS = 60.0
 STILL = 1e-3

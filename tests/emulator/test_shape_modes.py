@@ -15,21 +15,21 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, TrainingConfig, load_system
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.store import Transitions
 from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.emulator.mode_fitting import fit_modes
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part, check_parts
 from neuroanimator.emulator.pca import reflection
 from neuroanimator.errors import ArgumentError
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.training.initialise import build_emulator
+from neuroanimator.learn.training.train import train
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.physics.loading import resolve
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
 from neuroanimator.state.rotation import rotate
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.loading import resolve
-from neuroanimator.training.initialise import build_emulator
-from neuroanimator.training.train import train
 
 FLAT = {"widths": (16, 8), "position_modes": 12, "velocity_modes": 14}
 DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, TrainingConfig, load_emulator, load_system
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.artifact import read_metadata
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.spec import MAX_STRIDES
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
-from neuroanimator.evaluation.held_out import make_test
 from neuroanimator.files.zoo import LARGE, emulator_name, shipped_path
-from neuroanimator.training.train import train
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.learn.evaluation.held_out import make_test
+from neuroanimator.learn.training.train import train
+from neuroanimator.systems.random_controls import sample_control_runs
 
 STEPS = 12
 RUNS = 32

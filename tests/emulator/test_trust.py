@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from neuroanimator import DatasetConfig, Emulator, NeuroAnimatorError, load_emulator
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.networks.network import Units
 from neuroanimator.emulator.super_step import trust
 from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.training.trust_fitting import Inputs, fit_meter, fit_trust
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.training.trust_fitting import Inputs, fit_meter, fit_trust
 
 JUMP = 2.0
 """States that are shifted go so many times as fast."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, set_backend
+from neuroanimator.codegen.cores import CORES, in_parts
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import c_emulator
-from neuroanimator.executor.cores import CORES, in_parts
 from neuroanimator.gym.batched_step import step_rows
 
 COUNT = 1003

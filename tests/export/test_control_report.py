@@ -11,8 +11,8 @@ from markupsafe import Markup
 
 import neuroanimator as na
 from neuroanimator import DescentOptions, Emulator, Synthesis
-from neuroanimator.export.control_report import control_html, write_control_report
-from neuroanimator.export.film.graphics import graphics_backend
+from neuroanimator.film.control_report import control_html, write_control_report
+from neuroanimator.film.graphics import graphics_backend
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,12 @@ from conftest import Cli
 from neuroanimator import Emulator, inspect, write_worst
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.errors import ResourceError
-from neuroanimator.evaluation.weakness.inspection import Inspection
-from neuroanimator.export import worst_cases
-from neuroanimator.export.film.footer import caption_image
-from neuroanimator.export.film.graphics import graphics_backend
-from neuroanimator.export.film.inline import film_html
-from neuroanimator.export.worst_cases import _takes
+from neuroanimator.film import worst_cases
+from neuroanimator.film.footer import caption_image
+from neuroanimator.film.graphics import graphics_backend
+from neuroanimator.film.inline import film_html
+from neuroanimator.film.worst_cases import _takes
+from neuroanimator.learn.evaluation.weakness.inspection import Inspection
 
 
 @pytest.fixture(scope="module")

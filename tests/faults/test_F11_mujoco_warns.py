@@ -10,8 +10,8 @@ import numpy as np
 from conftest import Cli
 
 from neuroanimator import load_system
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
-from neuroanimator.systems.rigid.warnings import (
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid.warnings import (
     shortened,
     warning_line,
     warnings_counted,

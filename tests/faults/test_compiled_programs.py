@@ -23,7 +23,7 @@ from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.codegen.compiler import compiled_library, compiler_facts, find_compiler
 from neuroanimator.codegen.zig import zig_cc
 from neuroanimator.files.unfinished import UNFINISHED, remove_stale
-from neuroanimator.systems import load_system
+from neuroanimator.physics import load_system
 from neuroanimator.terminal import warn_once
 
 pytestmark = pytest.mark.skipif(

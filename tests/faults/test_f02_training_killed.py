@@ -1,4 +1,4 @@
-"""Training killed at many moments, also while it writes a checkpoint. One kill is in tests/training/test_train.py."""
+"""Training killed at many moments, also while it writes a checkpoint. One kill is in tests/learn/training/test_train.py."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from processes import killed_at_random, leftovers, run
 from tally import Tally
 
-from neuroanimator.training.train import run_folder
+from neuroanimator.learn.training.train import run_folder
 
 SMALL = ("--widths", "16,16", "--updates", "20000", "--batch", "16")
 

@@ -23,12 +23,12 @@ from waiting import PATIENCE, wait_until
 
 from neuroanimator import DatasetConfig, generate
 from neuroanimator.errors import ResourceError
-from neuroanimator.evaluation.fleets.fleet_file import read_fleet
-from neuroanimator.evaluation.fleets.train_fleet import train_fleet
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor
 from neuroanimator.files.atomic import read_tensors
-from neuroanimator.training.checkpoint import NAME
+from neuroanimator.learn.evaluation.fleets.fleet_file import read_fleet
+from neuroanimator.learn.evaluation.fleets.train_fleet import train_fleet
+from neuroanimator.learn.training.checkpoint import NAME
 
 pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
 

@@ -9,11 +9,11 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, TrainingConfig, load_system, train
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.networks import MAX_LAYER, check_widths
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.training.train import run_folder
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.training.train import run_folder
 
 
 def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(cli: Cli, tmp_path: Path):

@@ -13,9 +13,9 @@ from tally import Tally
 
 from neuroanimator import DatasetConfig, generate, read_diverged, read_transitions
 from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
-from neuroanimator.evaluation.weakness.coverage import coverage
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.files.places import UrlPath, place_of
+from neuroanimator.learn.evaluation.weakness.coverage import coverage
 
 SIX_THOUSAND = DatasetConfig(system="pendulum", count=6000)
 DRIVER = "no driver for S3: pip install 'neuroanimator[s3]'"

@@ -15,8 +15,6 @@ import numpy as np
 from neuroanimator.animation.recorded_path import read_path
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.control.synthesis.objective_file import read_objective
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.store import claim_folder, read_config, read_transitions
 from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.emulator import load_emulator
 from neuroanimator.errors import NeuroAnimatorError
@@ -25,15 +23,17 @@ from neuroanimator.export.gltf.buffers import glb_bytes
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.files.zoo import shipped_path
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.store import claim_folder, read_config, read_transitions
+from neuroanimator.physics import load_system
+from neuroanimator.physics.loading import LOADERS, from_text
+from neuroanimator.physics.recorded.csv_file import read_csv
+from neuroanimator.physics.recorded.npz_file import read_npz
+from neuroanimator.physics.recorded.recording import cut_runs
+from neuroanimator.physics.rigid.compiled_model import ModelRequest, compile_here
+from neuroanimator.physics.soft.mesh_file import read_mesh
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.systems import load_system
-from neuroanimator.systems.loading import LOADERS, from_text
-from neuroanimator.systems.recorded.csv_file import read_csv
-from neuroanimator.systems.recorded.npz_file import read_npz
-from neuroanimator.systems.recorded.recording import cut_runs
-from neuroanimator.systems.rigid.compiled_model import ModelRequest, compile_here
-from neuroanimator.systems.rigid.model_files import ModelFiles
-from neuroanimator.systems.soft.mesh_file import read_mesh
+from neuroanimator.systems.model_files import ModelFiles
 from neuroanimator.systems.system import System
 from neuroanimator_studio.requests import read_request, request_id
 

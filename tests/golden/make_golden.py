@@ -16,10 +16,10 @@ import numpy as np
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig
 from neuroanimator.control.policies.policy import Policy, fresh_policy, save_policy
-from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.artifact import save
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.state.layout import Bounds
-from neuroanimator.training.initialise import build_emulator
 
 FOLDER = Path(__file__).parent
 EMULATOR = FOLDER / "pendulum.emulator.safetensors"

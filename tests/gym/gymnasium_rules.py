@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import neuroanimator as na
-from neuroanimator.control.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, lot_zones
 from neuroanimator.gym import EpisodeRules
+from neuroanimator.learn.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, lot_zones
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.layout import Layout
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 Rows = Float[np.ndarray, "B N"]
 Numbers = Float[np.ndarray, " B"]

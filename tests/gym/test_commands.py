@@ -39,9 +39,9 @@ from neuroanimator.gym.learner import CRITIC_FIRST, Learner
 from neuroanimator.gym.policy_task import FOLLOWING, PolicyTask, follow_table, task_to_learn
 from neuroanimator.gym.policy_transitions import policy_transitions
 from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.physics.loading import trust_files
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, rotation_between
-from neuroanimator.systems.loading import trust_files
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 TOML = Path(__file__).parents[2] / "examples" / "human" / "commanded.toml"
 

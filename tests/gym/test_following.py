@@ -16,9 +16,9 @@ from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.gym.following import Following, following_rules
 from neuroanimator.gym.policy_task import check_task
 from neuroanimator.gym.read_motion import read_motion
+from neuroanimator.physics.loading import resolve, trust_files
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
-from neuroanimator.systems.loading import resolve, trust_files
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 HUMAN = Path(__file__).parents[2] / "examples" / "human"
 

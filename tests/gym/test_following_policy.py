@@ -22,7 +22,7 @@ from neuroanimator.gym.learn_policy import learn_policy
 from neuroanimator.gym.learner import Learner
 from neuroanimator.gym.policy_task import FOLLOWING, PolicyTask, task_of_policy, task_to_learn
 from neuroanimator.gym.state_rows import physics_stepper
-from neuroanimator.systems.loading import trust_files
+from neuroanimator.physics.loading import trust_files
 from neuroanimator.systems.system import System
 
 TOML = Path(__file__).parents[2] / "examples" / "human" / "human.toml"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.control.planning.environments import mujoco_state
 from neuroanimator.gym.locomotion import gymnasium_task, locomotion_rules
+from neuroanimator.learn.planning.environments import mujoco_state
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.segments import Position, Quaternion
 from neuroanimator.state.structure import Structure

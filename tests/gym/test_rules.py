@@ -11,11 +11,11 @@ from gymnasium.vector import AutoresetMode
 from gymnasium_rules import RULES
 
 from neuroanimator import DatasetConfig, Emulator, NeuroAnimatorError, TrainingConfig
-from neuroanimator.control.planning.environments import mujoco_state
-from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.gym import EmulatorVectorEnv, EpisodeRules, PhysicsVectorEnv, mjcf_of
-from neuroanimator.systems.loading import resolve
-from neuroanimator.training.initialise import build_emulator
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.planning.environments import mujoco_state
+from neuroanimator.learn.training.initialise import build_emulator
+from neuroanimator.physics.loading import resolve
 
 STEPS = 60
 

@@ -14,13 +14,13 @@ from gymnasium.utils.env_checker import check_env
 from neuroanimator import DescentOptions, NeuroAnimatorError, descend
 from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
-from neuroanimator.control.tasks.all_tasks import TASKS
-from neuroanimator.export.film.graphics import graphics_backend
+from neuroanimator.film.graphics import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv
 from neuroanimator.gym.batched_step import MAX_OBSERVATION
 from neuroanimator.gym.task_envs import TaskEnv, TaskVectorEnv
 from neuroanimator.gym.task_rows import TRIALS, TaskRows
 from neuroanimator.gym.vector_env import RowsVectorEnv
+from neuroanimator.learn.tasks.all_tasks import TASKS
 
 KINDS = [
     "pendulum-swing-up",

@@ -14,13 +14,13 @@ from neuroanimator.cli import new
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.files.tables import check_table, read_toml
+from neuroanimator.physics.soft.mesh_file import read_mesh
+from neuroanimator.physics.soft.polygons import triangulated
+from neuroanimator.physics.soft.scene import Scene
+from neuroanimator.physics.soft.soft_scene import Motion
 from neuroanimator.scaffold import soft
 from neuroanimator.scaffold.teacher import affordable_count
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.soft.mesh_file import read_mesh
-from neuroanimator.systems.soft.polygons import triangulated
-from neuroanimator.systems.soft.scene import Scene
-from neuroanimator.systems.soft.soft_scene import Motion
 
 FRAME = 1 / 30
 

@@ -19,14 +19,14 @@ from neuroanimator import (
     generate,
     load_system,
 )
-from neuroanimator.data.store import read_transitions
 from neuroanimator.definitions.carried import data_identity
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.evaluate import EvaluationBudget
+from neuroanimator.learn.data.store import read_transitions
+from neuroanimator.learn.evaluation.evaluate import EvaluationBudget
+from neuroanimator.physics.loading import resolve
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.model import Proposal, propose, proposed_feature
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve
 
 CART = """<mujoco model="cart">
   <option timestep="0.01" integrator="RK4"/>

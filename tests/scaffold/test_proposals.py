@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, load_system
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.scaffold.holding import at
 from neuroanimator.scaffold.model import Proposal, propose
 from neuroanimator.scaffold.motion import MAX_TURN
 from neuroanimator.scaffold.trials import fastest_turning, run_trial
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.layout import Bounds
-from neuroanimator.systems.rigid.model_system import ModelSystem
 
 
 def drone(keyframe: str = "") -> str:

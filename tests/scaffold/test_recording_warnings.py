@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
+from neuroanimator.physics.loading import resolve
+from neuroanimator.physics.recorded.read_recordings import read_recordings
+from neuroanimator.physics.recorded.recorded_system import RecordedSystem
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve
-from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 
 NAMES = ("angle rad", "velocity rad/s", "torque N·m")
 FORM = ("state.", "state.", "control.")
@@ -70,7 +71,7 @@ def test_positions_alone_are_told_and_their_velocities_estimated(tmp_path: Path)
     assert isinstance(system, RecordedSystem)
     assert system.recordings is not None
     assert system.structure.rates == ((0, 1),)
-    (states,) = system.recordings.read().states
+    (states,) = read_recordings(system.recordings).states
     np.testing.assert_array_equal(states[:, 0], np.round(table[:, 0], 7))
     error = np.sqrt(np.mean((states[:, 1] - table[:, 1]) ** 2))
     assert error < 0.05 * table[:, 1].std()

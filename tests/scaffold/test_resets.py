@@ -11,11 +11,11 @@ import pytest
 from neuroanimator import load_system
 from neuroanimator.definitions.model import Definition
 from neuroanimator.gym.models import reset_states
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.scaffold import teacher
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.motion import free_spread, turns_freely
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.rigid.model_system import ModelSystem
 
 PLACELESS = ("cyclic", "planar", "free")
 """Features of joints whose position does not matter, so that no start spreads them."""

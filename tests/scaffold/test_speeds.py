@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.evaluation.held_out import make_test
-from neuroanimator.evaluation.speed_function import FUNCTION_STEPS, function_player
+from neuroanimator.learn.evaluation.held_out import make_test
+from neuroanimator.learn.evaluation.speed_function import FUNCTION_STEPS, function_player
+from neuroanimator.physics.functions.function_system import PythonSystem
 from neuroanimator.scaffold.defaults import BEARABLE, MAX_TURN, SHORT_SUPER_STEP
 from neuroanimator.scaffold.function import _fastest_turning, _run_trial
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.functions.function_system import PythonSystem
 
 WHEEL = """\
 import numpy as np

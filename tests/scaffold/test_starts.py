@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from neuroanimator import DatasetConfig, TrainingConfig, load_system, train
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.sampling import sample_starts
-from neuroanimator.data.shard import make_shard
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.data.sampling import sample_starts
+from neuroanimator.learn.data.shard import make_shard
+from neuroanimator.physics.loading import resolve
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve
-from neuroanimator.systems.rigid.model_system import ModelSystem
 
 MODELS = Path(__file__).parent / "models"
 """Models of the kinds that strangers bring."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from neuroanimator.physics.rigid.warnings import warnings_heard
 from neuroanimator.scaffold import model, motion, teacher
-from neuroanimator.systems.rigid.warnings import warnings_heard
 
 LINK = """<mujoco><option timestep="0.01"/><worldbody>
   <body><joint name="arm" axis="0 1 0" {more}/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/></body>

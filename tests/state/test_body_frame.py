@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig, load_system
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.sampling import sample_starts
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.data.sampling import sample_starts
+from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.rotation import (
     facing,
@@ -25,7 +26,6 @@ from neuroanimator.state.rotation import (
 )
 from neuroanimator.state.segments import Heading, Plain, PlanarPosition, PlanarVelocity
 from neuroanimator.systems.system import System
-from neuroanimator.training.initialise import build_emulator
 
 PLANAR = (
     PlanarPosition(rate=4),

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig, load_system
-from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.description import blank, describe
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.training.initialise import build_emulator
+from neuroanimator.physics.loading import trust_files
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.rotation import facing, multiply, rotate
-from neuroanimator.systems.loading import trust_files
 from neuroanimator.systems.system import System
-from neuroanimator.training.initialise import build_emulator
 
 ROBOT = """
 <mujoco>

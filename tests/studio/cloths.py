@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig
-from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.training.initialise import build_emulator
+from neuroanimator.physics.loading import resolve
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve
-from neuroanimator.training.initialise import build_emulator
 
 SIDE = 8
 """Nodes along a side."""

@@ -19,8 +19,8 @@ from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.control.policies.state_policy import Perceptron, StatePolicy, View
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.files.zoo import find_emulator, shipped_policy
+from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
 from neuroanimator.systems import trusted_files

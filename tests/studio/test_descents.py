@@ -17,8 +17,8 @@ from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.objective.goals import goal_state
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator_studio.catalogue import shipped_folder
 from neuroanimator_studio.descent_module import PageDescent, check_module
 from neuroanimator_studio.descents import BAY, DESCENT_FILE, WITH_DESCENT, descent_of, judge_motion

@@ -14,7 +14,7 @@ from waiting import PATIENCE, wait_until
 
 from neuroanimator import load_emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.training.train import run_folder
+from neuroanimator.learn.training.train import run_folder
 from neuroanimator_studio import models
 from neuroanimator_studio.job_plan import checked_plan
 from neuroanimator_studio.job_settings import data_of

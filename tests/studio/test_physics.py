@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_emulator
-from neuroanimator.control.tasks.swimmers import gait_controls
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.wasm_file import Module
 from neuroanimator.files.zoo import SHIPPED, SOFT
-from neuroanimator.systems import SYSTEMS, load_system
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.tasks.swimmers import gait_controls
+from neuroanimator.physics import load_system
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems import SYSTEMS
 from neuroanimator_studio.catalogue import (
     PHYSICS_BUNDLES,
     PHYSICS_WASM,

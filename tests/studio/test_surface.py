@@ -8,7 +8,7 @@ from cloths import untrained_cloth
 
 from neuroanimator import Emulator
 from neuroanimator.appearance.shapes import COARSE_MODES, Shapes
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.state.placement import Placement
 from neuroanimator_studio.description import describe_emulator, unpacked
 from neuroanimator_studio.opening import opening_drive

@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from mujoco import rollout as mujoco_rollout
 
-from neuroanimator.data.sampling import sample_controls
-from neuroanimator.executor.cores import core_count
-from neuroanimator.systems.deformable.body import Body
-from neuroanimator.systems.deformable.deformable_system import MAX_STRAIN, DeformableSystem
-from neuroanimator.systems.deformable.mass_spring import strains
-from neuroanimator.systems.deformable.native.compiled import SINGLE_LANES, CTwin, c_twin
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
-from neuroanimator.systems.rigid.warnings import warnings_counted
+from neuroanimator.codegen.cores import core_count
+from neuroanimator.physics.deformable.body import Body
+from neuroanimator.physics.deformable.deformable_system import MAX_STRAIN, DeformableSystem
+from neuroanimator.physics.deformable.mass_spring import strains
+from neuroanimator.physics.deformable.native.compiled import SINGLE_LANES, CTwin, c_twin
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid.warnings import warnings_counted
+from neuroanimator.systems.random_controls import sample_controls
 from neuroanimator.systems.system import Scheme, System
 
 TRIED_STEPS = 10

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from benchmarks.control.baselines.budgeted_cost import BudgetedCost
 from benchmarks.control.baselines.cost_evaluator import CostEvaluator, Linearisation
 from benchmarks.control.baselines.fast_physics import MujocoPhysics, threads
+from neuroanimator.codegen.cores import core_count
 from neuroanimator.control.descent.methods import (
     DAMPINGS,
     FIRST_DAMPING,
@@ -17,9 +18,8 @@ from neuroanimator.control.descent.methods import (
     damped_steps,
 )
 from neuroanimator.errors import ArgumentError
-from neuroanimator.executor.cores import core_count
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
-from neuroanimator.systems.rigid.warnings import warnings_counted
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 DIFFERENCE = 1e-5

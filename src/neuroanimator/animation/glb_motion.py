@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.interpolate import hermite_cubic
+from neuroanimator.files.clock import resolution_of, straightened
 from neuroanimator.files.glb import Glb, object_at, objects_in
 from neuroanimator.files.numbers import entries, numbers, whole
 from neuroanimator.state.rotation import conjugate, multiply, quaternions_of, rotate
-from neuroanimator.systems.recorded.clock import resolution_of, straightened
 from neuroanimator.text import did_you_mean, listed, quoted
 
 MAX_DEPTH = 1000

@@ -16,13 +16,14 @@ from neuroanimator.animation.showcase import (
     swims_under_a_surface,
     throw,
 )
-from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.zoo import SHIPPED, SOFT, default_motion_path
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import Start, start_state
-from neuroanimator.systems.closed_starts import closed_starts, tied_system
+from neuroanimator.systems.closed_starts import closed_starts
+from neuroanimator.systems.random_controls import sample_controls
+from neuroanimator.systems.system import System
 
 MAX_SECONDS = 3600.0
 """Maximum duration of a random motion [s]: an hour; longer for a slow system."""
@@ -65,9 +66,9 @@ def default_motion(emulator: Emulator) -> Float[np.ndarray, "K S"]:
     return default_drive(emulator).motion(emulator)
 
 
-def default_drive(emulator: Emulator) -> Drive:
-    """Return the drive of `default_motion`."""
-    return shipped_drive(emulator) or random_drive(emulator, None, 0)
+def default_drive(emulator: Emulator, system: System | None = None) -> Drive:
+    """Return the drive of `default_motion`; see `random_drive` for the `system`."""
+    return shipped_drive(emulator) or random_drive(emulator, None, 0, system=system)
 
 
 def shipped_drive(emulator: Emulator) -> Drive | None:
@@ -94,13 +95,18 @@ def random_motion(
 
 
 def random_drive(
-    emulator: Emulator, seconds: float | None, seed: int, start: ArrayLike | None = None
+    emulator: Emulator,
+    seconds: float | None,
+    seed: int,
+    start: ArrayLike | None = None,
+    system: System | None = None,
 ) -> Drive:
     """Return random, never idle controls, and `start` (S,).
 
     Without a start it begins at rest, free hinges at random angles. Seed 0 without a start gives a motion worth watching:
     systems with a gait move by it, swimmers well below the surface; a soft body on the ground is thrown and left alone,
-    any other goes along the liveliest of several paths within its training.
+    any other goes along the liveliest of several paths within its training. The `system` is needed only by a body whose parts
+    are tied together: without it such a body begins at rest.
 
     Raises ArgumentError for a duration out of range and for a negative seed.
     """
@@ -114,7 +120,7 @@ def random_drive(
     elif is_showcase and not emulator.control.size:
         state = emulator.rest
     else:
-        state = _random_start(emulator, rng)
+        state = _random_start(emulator, rng, system)
     if seed == 0 and gait is not None:
         controls = gait.controls(steps, emulator.dt, bounds)
         if is_showcase and swims_under_a_surface(emulator):
@@ -160,7 +166,7 @@ def _paths_about(
     contacts = emulator.frame.shape_contacts
     if contacts is None:
         return None
-    from neuroanimator.systems.soft.movers import movers_of, pace_of  # with it comes pydantic
+    from neuroanimator.systems.movers import movers_of, pace_of  # with it comes pydantic
 
     movers = movers_of(emulator.system, emulator.definition, emulator.rest)
     if movers is None:
@@ -186,7 +192,9 @@ def _liveliest(
     return paths[0]
 
 
-def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndarray, " S"]:
+def _random_start(
+    emulator: Emulator, rng: np.random.Generator, system: System | None
+) -> Float[np.ndarray, " S"]:
     """Return the state of rest with free hinges at random angles within a quarter turn.
 
     An undriven system begins off rest by about a super step's usual change: all its motions would be the same otherwise.
@@ -195,10 +203,10 @@ def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndar
     if not emulator.control.size:
         unit = np.asarray(emulator.normaliser.unit, float)
         off_rest = emulator.frame.apply(start, unit * rng.normal(size=len(unit)))
-        return closed_starts(emulator.spec, off_rest[None])[0]
+        return closed_starts(emulator.spec, off_rest[None], system)[0]
     hinges = _free_hinges(emulator)
     start[hinges] = rng.uniform(-np.pi / 2, np.pi / 2, len(hinges))
-    return closed_starts(emulator.spec, start[None])[0]
+    return closed_starts(emulator.spec, start[None], system)[0]
 
 
 def _free_hinges(emulator: Emulator) -> Int[np.ndarray, " H"]:
@@ -212,9 +220,8 @@ def _free_hinges(emulator: Emulator) -> Int[np.ndarray, " H"]:
     return np.intersect1d(at_zero, positions)
 
 
-def named_start(emulator: Emulator, parts: Start) -> Float[np.ndarray, " S"]:
-    """Return the state of rest with `parts` set to the given numbers; see `System.start_at`."""
-    system = tied_system(emulator.spec)
+def named_start(emulator: Emulator, parts: Start, system: System | None) -> Float[np.ndarray, " S"]:
+    """Return the state of rest with `parts` set to the given numbers, by the `system` if there is one; see `System.start_at`."""
     if system is not None:
         return system.start_at(parts)
     structure = emulator.state_structure

@@ -12,11 +12,11 @@ from jaxtyping import Float
 from neuroanimator.animation.glb_motion import node_motion
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import one_line, read_bounded
+from neuroanimator.files.clock import resolution_of, straightened
 from neuroanimator.files.glb import read_glb
 from neuroanimator.files.number_table import read_header, read_numbers
+from neuroanimator.state.columns import TIME, time_column, without_brackets
 from neuroanimator.state.units import converted_unit
-from neuroanimator.systems.recorded.clock import resolution_of, straightened
-from neuroanimator.systems.recorded.columns import TIME, time_column, without_brackets
 from neuroanimator.text import did_you_mean, listed, quoted
 
 MAX_TABLE = 64 * 2**20

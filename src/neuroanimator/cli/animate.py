@@ -17,21 +17,22 @@ from neuroanimator.animation.motion import (
     random_drive,
 )
 from neuroanimator.animation.path_drive import path_drive
+from neuroanimator.cli.formats import emulator_for, export_clip, export_school
 from neuroanimator.cli.usage import refuse_given
 from neuroanimator.control.policies.school import school_clips
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_controls
-from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE, read_film
-from neuroanimator.export.formats import emulator_for, export_clip, export_school
 from neuroanimator.export.programs.formats import POLICY_ENDING
+from neuroanimator.film.options import CAMERAS, DEFAULT_SIZE, read_film
+from neuroanimator.physics import tied_system
 from neuroanimator.state.start import read_starts
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import print_line, quoted
 
 if TYPE_CHECKING:
-    from neuroanimator.evaluation.hybrid_shares import HybridGain
+    from neuroanimator.learn.evaluation.hybrid_shares import HybridGain
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -177,9 +178,10 @@ def run(
             export_school(clips, out, film)
         return print_rows(_rows(clips[0], out))
     with phase("emulating"):
+        tied = tied_system(model.spec)
         start_state = None
         if start:
-            start_state = named_start(model, read_starts(start))
+            start_state = named_start(model, read_starts(start), tied)
         if path:
             drive = path_drive(
                 model,
@@ -190,9 +192,9 @@ def run(
         elif controls:
             drive = controlled_drive(model, read_controls(controls, model), start_state)
         elif seconds is None and seed is None and start_state is None:
-            drive = default_drive(model)
+            drive = default_drive(model, tied)
         else:
-            drive = random_drive(model, seconds, seed or 0, start_state)
+            drive = random_drive(model, seconds, seed or 0, start_state, tied)
         gain = None
         if hybrid:
             from neuroanimator.cli.in_turns import motion_in_turns  # with it comes MuJoCo

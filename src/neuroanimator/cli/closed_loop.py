@@ -10,10 +10,10 @@ from jaxtyping import Float
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.cli.control_output import start_in_words, time_rows
-from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.export.csv_file import write_table
 from neuroanimator.export.gltf.scene import write_glb
+from neuroanimator.learn.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows, progress_bar
 

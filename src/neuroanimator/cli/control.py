@@ -13,6 +13,7 @@ import typer
 
 from neuroanimator.cli.closed_loop import run_closed_loop
 from neuroanimator.cli.control_output import start_in_words, time_rows
+from neuroanimator.cli.formats import emulator_for
 from neuroanimator.cli.usage import refuse_given
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.goals import find_goal, goal_start, is_reached, usual_goal
@@ -25,15 +26,14 @@ from neuroanimator.control.synthesis.synthesise import (
     check_same_system,
     synthesise_goal,
 )
-from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import replayable_system
 from neuroanimator.export.comparison import write_comparison
 from neuroanimator.export.csv_file import write_table
-from neuroanimator.export.formats import emulator_for
+from neuroanimator.learn.data.store import read_transitions
+from neuroanimator.learn.evaluation.held_out import replayable_system
+from neuroanimator.physics import load_system
 from neuroanimator.state.start import read_starts
-from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import print_line
@@ -173,7 +173,7 @@ def run(
     _write(synthesis, out, glb)
     if report:
         with phase("drawing"):
-            from neuroanimator.export.control_report import write_control_report  # with matplotlib
+            from neuroanimator.film.control_report import write_control_report  # with matplotlib
 
             write_control_report(synthesis, report, asked=[("start", search.start)])
     files = [("file", path) for path in (out, glb, log, report) if path]

@@ -11,7 +11,7 @@ import jax
 
 from neuroanimator.cli.studio import HOW_TO_GET_STUDIO
 from neuroanimator.codegen.backend import backend_in_words
-from neuroanimator.export.film.graphics import HOW_TO_GET_GL, graphics_backend
+from neuroanimator.film.graphics import HOW_TO_GET_GL, graphics_backend
 from neuroanimator.terminal import print_rows
 
 EXAMPLE = "neuroanimator doctor"

@@ -12,21 +12,21 @@ import typer
 from neuroanimator.cli.inspection_output import print_weak_spots
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
-from neuroanimator.data.stored import open_to_measure
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.evaluate import Evaluation, evaluate
-from neuroanimator.evaluation.fleets.sweep import largest_within, sweep
-from neuroanimator.evaluation.model_card import write_card
-from neuroanimator.evaluation.report import training_html, write_report
 from neuroanimator.executor.executor import Executor
-from neuroanimator.export.film.inline import film_html, motion_html
-from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, check_worst_path, write_worst
 from neuroanimator.files.zoo import find_emulator
-from neuroanimator.systems.loading import trust_files
+from neuroanimator.film.inline import film_html, motion_html
+from neuroanimator.film.worst_cases import WORST_TITLE, WORST_WORDS, check_worst_path, write_worst
+from neuroanimator.learn.data.stored import open_to_measure
+from neuroanimator.learn.evaluation.evaluate import Evaluation, evaluate
+from neuroanimator.learn.evaluation.fleets.sweep import largest_within, sweep
+from neuroanimator.learn.evaluation.model_card import write_card
+from neuroanimator.learn.evaluation.report import training_html, write_report
+from neuroanimator.learn.training.trust_fitting import fit_trust
+from neuroanimator.physics.loading import trust_files
 from neuroanimator.terminal import phase, print_table, progress_bar
 from neuroanimator.text import print_line
-from neuroanimator.training.trust_fitting import fit_trust
 
 EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report report.html"
 

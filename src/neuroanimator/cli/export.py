@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 
 from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
+from neuroanimator.cli.formats import emulator_for, export_clip, is_clip
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_clip
-from neuroanimator.export.film.options import read_film
-from neuroanimator.export.formats import emulator_for, export_clip, is_clip
 from neuroanimator.export.programs.formats import POLICY_ENDING, export_programs
+from neuroanimator.film.options import read_film
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import print_line, quoted
 

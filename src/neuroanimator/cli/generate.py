@@ -8,17 +8,18 @@ from typing import Annotated, Any
 import typer
 
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.diverged_runs import PATTERN
-from neuroanimator.data.generate import generate
-from neuroanimator.data.recorded_segments import limited_to_recordings
-from neuroanimator.data.shortcomings import shortcomings_of
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.executor import Executor
 from neuroanimator.files.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
 from neuroanimator.files.sources import refuse_source
-from neuroanimator.systems import SYSTEMS, carried_system
-from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.diverged_runs import PATTERN
+from neuroanimator.learn.data.generate import generate
+from neuroanimator.learn.data.recorded_segments import limited_to_recordings
+from neuroanimator.learn.data.shortcomings import shortcomings_of
+from neuroanimator.physics import carried_system
+from neuroanimator.physics.loading import resolve, trust_files
+from neuroanimator.systems import SYSTEMS
 from neuroanimator.terminal import phase, print_rows, progress_bar, warn_once
 
 EXAMPLE = (

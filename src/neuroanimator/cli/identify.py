@@ -8,15 +8,15 @@ from typing import Annotated
 
 import typer
 
-from neuroanimator.control.identification.identify import Identification, identify
-from neuroanimator.control.identification.report import (
+from neuroanimator.emulator.emulator import Emulator, load_emulator
+from neuroanimator.emulator.trust_summary import UNJUDGED
+from neuroanimator.learn.identification.identify import Identification, identify
+from neuroanimator.learn.identification.report import (
     estimate_row,
     fit_rows,
     write_identification_report,
 )
-from neuroanimator.emulator.emulator import Emulator, load_emulator
-from neuroanimator.emulator.trust_summary import UNJUDGED
-from neuroanimator.systems.loading import trust_files
+from neuroanimator.physics.loading import trust_files
 from neuroanimator.terminal import phase, print_rows, print_table
 from neuroanimator.text import print_line
 

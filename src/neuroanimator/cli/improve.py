@@ -11,18 +11,19 @@ import typer
 from neuroanimator.animation.motion import named_start
 from neuroanimator.cli.animate import START_HELP
 from neuroanimator.cli.usage import refuse_given
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.weakness.config import ImprovementConfig
-from neuroanimator.evaluation.weakness.fine_tune import fine_tune
-from neuroanimator.evaluation.weakness.improve import ErrorChange, improve, read_old_data
 from neuroanimator.export.csv_file import read_controls
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.evaluation.weakness.config import ImprovementConfig
+from neuroanimator.learn.evaluation.weakness.fine_tune import fine_tune
+from neuroanimator.learn.evaluation.weakness.improve import ErrorChange, improve, read_old_data
+from neuroanimator.learn.training.train import Report
+from neuroanimator.physics import tied_system
+from neuroanimator.physics.loading import trust_files
 from neuroanimator.state.start import read_starts
-from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 from neuroanimator.text import print_line
-from neuroanimator.training.train import Report
 
 EXAMPLE = (
     "neuroanimator improve pendulum-50 --controls swing-up.csv --out better.emulator.safetensors"
@@ -123,7 +124,7 @@ def _improve(
     if start and not controls:
         raise ArgumentError("start: applies to --controls only. Give --controls, too.")
     controllers = {str(path): read_controls(path, model) for path in controls}
-    start_state = named_start(model, read_starts(start)) if start else None
+    start_state = named_start(model, read_starts(start), tied_system(model.spec)) if start else None
     with (
         progress_bar("rounds", config.rounds) as round_bar,
         progress_bar("updates", config.updates) as update_bar,

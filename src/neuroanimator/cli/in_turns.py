@@ -7,10 +7,10 @@ from pathlib import Path
 from neuroanimator.animation.motion import Drive
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
-from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.evaluation.hybrid_shares import HybridGain, hybrid_gain
-from neuroanimator.systems.hybrid import HybridMotion, hybrid_rollout
-from neuroanimator.systems.loading import trust_files
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.hybrid_shares import HybridGain, hybrid_gain
+from neuroanimator.physics.hybrid import HybridMotion, hybrid_rollout
+from neuroanimator.physics.loading import trust_files
 
 
 def motion_in_turns(

@@ -11,18 +11,18 @@ import typer
 from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
 from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.control.policies.state_policy import StatePolicy, read_policy
-from neuroanimator.data.stored import open_to_measure
 from neuroanimator.emulator.artifact import emulator_from
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.trust_summary import UNJUDGED
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.weakness.inspection import inspect
 from neuroanimator.files.atomic import read_tensors
 from neuroanimator.files.places import is_url, place_of
 from neuroanimator.files.zoo import find_emulator, find_policy
+from neuroanimator.learn.data.stored import open_to_measure
+from neuroanimator.learn.evaluation.weakness.inspection import inspect
+from neuroanimator.physics.loading import trust_files
 from neuroanimator.state.layout import Layout
-from neuroanimator.systems.loading import trust_files
 from neuroanimator.terminal import phase, print_rows
 
 EXAMPLE = "neuroanimator info pendulum-50"

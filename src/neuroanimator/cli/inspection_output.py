@@ -5,10 +5,11 @@ from __future__ import annotations
 from json import dumps
 from typing import Any
 
-from neuroanimator.data.store import read_config
-from neuroanimator.evaluation.weakness.coverage import coverage
-from neuroanimator.evaluation.weakness.inspection import Inspection
-from neuroanimator.evaluation.weakness.tables import (
+from neuroanimator.files.places import Place
+from neuroanimator.learn.data.store import read_config
+from neuroanimator.learn.evaluation.weakness.coverage import coverage
+from neuroanimator.learn.evaluation.weakness.inspection import Inspection
+from neuroanimator.learn.evaluation.weakness.tables import (
     COMPONENTS_CAPTION,
     COVERAGE_CAPTION,
     Table,
@@ -16,7 +17,6 @@ from neuroanimator.evaluation.weakness.tables import (
     coverage_facts,
     spread_tables,
 )
-from neuroanimator.files.places import Place
 from neuroanimator.terminal import phase, print_rows, print_table, sparkline
 from neuroanimator.text import print_line, short_number
 

@@ -89,7 +89,7 @@ def write_out() -> None:
 
 def say_what_mujoco_warned_of() -> None:
     """Print one line on stderr if MuJoCo warned of anything; import nothing that has not been imported."""
-    warnings_module = sys.modules.get("neuroanimator.systems.rigid.warnings")
+    warnings_module = sys.modules.get("neuroanimator.physics.rigid.warnings")
     if warnings_module is None:
         return
     line = warnings_module.warning_line()

@@ -14,22 +14,22 @@ from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import generate
-from neuroanimator.data.store import Transitions, read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
-from neuroanimator.evaluation.evaluate import Evaluation, evaluate
-from neuroanimator.evaluation.report import training_html, write_report
-from neuroanimator.export.control_report import control_html
 from neuroanimator.export.csv_file import write_table
-from neuroanimator.export.film.inline import film_html
-from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.files.atomic import canonical_json, write_whole
+from neuroanimator.film.control_report import control_html
+from neuroanimator.film.inline import film_html
+from neuroanimator.film.video import write_video
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import generate
+from neuroanimator.learn.data.store import Transitions, read_transitions
+from neuroanimator.learn.evaluation.evaluate import Evaluation, evaluate
+from neuroanimator.learn.evaluation.report import training_html, write_report
+from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.learn.training.train import train
 from neuroanimator.terminal import print_rows, progress_bar
-from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
-from neuroanimator.training.train import train
 
 SYSTEM = "pendulum"
 """The system to learn: three links and three motors."""

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from neuroanimator.data.config import SOFT_COUNT, USUAL_COUNT
 from neuroanimator.definitions.model import Definition
+from neuroanimator.learn.data.config import SOFT_COUNT, USUAL_COUNT
 from neuroanimator.scaffold.teacher import affordable_count
 from neuroanimator.scaffold.write_toml import checked_base, write_definition
 from neuroanimator.terminal import phase, print_rows

@@ -10,8 +10,6 @@ from typing import Annotated
 import typer
 
 from neuroanimator.control.policies.state_policy import load_state_policy
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.learn_policy import (
@@ -20,12 +18,14 @@ from neuroanimator.gym.learn_policy import (
 )
 from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.gym.policy_task import PolicyTask, check_task, task_to_learn
-from neuroanimator.systems import load_system
-from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.training.config import TrainingConfig
+from neuroanimator.learn.training.train import METRICS, read_reports, run_folder, train
+from neuroanimator.physics import load_system
+from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows, progress_bar
-from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.train import METRICS, read_reports, run_folder, train
 
 EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 3 --out hopper.policy.safetensors"
 

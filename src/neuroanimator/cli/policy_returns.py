@@ -14,19 +14,19 @@ from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.control.policies.state_policy import StatePolicy, load_state_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.definition import commands_of
 from neuroanimator.files.numbers import number_in
 from neuroanimator.gym.bodies import environment_returns, episodes_of, motion_of, returns_of
 from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
 from neuroanimator.gym.state_rows import EmulatorStepper, physics_stepper
-from neuroanimator.systems.loading import trust_files
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.training.train import METRICS, read_reports, run_folder
+from neuroanimator.physics.loading import trust_files
 from neuroanimator.systems.named_files import MissingPhysicsError
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import quoted
-from neuroanimator.training.train import METRICS, read_reports, run_folder
 
 MAX_EPISODES = 100_000
 
@@ -145,7 +145,7 @@ def evaluate_policy(
     if report:
         with phase("drawing"):
             # Imports Matplotlib.
-            from neuroanimator.evaluation.policy_report import write_policy_report
+            from neuroanimator.learn.evaluation.policy_report import write_policy_report
 
             told = read_reports(run_folder(path) / METRICS, LearningReport)
             curve = [(point.steps, point.mean_return) for point in told]

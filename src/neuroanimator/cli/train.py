@@ -11,24 +11,24 @@ import typer
 from neuroanimator.cli.generate import ensure_data, tell_shortcomings
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
-from neuroanimator.data.shortcomings import shortcomings
-from neuroanimator.data.store import Dataset
-from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.departures import departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, GOOD, IN_WORDS, NO_CHANGE, Verdict
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.fleets.fleet_file import is_fleet, read_fleet
-from neuroanimator.evaluation.fleets.train_fleet import TABLE, train_fleet
-from neuroanimator.evaluation.weakness.causes import causes_in_training
 from neuroanimator.export.programs.formats import POLICY_ENDING
 from neuroanimator.files.tables import read_toml
+from neuroanimator.learn.data.shortcomings import shortcomings
+from neuroanimator.learn.data.store import Dataset
+from neuroanimator.learn.data.stored import open_transitions
+from neuroanimator.learn.evaluation.fleets.fleet_file import is_fleet, read_fleet
+from neuroanimator.learn.evaluation.fleets.train_fleet import TABLE, train_fleet
+from neuroanimator.learn.evaluation.weakness.causes import causes_in_training
+from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.learn.training.error_fitting import fit_error_bounds
+from neuroanimator.learn.training.train import METRICS, Report, run_folder, train
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
-from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
-from neuroanimator.training.error_fitting import fit_error_bounds
-from neuroanimator.training.train import METRICS, Report, run_folder, train
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.codegen.cores import core_count
 from neuroanimator.errors import ArgumentError
-from neuroanimator.executor.cores import core_count
 from neuroanimator.executor.executor import Executor
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.text import quoted

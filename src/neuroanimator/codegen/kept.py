@@ -45,7 +45,7 @@ FLAGS = (
 )
 """Sets of compiler flags; the first that the compiler knows is used."""
 
-SOURCES = ("codegen", "emulator", "state", "control", "animation", "export", "gym")
+SOURCES = ("codegen", "emulator", "state", "control", "animation", "export", "learn", "gym")
 """Folders of the package whose code determines what programs do: when it changes, programs are made anew."""
 
 

@@ -73,7 +73,7 @@ class MuscleTable(Table):
 
 
 class WaterTable(Table):
-    """Water around the body; `systems.deformable.body.Water` explains the keys."""
+    """Water around the body; `physics.deformable.body.Water` explains the keys."""
 
     face_drag: NotNegative
     drag: NotNegative = 0.0
@@ -84,7 +84,7 @@ class WaterTable(Table):
 
 
 class GroundTable(Table):
-    """Ground under the body; `systems.deformable.body.Ground` explains the keys."""
+    """Ground under the body; `physics.deformable.body.Ground` explains the keys."""
 
     stiffness: Positive
     damping: NotNegative = 0.0
@@ -149,7 +149,7 @@ class BodyDefinition(Table):
     """The surface to draw; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
     parameters: Parameters = Field(default={})
-    """Parameters that vary between bodies, and what each sets: `systems.deformable.body_parameters` lists the targets."""
+    """Parameters that vary between bodies, and what each sets: `physics.deformable.body_parameters` lists the targets."""
     goals: dict[SystemName, GoalTable] = Field(default={})
 
 

@@ -28,7 +28,7 @@ Integrator = Literal["euler", "implicit", "implicitfast", "rk4", "discrete"]
 """MuJoCo's names of its integrators, in small letters."""
 
 Feature = Literal["sine", "plain", "cyclic", "free", "placed", "ball", "planar"]
-"""How a joint is represented to the network; `systems.rigid.joints.FEATURES` lists which suit it."""
+"""How a joint is represented to the network; `physics.rigid.joints.FEATURES` lists which suit it."""
 
 
 class Physics(Table):

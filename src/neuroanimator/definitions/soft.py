@@ -94,7 +94,7 @@ class SolidTable(Table):
 
 
 class AirTable(Table):
-    """Air around the body; `systems.soft.soft_body.Air` explains the keys."""
+    """Air around the body; `physics.soft.soft_body.Air` explains the keys."""
 
     drag: NotNegative = 0.5
     density: NotNegative = 1.2

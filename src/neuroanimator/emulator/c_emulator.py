@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.compiler import find_compiler
+from neuroanimator.codegen.cores import in_parts
 from neuroanimator.codegen.kept import (
     CProgram,
     LoadedProgram,
@@ -36,7 +37,6 @@ from neuroanimator.emulator.origin import GRID, Origin
 from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.super_step import SuperStep, latent_size
 from neuroanimator.emulator.tensors import emulator_tensors
-from neuroanimator.executor.cores import in_parts
 from neuroanimator.files.atomic import canonical_json, digest
 from neuroanimator.files.remembered import Remembered
 

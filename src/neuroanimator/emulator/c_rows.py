@@ -19,6 +19,7 @@ from jaxtyping import Array, Float, Shaped
 
 from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_function import c_function, prelude
+from neuroanimator.codegen.cores import in_parts
 from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import (
     CProgram,
@@ -33,7 +34,6 @@ from neuroanimator.codegen.trace import Input
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.compiled import call_compiled, is_traced, of_rows
 from neuroanimator.emulator.probes import BORDERLINE, Expected, rounded
-from neuroanimator.executor.cores import in_parts
 from neuroanimator.files.remembered import Remembered
 
 SOUND_SHARE = 0.5

@@ -14,9 +14,9 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import one_line, read_bounded, write_whole
+from neuroanimator.files.clock import resolution_of, straightened
 from neuroanimator.files.number_table import read_header, read_numbers
 from neuroanimator.state.layout import Layout
-from neuroanimator.systems.recorded.clock import resolution_of, straightened
 from neuroanimator.text import quoted, table_cell
 
 MAX_TABLE = 256 * 2**20

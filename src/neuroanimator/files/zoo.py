@@ -32,7 +32,7 @@ class ShippedSystem:
     is_soft: bool = False
     """Whether it has thousands of nodes, emulated by the amplitudes of shapes."""
     recipe: Mapping[str, Any] = field(default_factory=dict)
-    """Recipe of its emulators: see `training.recipes`."""
+    """Recipe of its emulators: see `learn.training.recipes`."""
     large: Mapping[str, Any] = field(default_factory=dict)
     """Changes to the recipe for the large size."""
 

@@ -12,11 +12,11 @@ from jaxtyping import Array, Bool, Float
 
 from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
-from neuroanimator.control.tasks.task import Aim
 from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import probes_of
+from neuroanimator.learn.tasks.task import Aim
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position
 

@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from neuroanimator.control.planning.environments import check_actions, mujoco_state
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
@@ -17,6 +16,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import NOISE, StateRows, Stepper
+from neuroanimator.learn.planning.environments import check_actions, mujoco_state
 
 
 class Moved(NamedTuple):

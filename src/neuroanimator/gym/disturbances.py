@@ -9,7 +9,7 @@ from jaxtyping import Float
 from neuroanimator.control.policies.reference_motion import TURN, ReferenceMotion
 from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.gym.rules import Disturbance
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 
 FREE_VELOCITY = 6
 """Size of a free root's velocity."""

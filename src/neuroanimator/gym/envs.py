@@ -10,11 +10,11 @@ from gymnasium.vector import AutoresetMode
 
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.emulator.emulator import Emulator, as_emulator
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.gym.rules import EpisodeRules, Reward, rules_by
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.state_rows import NOISE, EmulatorStepper, StateRows, physics_stepper
 from neuroanimator.gym.vector_env import RowsVectorEnv
+from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.systems.system import Scheme
 
 

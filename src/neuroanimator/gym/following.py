@@ -28,10 +28,10 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.disturbances import disturbance_of
 from neuroanimator.gym.rules import EpisodeRules, never
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.rotation import conjugate, multiply
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 
 class Term(NamedTuple):

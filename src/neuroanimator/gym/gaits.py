@@ -29,9 +29,9 @@ from neuroanimator.control.policies.reference_motion import (
 from neuroanimator.definitions.follow import CommandsTable
 from neuroanimator.errors import BadFileError
 from neuroanimator.gym.mixed_strides import mixed_strides
+from neuroanimator.physics.rigid.joints import JointView
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, upward
-from neuroanimator.systems.rigid.joints import JointView
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 STRIDES = (0.0, 1 / 3, 2 / 3)
 """Lengths of the shorter strides stored with a motion on command, relative to its own."""

@@ -25,9 +25,9 @@ from neuroanimator.gym.bodies import returns_of
 from neuroanimator.gym.learner import Counters, Learner, PolicyLearning
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.learn.training.checkpoint import read_tree, write_tree
+from neuroanimator.learn.training.train import METRICS, trim_metrics
 from neuroanimator.systems.system import System
-from neuroanimator.training.checkpoint import read_tree, write_tree
-from neuroanimator.training.train import METRICS, trim_metrics
 
 EVALUATED = 8
 """Number of bodies for each episode that evaluates a policy during learning."""

@@ -21,7 +21,7 @@ from neuroanimator.control.policies.state_policy import Perceptron, StatePolicy,
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.gym.rules import EpisodeRules
-from neuroanimator.training.loss import unrolled_loss
+from neuroanimator.learn.training.loss import unrolled_loss
 
 CLIP = 0.2
 """Change of an action's likelihood ratio at which it is clipped."""

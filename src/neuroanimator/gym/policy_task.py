@@ -17,7 +17,7 @@ from neuroanimator.gym.learner import PolicyLearning
 from neuroanimator.gym.locomotion import locomotion_rules, task_of
 from neuroanimator.gym.read_motion import read_motion
 from neuroanimator.gym.rules import EpisodeRules
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
 GOING = PolicyLearning()

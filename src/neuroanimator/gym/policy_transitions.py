@@ -14,16 +14,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.data.config import USUAL_SAMPLES_PER_RUN, DatasetConfig
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.gym.bodies import Bodies
 from neuroanimator.gym.policy_gradient import noisy_controls
 from neuroanimator.gym.policy_task import PolicyTask
 from neuroanimator.gym.rules import unpaid
 from neuroanimator.gym.state_rows import physics_stepper
+from neuroanimator.learn.data.config import USUAL_SAMPLES_PER_RUN, DatasetConfig
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.training.config import LARGE_BATCHES
 from neuroanimator.systems.system import System
-from neuroanimator.training.config import LARGE_BATCHES
 
 COUNT = 1_000_000
 """Default number of transitions."""

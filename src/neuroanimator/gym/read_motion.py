@@ -20,10 +20,10 @@ from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.gym.gaits import Gait, GaitEntries, on_command
+from neuroanimator.physics.rigid.joints import JointView
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.rotation import facing, heading_of, multiply, rotate
-from neuroanimator.systems.rigid.joints import JointView
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
 RATE_TOLERANCE = 1e-3

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.physics import tied_system
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems.closed_starts import closed_starts
 
@@ -88,7 +89,9 @@ def drawn_starts(
     if rules.draw_start is None:
         raise ArgumentError("rules: wanted rules with draw_start, which draws starts.")
     starts = np.stack([rules.draw_start(rng) for rng in random])
-    return closed_starts(emulator.spec, emulator.state.check(starts, "rules.draw_start"))
+    return closed_starts(
+        emulator.spec, emulator.state.check(starts, "rules.draw_start"), tied_system(emulator.spec)
+    )
 
 
 Reward = Callable[[Array, Array, Array], Any]

@@ -18,6 +18,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.batched_step import step_rows
 from neuroanimator.gym.rules import EpisodeRules, drawn_starts
 from neuroanimator.gym.vector_env import EpisodeRows, Outcome
+from neuroanimator.physics import tied_system
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.closed_starts import closed_starts
 from neuroanimator.systems.system import Scheme, System
@@ -182,4 +183,4 @@ def starts_near_rest(
     changes = np.concatenate([still, drawn])
     latent = np.tile(emulator.encode(rest), (len(changes), 1))
     states = emulator.decode(frame.apply(latent, changes))
-    return closed_starts(emulator.spec, rest + (states[1:] - states[0]))
+    return closed_starts(emulator.spec, rest + (states[1:] - states[0]), tied_system(emulator.spec))

@@ -1,4 +1,4 @@
-"""The tasks of `neuroanimator.control.tasks` as Gymnasium environments, with goals, rewards and ends."""
+"""The tasks of `neuroanimator.learn.tasks` as Gymnasium environments, with goals, rewards and ends."""
 
 from __future__ import annotations
 

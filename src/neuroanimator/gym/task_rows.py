@@ -14,8 +14,6 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import Objective, Trajectory
-from neuroanimator.control.tasks.all_tasks import TASKS
-from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
@@ -28,8 +26,10 @@ from neuroanimator.gym.batched_step import (
     step_rows,
 )
 from neuroanimator.gym.vector_env import EpisodeRows, Outcome
+from neuroanimator.learn.tasks.all_tasks import TASKS
+from neuroanimator.learn.tasks.task import Task, Trial
+from neuroanimator.physics import load_system
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.systems import load_system
 
 TRIALS = 100
 """Number of starts and goals from which an episode is drawn: those that `benchmarks/control/control.py` solves."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.film.live import LiveCamera, checked_render_mode
+from neuroanimator.film.live import LiveCamera, checked_render_mode
 from neuroanimator.gym.forked import refuse_forked
 
 MASK = "reset_mask"

@@ -8,15 +8,15 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.scaffold.defaults import rounded
-from neuroanimator.scaffold.root_invariance import aims
-from neuroanimator.state.layout import Bounds
-from neuroanimator.systems.rigid.actuators import (
+from neuroanimator.physics.rigid.actuators import (
     actuators_of_controls,
     control_names,
     control_range,
 )
-from neuroanimator.systems.rigid.touching import is_disabled
+from neuroanimator.physics.rigid.touching import is_disabled
+from neuroanimator.scaffold.defaults import rounded
+from neuroanimator.scaffold.root_invariance import aims
+from neuroanimator.state.layout import Bounds
 
 GUESS = (-1.0, 1.0)
 """Range proposed for an actuator without any information."""

@@ -8,8 +8,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from neuroanimator.data.config import USUAL_COUNT
 from neuroanimator.files.names import model_name
+from neuroanimator.learn.data.config import USUAL_COUNT
+from neuroanimator.physics.rigid.actuators import actuators_of_controls, control_names
+from neuroanimator.physics.rigid.joints import FEATURES, joint_name, sensor_name
+from neuroanimator.physics.rigid.limbs import acts_on
+from neuroanimator.physics.rigid.model_system import ModelSystem, keyframe_name
+from neuroanimator.physics.rigid.touching import is_limited
 from neuroanimator.scaffold.actuators import controls_without_range
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, is_urdf
@@ -20,11 +25,6 @@ from neuroanimator.scaffold.root_invariance import (
     why_root_is_placed,
 )
 from neuroanimator.scaffold.teacher import Teacher, data_row, in_words
-from neuroanimator.systems.rigid.actuators import actuators_of_controls, control_names
-from neuroanimator.systems.rigid.joints import FEATURES, joint_name, sensor_name
-from neuroanimator.systems.rigid.limbs import acts_on
-from neuroanimator.systems.rigid.model_system import ModelSystem, keyframe_name
-from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.text import listed
 
 SLOW = 0.05

@@ -12,24 +12,19 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.config import SOFT_COUNT
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.tables import check_table
+from neuroanimator.learn.data.config import SOFT_COUNT
+from neuroanimator.physics.soft.flex_model import flex_body, mover_names, thicknesses, tied_bodies
+from neuroanimator.physics.soft.flex_scene import FlexScene
+from neuroanimator.physics.soft.soft_body import Points
+from neuroanimator.physics.soft.soft_scene import Motion
 from neuroanimator.scaffold.defaults import FINE_PARTS, rounded, usual_name
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.scaffold.soft import FREE_ROW, data_steps
 from neuroanimator.scaffold.teacher import affordable_count, data_row, in_words
 from neuroanimator.state.shape_contacts import FREE
-from neuroanimator.systems.soft.flex_model import (
-    flex_body,
-    mover_names,
-    thicknesses,
-    tied_bodies,
-)
-from neuroanimator.systems.soft.flex_scene import FlexScene
-from neuroanimator.systems.soft.soft_body import Points
-from neuroanimator.systems.soft.soft_scene import Motion
 from neuroanimator.terminal import phase
 
 SUPER_STEP = 1 / 30

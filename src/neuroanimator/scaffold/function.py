@@ -10,10 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
 from neuroanimator.definitions.function import PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.tables import check_table
+from neuroanimator.learn.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
+from neuroanimator.physics.functions.function_system import FUNCTION, PythonSystem, are_too_large
+from neuroanimator.physics.functions.step_file import run_file
+from neuroanimator.physics.recorded.rates import rate_entries
 from neuroanimator.scaffold.declarations import Declarations, read_declarations
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
@@ -45,9 +48,6 @@ from neuroanimator.scaffold.structure import (
     turning_entries,
     wrapped,
 )
-from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem, are_too_large
-from neuroanimator.systems.functions.step_file import run_file
-from neuroanimator.systems.recorded.rates import rate_entries
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.terminal import progress_bar

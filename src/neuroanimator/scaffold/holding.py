@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import lsq_linear
 
+from neuroanimator.physics.rigid.actuators import actuators_of_controls
+from neuroanimator.physics.rigid.model_system import ModelSystem
+from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.scaffold.actuators import possible_controls
 from neuroanimator.scaffold.defaults import rounded
 from neuroanimator.scaffold.root_invariance import gravity_of, has_contacts
-from neuroanimator.systems.rigid.actuators import actuators_of_controls
-from neuroanimator.systems.rigid.model_system import ModelSystem
-from neuroanimator.systems.rigid.warnings import warnings_counted
 
 HOLD_SECONDS = 0.3
 """Time after which controls are judged by the model's speed [s]: a fall shows, a stance has settled."""

@@ -9,10 +9,20 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.tables import check_table
+from neuroanimator.learn.data.config import RUN_STEPS
+from neuroanimator.physics.rigid.bones import JOINT_NAMES
+from neuroanimator.physics.rigid.compiled_model import compile_model
+from neuroanimator.physics.rigid.ground import height_entry
+from neuroanimator.physics.rigid.joints import FEATURES, joint_name
+from neuroanimator.physics.rigid.mesh_inertia import mesh_warnings
+from neuroanimator.physics.rigid.model_system import HOME, ModelSystem, keyframe_name
+from neuroanimator.physics.rigid.mujoco_system import INTEGRATORS
+from neuroanimator.physics.rigid.symmetries import symmetries_of
+from neuroanimator.physics.rigid.touching import is_limited
+from neuroanimator.physics.rigid.warnings import forget_other_than, warnings_heard
 from neuroanimator.scaffold.actuators import actuator_faults, proposed_bounds, widen_guesses
 from neuroanimator.scaffold.comments import Findings, comments_on, told_of, warnings_about
 from neuroanimator.scaffold.defaults import FINE_PARTS, proposed_substeps, rounded, usual_name
@@ -30,18 +40,8 @@ from neuroanimator.scaffold.root_invariance import (
     why_root_is_placed,
 )
 from neuroanimator.scaffold.teacher import choose_teacher
-from neuroanimator.systems.rigid.bones import JOINT_NAMES
-from neuroanimator.systems.rigid.compiled_model import compile_model
-from neuroanimator.systems.rigid.ground import height_entry
-from neuroanimator.systems.rigid.joints import FEATURES, joint_name
-from neuroanimator.systems.rigid.mesh_inertia import mesh_warnings
-from neuroanimator.systems.rigid.model_files import read_model_files
-from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
-from neuroanimator.systems.rigid.model_xml import refuse
-from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
-from neuroanimator.systems.rigid.symmetries import symmetries_of
-from neuroanimator.systems.rigid.touching import is_limited
-from neuroanimator.systems.rigid.warnings import forget_other_than, warnings_heard
+from neuroanimator.systems.model_files import read_model_files
+from neuroanimator.systems.model_xml import refuse
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed
 

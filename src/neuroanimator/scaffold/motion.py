@@ -13,6 +13,13 @@ from jaxtyping import Float
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.tables import check_table
+from neuroanimator.physics.rigid.actuators import actuators_of_controls
+from neuroanimator.physics.rigid.bones import JOINT_NAMES
+from neuroanimator.physics.rigid.joints import JointView, joint_name
+from neuroanimator.physics.rigid.model_system import RATE_SIZES, ModelSystem
+from neuroanimator.physics.rigid.mujoco_system import DIVERGED_VELOCITY
+from neuroanimator.physics.rigid.touching import is_limited
+from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
     BEARABLE,
@@ -42,13 +49,6 @@ from neuroanimator.scaffold.trials import (
     usual_velocities,
 )
 from neuroanimator.state.rotation import rotate_back
-from neuroanimator.systems.rigid.actuators import actuators_of_controls
-from neuroanimator.systems.rigid.bones import JOINT_NAMES
-from neuroanimator.systems.rigid.joints import JointView, joint_name
-from neuroanimator.systems.rigid.model_system import RATE_SIZES, ModelSystem
-from neuroanimator.systems.rigid.mujoco_system import DIVERGED_VELOCITY
-from neuroanimator.systems.rigid.touching import is_limited
-from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.terminal import progress_bar
 
 SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, SHORT_SUPER_STEP)

@@ -8,19 +8,22 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from neuroanimator.data.config import window_length
-from neuroanimator.data.recorded_noise import noise_of
-from neuroanimator.data.recorded_segments import split_runs
-from neuroanimator.data.shortcomings import (
+from neuroanimator.definitions.recorded import RecordedDefinition
+from neuroanimator.errors import BadFileError
+from neuroanimator.files.tables import check_table
+from neuroanimator.learn.data.config import window_length
+from neuroanimator.learn.data.recorded_noise import noise_of
+from neuroanimator.learn.data.recorded_segments import split_runs
+from neuroanimator.learn.data.shortcomings import (
     RECORD,
     learning_steps,
     too_few,
     wilder_test,
     without_velocities,
 )
-from neuroanimator.definitions.recorded import RecordedDefinition
-from neuroanimator.errors import BadFileError
-from neuroanimator.files.tables import check_table
+from neuroanimator.physics.recorded.rates import Runs, changes_of, rate_entries
+from neuroanimator.physics.recorded.recording import Recording
+from neuroanimator.physics.recorded.velocities import prepared, unwrapped
 from neuroanimator.scaffold.defaults import (
     FASTEST,
     MAX_TURN,
@@ -39,9 +42,6 @@ from neuroanimator.scaffold.scales import (
     substeps_through_noise,
     warn_of_small,
 )
-from neuroanimator.systems.recorded.rates import Runs, changes_of, rate_entries
-from neuroanimator.systems.recorded.recording import Recording
-from neuroanimator.systems.recorded.velocities import prepared, unwrapped
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.text import listed
 

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.files.names import model_name
+from neuroanimator.physics.rigid.actuators import actuators_of_controls, input_of
+from neuroanimator.physics.rigid.bones import JOINT_NAMES
+from neuroanimator.physics.rigid.joints import joint_name
+from neuroanimator.physics.rigid.touching import is_disabled, is_limited, touching_geoms
+from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.state.rotation import facing, multiply, rotate_in_plane
-from neuroanimator.systems.rigid.actuators import actuators_of_controls, input_of
-from neuroanimator.systems.rigid.bones import JOINT_NAMES
-from neuroanimator.systems.rigid.joints import joint_name
-from neuroanimator.systems.rigid.touching import is_disabled, is_limited, touching_geoms
-from neuroanimator.systems.rigid.warnings import warnings_counted
 
 LEVEL_TOLERANCE = 1e-9
 """Largest dot product of two perpendicular directions, due to rounding."""

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import BadFileError
+from neuroanimator.physics.recorded.rates import Runs, changes_of
 from neuroanimator.scaffold.structure import States, Step
-from neuroanimator.systems.recorded.rates import Runs, changes_of
 
 MAX_CHANGE = 0.2
 """Largest change of a slow system in a super step, as a share of its range of motion."""

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.config import SAMPLES_PER_RUN, SOFT_COUNT
 from neuroanimator.definitions.soft import SOLID_ENDING, MeshReading, SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.tables import check_table
+from neuroanimator.learn.data.config import SAMPLES_PER_RUN, SOFT_COUNT
+from neuroanimator.physics.soft.mesh_file import MAX_FILE, read_mesh
+from neuroanimator.physics.soft.scene import Scene
+from neuroanimator.physics.soft.soft_body import GRAVITY, Points
+from neuroanimator.physics.soft.soft_system import THROW_STEPS, SoftSystem
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.scaffold.teacher import data_row
 from neuroanimator.state.shape_contacts import FREE
-from neuroanimator.systems.soft.mesh_file import MAX_FILE, read_mesh
-from neuroanimator.systems.soft.scene import Scene
-from neuroanimator.systems.soft.soft_body import GRAVITY, Points
-from neuroanimator.systems.soft.soft_system import THROW_STEPS, SoftSystem
 
 STEP = 1 / 1200
 """Small physics step [s]."""

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
+from neuroanimator.codegen.cores import core_count
 from neuroanimator.errors import ArgumentError
-from neuroanimator.executor.cores import core_count
+from neuroanimator.learn.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.scaffold.defaults import MAX_TEACHER_ERROR, MIN_CHANGE, rounded
 from neuroanimator.scaffold.trials import EVALUATIONS, STIFF_INTEGRATORS, Trial, step_cost
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import phase, progress_bar
 

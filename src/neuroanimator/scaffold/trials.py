@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.config import RUN_STEPS
-from neuroanimator.data.sampling import sample_control_runs, sample_starts
+from neuroanimator.learn.data.config import RUN_STEPS
+from neuroanimator.learn.data.sampling import sample_starts
+from neuroanimator.physics.rigid.joints import JointView
+from neuroanimator.physics.rigid.model_system import RATE_SIZES, ModelSystem
+from neuroanimator.physics.rigid.warnings import warnings_heard
 from neuroanimator.scaffold.defaults import FASTEST, rounded
 from neuroanimator.state.rotation import rotate_back
-from neuroanimator.systems.rigid.joints import JointView
-from neuroanimator.systems.rigid.model_system import RATE_SIZES, ModelSystem
-from neuroanimator.systems.rigid.warnings import warnings_heard
+from neuroanimator.systems.random_controls import sample_control_runs
 
 TRIAL_RUNS = 16
 """Maximum number of trial runs; each starts elsewhere, and lasts as long as a run of a dataset."""

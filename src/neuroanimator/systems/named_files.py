@@ -19,7 +19,7 @@ from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.tables import check_table, read_toml
-from neuroanimator.systems.rigid.model_files import ModelFiles, read_model_files
+from neuroanimator.systems.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.trusted_files import digest_of, know_model, known_models, trusted_path
 from neuroanimator.text import quoted
 

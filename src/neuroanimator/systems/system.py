@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.codegen.cores import core_count
 from neuroanimator.emulator.spec import Engine
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.executor.cores import core_count
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.state.parameters import Parameter, fixed_parameters, nominal_values
@@ -22,7 +22,7 @@ from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.goal import Goal, goal_in_layout
-from neuroanimator.systems.recorded.recording_file import RecordingFile
+from neuroanimator.systems.recording_file import RecordingFile
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
     from neuroanimator.definitions.goal import GoalTable
@@ -243,7 +243,7 @@ class System(abc.ABC):
     ) -> Runs:
         """Return the runs of `simulate`, computed in the fastest way: on every core, or in C compiled for the body.
 
-        C and JAX agree up to the last few digits (tests/systems/deformable/native/test_compiled.py).
+        C and JAX agree up to the last few digits (tests/physics/deformable/native/test_compiled.py).
         """
         states, controls, scheme, substeps = self._prepare(starts, controls, dt, scheme)
         self._simulate_fastest(states, controls, scheme, substeps)

@@ -9,7 +9,7 @@ A model runs no code and is compiled within limits, so it needs no consent, but 
 names, beside the emulator, or in its dataset. The two kinds are kept apart: a found model allows nobody to run one of
 its files.
 
-A worker of this process receives this knowledge with its task (`data.shard_task`).
+A worker of this process receives this knowledge with its task (`learn.data.shard_task`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import read_bounded
-from neuroanimator.systems.rigid.model_files import ModelFiles
+from neuroanimator.systems.model_files import ModelFiles
 
 MAX_FILE = 512 * 2**20
 """Maximum size of a file [bytes]: recordings are read whole."""

@@ -1,4 +1,4 @@
-// A body's physics in WebAssembly (systems/deformable/native/mass_spring_calls.c).
+// A body's physics in WebAssembly (physics/deformable/native/mass_spring_calls.c).
 
 import { exportedFunction, Heap, startModule, type ModuleExports } from "../emulator/instance";
 

@@ -8,7 +8,7 @@ import { clamp } from "./pilots";
 /** Approximate time in which a mover reaches its target, if it is fast enough [s]. */
 const RESPONSE = 0.2;
 
-/** Time constant with which a mover reaches a velocity [s], as in training paths (systems/soft/movers.py). */
+/** Time constant with which a mover reaches a velocity [s], as in training paths (systems/movers.py). */
 const INERTIA = 0.1;
 
 /** Time alone after which movers wander again [s]. */

@@ -14,7 +14,7 @@ import numpy as np
 from neuroanimator import load_emulator
 from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator_studio.descent_module import ITERATIONS, PageDescent
 from neuroanimator_studio.descents import WITH_DESCENT, descent_of
 

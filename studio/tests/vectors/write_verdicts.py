@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import load_emulator
-from neuroanimator.control.tasks.swimmers import body_length, gait_controls
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.tasks.swimmers import body_length, gait_controls
 from neuroanimator.state.pose import read_pose
 from neuroanimator_studio.descents import Verdict, descent_of, judge_motion
 from neuroanimator_studio.description import short_numbers

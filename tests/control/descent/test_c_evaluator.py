@@ -22,9 +22,9 @@ from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import ObjectiveForm
 from neuroanimator.control.objective.objective import CostFunction, CostTerm, StateTerm, Trajectory
 from neuroanimator.control.objective.objective_cost import objective_cost
-from neuroanimator.control.tasks.all_tasks import TASKS
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.private_folder import kept_folder
+from neuroanimator.learn.tasks.all_tasks import TASKS
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 

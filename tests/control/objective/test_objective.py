@@ -54,10 +54,10 @@ from neuroanimator.control.objective.objective import AT_THE_END, CostTerm, Traj
 from neuroanimator.control.objective.objective_cost import check_objective, cost_and_slopes
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.errors import ArgumentError
+from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.rotation import multiply, rotate
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
 BODIES = ("fish", "truck")

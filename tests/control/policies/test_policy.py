@@ -23,11 +23,6 @@ from neuroanimator.control.policies.behaviours import (
 )
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
 from neuroanimator.control.policies.policy import Policy, fresh_policy
-from neuroanimator.control.policies.policy_training import (
-    PolicyTraining,
-    command_ranges,
-    train_policy,
-)
 from neuroanimator.control.policies.steering import (
     SteeringTarget,
     command_toward,
@@ -37,16 +32,17 @@ from neuroanimator.control.policies.steering import (
     steer_left,
     unit,
 )
-from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.pca import mixing, reflection
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.zoo import POLICIES, find_emulator, find_policy, shipped_policy
+from neuroanimator.gym.policy_training import PolicyTraining, command_ranges, train_policy
+from neuroanimator.learn.data.sampling import sample_starts
+from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import Pose
 from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
 from neuroanimator.state.rotation import facing
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 
 SECONDS = 6.0
 """As long as a fish needs to turn a third of a circle and to be back at its speed."""

@@ -27,8 +27,8 @@ from neuroanimator.control.descent.c_evaluator import c_evaluator
 from neuroanimator.control.descent.descend import pose_problem, vary_parameters
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import EachStep
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.systems.system import System
 
 STEPS = 12

@@ -119,7 +119,7 @@ def test_a_cost_in_a_file_is_the_cost_in_python(text: str, tmp_path: Path):
 
 
 def test_every_kind_is_tried_and_every_cost_has_a_kind():
-    # A truck has no nodes: tests/systems/soft has a cloth's.
+    # A truck has no nodes: tests/physics/soft has a cloth's.
     assert {text.split('"')[1] for text in MEANT} == {*KINDS} - {"reach_node"}
     makers = {
         name

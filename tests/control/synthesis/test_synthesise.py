@@ -42,7 +42,7 @@ from neuroanimator.control.synthesis.finetune import transitions_near
 from neuroanimator.control.synthesis.replay import LARGE_GAP
 from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
 from neuroanimator.control.synthesis.synthesise import restart, synthesise_goal
-from neuroanimator.data.store import Transitions
+from neuroanimator.learn.data.store import Transitions
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
 

@@ -9,11 +9,11 @@ import pytest
 from conftest import Cli
 
 import neuroanimator as na
-from neuroanimator.control.planning.pursue import pursue_goal
 from neuroanimator.control.synthesis.summary import UNPROVED, outcome_rows
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
+from neuroanimator.learn.planning.pursue import pursue_goal
+from neuroanimator.physics.loading import resolve
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.systems.loading import resolve
 
 GOAL = """
 [goals.aside]

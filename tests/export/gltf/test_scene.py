@@ -23,8 +23,8 @@ from neuroanimator.animation.motion import random_motion
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
 from neuroanimator.export.csv_file import read_controls, write_table
-from neuroanimator.export.film import graphics
-from neuroanimator.export.film.graphics import graphics_backend
+from neuroanimator.film import graphics
+from neuroanimator.film.graphics import graphics_backend
 from neuroanimator.state.rotation import continuous, rotation_matrices
 
 

@@ -30,12 +30,12 @@ from neuroanimator.control.descent.problem import Problem, VariedParameters
 from neuroanimator.control.objective.feasibility import check_reachable
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.objective_cost import check_objective
-from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.arrays import as_float32, as_parameter
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import latent_size
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.systems.random_controls import sample_controls
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed, quoted
 

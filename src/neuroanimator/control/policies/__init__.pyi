@@ -17,10 +17,10 @@ from neuroanimator.control.policies.pilot import Pilot as Pilot
 from neuroanimator.control.policies.pilot import PilotFrame as PilotFrame
 from neuroanimator.control.policies.policy import Policy as Policy
 from neuroanimator.control.policies.policy import load_policy as load_policy
-from neuroanimator.control.policies.policy_seeds import train_policies as train_policies
-from neuroanimator.control.policies.policy_training import PolicyTraining as PolicyTraining
-from neuroanimator.control.policies.policy_training import train_policy as train_policy
 from neuroanimator.control.policies.steering import SteeringTarget as SteeringTarget
 from neuroanimator.control.policies.steering import steer_down as steer_down
 from neuroanimator.control.policies.steering import steer_forward as steer_forward
 from neuroanimator.control.policies.steering import steer_left as steer_left
+from neuroanimator.gym.policy_seeds import train_policies as train_policies
+from neuroanimator.gym.policy_training import PolicyTraining as PolicyTraining
+from neuroanimator.gym.policy_training import train_policy as train_policy

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, final
+from typing import NamedTuple, Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -20,12 +20,10 @@ from neuroanimator.control.policies.pilot_motions import (
 )
 from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.control.policies.state_policy import StatePolicy, load_any_policy
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.systems.system import System
-
-if TYPE_CHECKING:  # identification takes long to import, and most bodies need none
-    from neuroanimator.control.planning.estimator import ParameterEstimator
 
 MAX_FRAME = 60.0
 """Maximum duration of a frame [s]: a longer one is a mistake, such as milliseconds for seconds."""
@@ -48,6 +46,28 @@ class PilotFrame(NamedTuple):
     """Pose in the world: `position` (3,) [m], `velocity` (3,) [m/s], `heading` [rad], directions (3,) of its X and Z."""
 
 
+@runtime_checkable
+class Estimator(Protocol):
+    """What estimates a body's parameters from its motion, such as `ParameterEstimator`."""
+
+    @property
+    def emulator(self) -> Emulator:
+        """An emulator of the body's family."""
+        ...
+
+    def observe(
+        self,
+        state: Float[np.ndarray, " S"],
+        control: Float[np.ndarray, " C"],
+        following: Float[np.ndarray, " S"],
+    ) -> object:
+        """Learn from one super step: `state`, the `control` held, and the state that followed."""
+
+    def believed(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
+        """Return `state` with the estimated parameters."""
+        ...
+
+
 @final
 class Pilot:
     """A body that follows commands: `reset` it, then `step` it once per picture, at any rate.
@@ -61,7 +81,7 @@ class Pilot:
         policy: Policy | StatePolicy | str | Path,
         system: System | None = None,
         *,
-        estimator: ParameterEstimator | None = None,
+        estimator: Estimator | None = None,
     ):
         """Make a pilot, at rest, from a policy, its file, or the name of a shipped one, such as `fish`.
 
@@ -260,7 +280,7 @@ def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMoti
 
 
 def _check_estimator(
-    estimator: ParameterEstimator, policy: Policy | StatePolicy, system: System | None
+    estimator: Estimator, policy: Policy | StatePolicy, system: System | None
 ) -> None:
     """Raise ArgumentError unless the estimator fits the policy's body and can be given its states."""
     if system is not None:

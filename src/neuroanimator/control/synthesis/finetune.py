@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from neuroanimator.data.config import DatasetConfig
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.sampling import runs_near
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.unfinished import temporary_folder
+from neuroanimator.learn.data.config import DatasetConfig
+from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.data.sampling import runs_near
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.learn.training.train import train
 from neuroanimator.systems.system import System
-from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
-from neuroanimator.training.train import train
 
 CONTROL_SPREAD = 0.15
 """Spread of controls sampled around the motion, as a share of their bounds."""

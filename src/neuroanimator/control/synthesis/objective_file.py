@@ -43,11 +43,11 @@ from neuroanimator.control.synthesis.synthesise import (
     Synthesis,
     synthesise,
 )
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.names import SystemName
 from neuroanimator.files.tables import Finite, Positive, Table, first_fault, read_toml
+from neuroanimator.learn.data.store import Transitions
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System

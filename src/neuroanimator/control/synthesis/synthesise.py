@@ -29,12 +29,12 @@ from neuroanimator.control.synthesis.attempt import (
     make_attempt,
 )
 from neuroanimator.control.synthesis.replay import Replay
-from neuroanimator.data.sampling import sample_control_runs
-from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import replayable_system
+from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.evaluation.held_out import replayable_system
 from neuroanimator.state.slowness import slowness
+from neuroanimator.systems.random_controls import sample_control_runs
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 

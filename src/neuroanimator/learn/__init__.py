@@ -1,0 +1,1 @@
+"""From physics to an emulator: data, training, evaluation; and what needs both."""

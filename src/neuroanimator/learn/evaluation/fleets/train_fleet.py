@@ -1,0 +1,185 @@
+"""Train the missing members of a fleet, and write the table of all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from neuroanimator.errors import BadFileError, NeuroAnimatorError
+from neuroanimator.executor.executor import Executor, Outcome, raise_first
+from neuroanimator.files.atomic import SIZE_LIMIT, locked, read_bounded, write_whole
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.places import Place, place_of
+from neuroanimator.files.unfinished import remove_stale
+from neuroanimator.learn.data.generate import generate
+from neuroanimator.learn.evaluation.csv_table import write_csv
+from neuroanimator.learn.evaluation.fleets.fleet_file import Fleet, Member
+from neuroanimator.learn.evaluation.fleets.member import MemberTask, TrainedMember, run_member_task
+from neuroanimator.systems.trusted_files import trusted_so_far
+
+TABLE = "fleet.csv"
+"""Name of the table in the fleet's folder."""
+
+ROWS = "rows"
+"""Folder of the rows, a file each, which say that an emulator is done."""
+
+DATA = "data"
+"""Folder of the datasets, unless the fleet's file names another place."""
+
+MAX_ROW = 10_000
+"""Maximum size of a row's file [bytes]."""
+
+
+@dataclass(frozen=True)
+class FleetRow:
+    """One emulator in the table."""
+
+    name: str
+    system: str
+    substeps: int
+    size: str
+    seed: int
+    numbers: int
+    """Number of weights and other numbers in it."""
+    one_step_error: float
+    error: float
+    """Error after the fleet's time, on unseen runs; infinite if a run diverged."""
+    sha256: str
+    """Hash of its file."""
+    best: bool = False
+    """Whether its error is the least of its system's."""
+
+
+def train_fleet(
+    fleet: Fleet,
+    out: str | Path,
+    executor: Executor,
+    *,
+    on_start: Callable[[int], None] = lambda count: None,
+    on_member: Callable[[], None] = lambda: None,
+) -> list[FleetRow]:
+    """Train every member of `fleet` into the folder `out`; return their rows, which are also in its `fleet.csv`.
+
+    Members that are there and whole are kept. `on_start` is called with the number of members to train, once their data
+    are made, and `on_member` as each is done. All others are trained before the error of one is raised.
+    """
+    out = Path(out)
+    with locked(out):
+        remove_stale(out)
+        rows = _finished(fleet, out)
+        missing = [member for member in fleet.members if member.name not in rows]
+        data = place_of(fleet.data) if fleet.data else out / DATA
+        datasets = {member.dataset: member.data for member in missing}
+        for name, config in datasets.items():
+            generate(config, data / name, executor=executor)
+        on_start(len(missing))
+        failed: dict[int, NeuroAnimatorError] = {}
+        for outcome in _trained(missing, data, out, executor):
+            if outcome.error is not None:
+                failed[outcome.index] = outcome.error
+                continue
+            member = missing[outcome.index]
+            rows[member.name] = _keep(member, outcome.value(), out)
+            on_member()
+        table = _marked([rows[member.name] for member in fleet.members if member.name in rows])
+        if table:
+            write_csv(out / TABLE, [asdict(row) for row in table])
+        raise_first(failed, len(missing))
+    return table
+
+
+def _trained(
+    members: list[Member], data: Place, out: Path, executor: Executor
+) -> Iterator[Outcome[TrainedMember]]:
+    workplace = str(out.resolve()) if executor.shares_disk else ""
+    tasks = []
+    for member in members:
+        checkpoints = ""
+        if not executor.shares_disk:
+            checkpoints = _as_seen_elsewhere(data / member.run_name)
+        task = MemberTask(
+            member=member,
+            data=_as_seen_elsewhere(data / member.dataset),
+            workplace=workplace,
+            checkpoints=checkpoints,
+            trusted=trusted_so_far(),
+        )
+        tasks.append(task)
+    return executor.outcomes(run_member_task, tasks)
+
+
+def _as_seen_elsewhere(place: Place) -> str:
+    """Return a folder or URL so that a worker in another working directory finds it."""
+    return str(place.resolve() if isinstance(place, Path) else place)
+
+
+def _keep(member: Member, trained: TrainedMember, out: Path) -> FleetRow:
+    """Write an emulator, then the row that says it is there; return the row."""
+    write_whole(out / member.file_name, trained.content)
+    row = FleetRow(
+        name=member.name,
+        system=member.data.system,
+        substeps=member.data.substeps,
+        size=member.size,
+        seed=member.training.seed,
+        numbers=trained.numbers,
+        one_step_error=trained.one_step_error,
+        error=trained.error,
+        sha256=hashlib.sha256(trained.content).hexdigest(),
+    )
+    values = asdict(row) | {"identity": member.identity, "error": _as_json(row.error)}
+    write_whole(_row_path(out, member), f"{json.dumps(values, indent=2)}\n".encode())
+    return row
+
+
+def _finished(fleet: Fleet, out: Path) -> dict[str, FleetRow]:
+    """Return the rows of the members that are there and whole; BadFileError if one belongs to another fleet."""
+    rows = {}
+    for member in fleet.members:
+        row = _read_row(member, out)
+        if row is not None:
+            rows[member.name] = row
+    return rows
+
+
+def _read_row(member: Member, out: Path) -> FleetRow | None:
+    path = _row_path(out, member)
+    if not path.exists():
+        return None
+    try:
+        values = parse_json_object(read_bounded(path, MAX_ROW), MAX_ROW)
+        identity = values.pop("identity")
+        values["error"] = float(values["error"])
+        row = FleetRow(**values)
+        content = read_bounded(out / member.file_name, SIZE_LIMIT)
+    except (ValueError, TypeError, KeyError, BadFileError):
+        return None  # damaged or truncated: it is made again
+    if identity != member.identity:
+        raise BadFileError(
+            f"{out} holds another fleet's {member.name}. Choose another --out, or the same settings."
+        )
+    if hashlib.sha256(content).hexdigest() != row.sha256:
+        return None
+    return row
+
+
+def _row_path(out: Path, member: Member) -> Path:
+    return out / ROWS / f"{member.name}.json"
+
+
+def _as_json(error: float) -> float | str:
+    """Return a number that JSON can hold; it has no infinity."""
+    return error if math.isfinite(error) else "inf"
+
+
+def _marked(rows: list[FleetRow]) -> list[FleetRow]:
+    """Return the rows, the best of each system marked: the one with the smallest error, the first of equals."""
+    best: dict[str, FleetRow] = {}
+    for row in rows:
+        if row.system not in best or row.error < best[row.system].error:
+            best[row.system] = row
+    return [replace(row, best=best[row.system] is row) for row in rows]

@@ -1,0 +1,134 @@
+"""One compiled chunk of updates, which a training run repeats."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.networks.network import Network
+from neuroanimator.learn.training.batches import draw_batches, folded, parts_of, seen_by
+from neuroanimator.learn.training.config import TrainingConfig
+from neuroanimator.learn.training.loss import calm_weights, robust_loss, unrolled_loss
+from neuroanimator.learn.training.optimizer import make_optimizer
+from neuroanimator.state.shape_contacts import FREE
+from neuroanimator.state.structure import Structure
+from neuroanimator.state.symmetry import Symmetry
+
+RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
+"""Network inputs at rest: see `Emulator.rest_streams`."""
+
+
+class TrainingProblem(eqx.Module):
+    """The constants of every update of a run."""
+
+    config: TrainingConfig = eqx.field(static=True)
+    structure: Structure = eqx.field(static=True)
+    """Structure of the system's states."""
+    symmetries: tuple[Symmetry, ...] = eqx.field(static=True)
+    """Symmetries under which every window may be transformed."""
+    base: Emulator
+    """The emulator whose network is trained."""
+    rest: RestStreams | None
+    """Network inputs at rest; None if the system does not stay there."""
+
+
+class WindowsInMemory(eqx.Module):
+    """The windows from which batches are drawn."""
+
+    states: Float[Array, "N T I"]
+    """Windows of T = H + 1 latent states."""
+    controls: Float[Array, "N H C"]
+    """Latent controls between them."""
+    rare: Int[Array, " M"]
+    """Rows of the windows with the most unusual changes."""
+
+
+def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
+    """Return `base` with another network, which, given its inputs at rest, stays at rest there."""
+    emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
+    if rest is None:
+        return emulator
+    return emulator.at_rest(rest)
+
+
+completed = eqx.filter_jit(with_network)
+"""`with_network` as one compiled function, for use outside compiled code."""
+
+
+@eqx.filter_jit
+def train_chunk(
+    problem: TrainingProblem,
+    windows: WindowsInMemory,
+    network: Network,
+    optimizer_state: Any,
+    chunk: Int[Array, ""],
+    unroll: int,
+) -> tuple[Network, Any, Float[Array, ""]]:
+    """Return (network, optimiser state, mean loss) after chunk number `chunk`, whose loss spans `unroll` super steps.
+
+    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same. The number is an
+    array, as a Python number would be compiled in, and every chunk recompiled.
+    """
+    config = problem.config
+    size = config.batch_at(unroll)
+    key = jax.random.fold_in(jax.random.key(config.seed), chunk)
+    rows_of_updates, weights = draw_batches(
+        key, size, windows.states.shape[0], windows.rare, config.rare_share
+    )
+
+    def loss_of(network: Network, rows: Int[Array, " B"]) -> Float[Array, ""]:
+        row_weights = None
+        if weights is not None:
+            row_weights = weights[rows]
+        fold_key = jax.random.fold_in(key, rows[0])
+        if problem.structure.shape_contacts is None:
+            states = windows.states[rows, : unroll + 1]
+            controls = windows.controls[rows, :unroll]
+        else:
+            part_key = jax.random.fold_in(fold_key, 2)
+            states, controls = parts_of(part_key, windows.states, windows.controls, rows, unroll)
+        return _batch_loss(problem, network, fold_key, states, controls, row_weights)
+
+    optimizer = make_optimizer(config)
+
+    def update(
+        carry: tuple[Any, Any], rows: Int[Array, " B"]
+    ) -> tuple[tuple[Any, Any], Float[Array, ""]]:
+        network, optimizer_state = carry
+        loss, gradient = jax.value_and_grad(loss_of)(network, rows)
+        step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
+        return (eqx.apply_updates(network, step), optimizer_state), loss
+
+    start = (network, optimizer_state)
+    (network, optimizer_state), losses = jax.lax.scan(update, start, rows_of_updates)
+    return network, optimizer_state, losses.mean()
+
+
+def _batch_loss(
+    problem: TrainingProblem,
+    network: Network,
+    fold_key: PRNGKeyArray,
+    states: Float[Array, "N F I"],
+    controls: Float[Array, "N H C"],
+    weights: Float[Array, " N"] | None,
+) -> Float[Array, ""]:
+    """Return the loss of some windows, each unchanged or under one of the symmetries."""
+    structure = problem.structure
+    emulator = with_network(problem.base, network, problem.rest)
+    if problem.symmetries:
+        view_key = jax.random.fold_in(fold_key, 1)
+        states, controls = seen_by(problem.symmetries, view_key, states, controls)
+    if structure.symmetry_order > 1:
+        states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
+    growth = problem.config.error_growth
+    contacts = structure.shape_contacts
+    if contacts is not None and contacts.anchor == FREE:
+        return robust_loss(emulator, states, controls, growth)
+    if problem.config.calm > 0:
+        calm = calm_weights(emulator, states, problem.config.calm)
+        weights = calm if weights is None else weights * calm
+    return unrolled_loss(emulator, states, controls, weights, growth)

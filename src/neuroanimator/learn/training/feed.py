@@ -1,0 +1,58 @@
+"""The windows of a training run, pool by pool, and the updates on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.networks.network import Network
+from neuroanimator.learn.training.chunk import TrainingProblem, WindowsInMemory, train_chunk
+from neuroanimator.learn.training.pools import Pools
+from neuroanimator.learn.training.prefetch import Prefetched
+
+
+@final
+@dataclass
+class Feed:
+    """Trains chunk by chunk, each on windows of its pool; the next pool is read and encoded ahead, in a thread."""
+
+    problem: TrainingProblem
+    pools: Pools
+    _ahead: Prefetched[WindowsInMemory] | None = None
+    _pool: WindowsInMemory | None = None
+    _number: int = -1
+    """Number of the pool in memory."""
+
+    def train(
+        self, network: Network, optimizer_state: Any, chunk: int
+    ) -> tuple[Network, Any, float]:
+        """Return (network, optimiser state, mean loss) after chunk number `chunk`: a function of the arguments alone."""
+        network, optimizer_state, loss = train_chunk(
+            self.problem,
+            self._pool_at(int(self.pools.of_chunks[chunk])),
+            network,
+            optimizer_state,
+            as_jax(chunk, np.int32),
+            self.problem.config.unroll_at(chunk),
+        )
+        return network, optimizer_state, float(loss)
+
+    def _pool_at(self, number: int) -> WindowsInMemory:
+        if self._pool is not None and number == self._number:
+            return self._pool
+        if self._ahead is None or number != self._number + 1:
+            self.close()
+            self._ahead = Prefetched(self.pools.pools(number), depth=1)
+        self._pool = next(self._ahead)
+        self._number = number
+        return self._pool
+
+    def close(self) -> None:
+        """Free the pool in memory, and end the prefetch."""
+        if self._ahead is not None:
+            self._ahead.close()
+        self._ahead = None
+        self._pool = None

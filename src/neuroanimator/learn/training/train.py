@@ -1,0 +1,243 @@
+"""Fit an emulator to transitions; killed and started again it ends with the same bytes."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.codegen.jax_settings import keep_programs
+from neuroanimator.emulator.artifact import check_readable, save
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.networks.network import Network
+from neuroanimator.files.atomic import append_line, locked, read_bounded, write_whole
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.numbers import number
+from neuroanimator.files.places import Place
+from neuroanimator.files.unfinished import remove_stale
+from neuroanimator.learn.data.store import Dataset
+from neuroanimator.learn.training.checkpoint import Progress, read_checkpoint, write_checkpoint
+from neuroanimator.learn.training.chunk import completed
+from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.learn.training.feed import Feed
+from neuroanimator.learn.training.lesson import Lesson, lesson_of
+from neuroanimator.learn.training.loss import squared_error
+from neuroanimator.learn.training.optimizer import make_optimizer
+from neuroanimator.learn.training.trust_fitting import with_meter
+from neuroanimator.learn.training.validation import validation_errors
+
+CHUNKS_PER_REPORT = 4
+"""Number of chunks between two validations, lines of metrics and checkpoints."""
+
+METRICS = "metrics.jsonl"
+"""Name of the file of reports in a run's folder."""
+
+Line = TypeVar("Line")
+"""Tuple type of a line of `metrics.jsonl`."""
+
+MAX_LINE = 10_000
+"""Maximum length of a line of `metrics.jsonl` [characters]; ours have a hundred."""
+
+MAX_METRICS = 50_000_000
+"""Maximum size of `metrics.jsonl` [bytes]: that of a hundred million updates."""
+
+
+class Report(NamedTuple):
+    """One line of `metrics.jsonl`."""
+
+    update: int
+    loss: float
+    error: float
+    """Root mean square one-step error on validation runs, over the change's standard deviation."""
+    unrolled_error: float
+    """The same after the longest unroll."""
+    seconds: float
+    """Time since this process began training [s]."""
+
+
+def train(
+    data: Dataset,
+    config: TrainingConfig,
+    out: str | Path,
+    *,
+    start_from: Emulator | None = None,
+    checkpoints: Place | None = None,
+    on_report: Callable[[Report], None] = lambda report: None,
+    on_chunk: Callable[[int], None] = lambda update: None,
+) -> Emulator:
+    """Train on `data`, write the best emulator by validation to `out` and return it.
+
+    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued. If another machine may
+    have to resume it, `checkpoints` is a folder or URL that both see. It is not locked: two that train the same write the
+    same bytes.
+    """
+    out = Path(out)
+    keep_programs()
+    folder = run_folder(out)
+    with locked(folder):
+        run = _Run.prepare(data, config, folder, checkpoints or folder, start_from)
+        feed = run.lesson.feed
+        remove_stale(folder)
+        provenance = {"dataset": data.config.model_dump(), "training": _settings(feed, config)}
+        check_readable(feed.problem.base, folder, provenance)
+        with closing(feed):
+            while not run.is_over:
+                on_report(run.advance(on_chunk))
+        emulator = run.known_best
+        save(emulator, out, provenance)
+    return emulator
+
+
+def _settings(feed: Feed, config: TrainingConfig) -> dict[str, Any]:
+    """Return the settings on which the weights depend: not the memory's size, if all windows fit into it."""
+    settings = config.model_dump(mode="json")
+    if feed.pools.is_one:
+        del settings["memory"]
+    return settings
+
+
+def run_folder(out: Path) -> Path:
+    """Return the folder that holds checkpoints and metrics of the emulator, or the policy, at `out`."""
+    return out.with_name(out.name.removesuffix(".safetensors") + ".run")
+
+
+@dataclass
+class _Run:
+    """A training run between two reports."""
+
+    lesson: Lesson
+    noise: Float[np.ndarray, " S"] | None
+    """Standard deviation of the noise in recorded states, if it is known."""
+    folder: Path
+    checkpoints: Place
+    progress: Progress
+    began: float = field(default_factory=time.monotonic)
+    """Time at which this process began to train [s]."""
+
+    @classmethod
+    def prepare(
+        cls,
+        data: Dataset,
+        config: TrainingConfig,
+        folder: Path,
+        checkpoints: Place,
+        start_from: Emulator | None,
+    ) -> _Run:
+        """Return the run in `folder`, resumed if there are `checkpoints` of it."""
+        lesson = lesson_of(data, config, start_from)
+        fresh = Progress.fresh(lesson.problem.base.network, make_optimizer(config))
+        progress = read_checkpoint(checkpoints, lesson.fingerprint, fresh)
+        trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
+        return cls(lesson, data.noise, folder, checkpoints, progress)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether every update is done, or too many reports have passed without a better network."""
+        config = self.lesson.problem.config
+        return self.progress.chunk >= config.chunks or self.progress.stale >= config.patience
+
+    @property
+    def known_best(self) -> Emulator:
+        """Emulator with the lowest validation error so far, with its trust meter and its validation errors."""
+        known = with_meter(self._with(self.progress.best), self.lesson.measured)
+        states, controls = map(np.asarray, self.lesson.validation)
+        return replace(known, validation=validation_errors(known, states, controls, self.noise))
+
+    def _with(self, network: Network) -> Emulator:
+        problem = self.lesson.problem
+        return completed(problem.base, network, problem.rest)
+
+    def advance(self, on_chunk: Callable[[int], None]) -> Report:
+        """Train until the next report, then validate, log and checkpoint."""
+        config = self.lesson.problem.config
+        progress = self.progress
+        losses = []
+        while True:
+            network, optimizer_state, loss = self.lesson.feed.train(
+                progress.network, progress.optimizer_state, progress.chunk
+            )
+            losses.append(loss)
+            progress = progress._replace(
+                network=network, optimizer_state=optimizer_state, chunk=progress.chunk + 1
+            )
+            on_chunk(progress.chunk * UPDATES_PER_CHUNK)
+            if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= config.chunks:
+                break
+        errors = self._validation_errors(progress.network)
+        self.progress = progress.judged(float(errors[-1]))
+        report = Report(
+            update=progress.chunk * UPDATES_PER_CHUNK,
+            loss=float(np.mean(losses)),
+            error=float(errors[0]),
+            unrolled_error=float(errors[-1]),
+            seconds=time.monotonic() - self.began,
+        )
+        append_line(self.folder / METRICS, json.dumps(report._asdict()))
+        write_checkpoint(self.checkpoints, self.lesson.fingerprint, self.progress)
+        return report
+
+    def _validation_errors(self, network: Network) -> Float[np.ndarray, " H"]:
+        """Return the root mean square error after 1..H super steps, over all numbers that move."""
+        emulator = self._with(network)
+        squares = _validate(emulator, *self.lesson.validation)
+        moves = np.asarray(self.lesson.problem.base.normaliser.unit) > 0
+        return np.sqrt(np.asarray(squares)[:, moves].mean(axis=1))
+
+
+@eqx.filter_jit
+def _validate(
+    emulator: Emulator, states: Float[Array, "N T I"], controls: Float[Array, "N H C"]
+) -> Float[Array, "H V"]:
+    return squared_error(emulator, states, controls)
+
+
+def read_metrics(path: Path) -> list[Report]:
+    """Return the reports in `metrics.jsonl` of a training at `path`; see `read_reports`."""
+    return read_reports(path, Report)
+
+
+def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
+    """Return the reports in `metrics.jsonl` at `path`, in order; none without a file. Torn lines are left out.
+
+    `kind` is a tuple of named numbers. BadFileError if the file is longer than that of any training.
+    """
+    reports = []
+    for line in _lines(path):
+        try:
+            told = parse_json_object(line, MAX_LINE)
+            for name, value in told.items():
+                number(value, name)
+            reports.append(kind(**told))
+        except (ValueError, TypeError):
+            continue
+    return reports
+
+
+def trim_metrics(folder: Path, update: int) -> None:
+    """Drop the lines that a killed run logged after its last checkpoint."""
+    path = folder / METRICS
+    logged = [line + "\n" for line in _lines(path) if _logged_by(line, update)]
+    if path.exists():
+        write_whole(path, "".join(logged).encode())
+
+
+def _lines(path: Path) -> list[str]:
+    if not path.exists():
+        return []
+    return read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
+
+
+def _logged_by(line: str, update: int) -> bool:
+    """Return whether a line of the metrics was written up to update number `update`; False for torn lines."""
+    try:
+        return parse_json_object(line, MAX_LINE)["update"] <= update
+    except (ValueError, KeyError, TypeError):
+        return False

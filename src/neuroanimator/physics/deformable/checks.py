@@ -1,0 +1,121 @@
+"""Checks of a deformable body's nodes, springs, muscles and steps, which name faults before anything is simulated.
+
+Faces are checked in `face_checks.py`, left and right in `mirror.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.physics.deformable.body import Body
+from neuroanimator.physics.deformable.stability import largest_stable_step
+from neuroanimator.text import listed
+
+if TYPE_CHECKING:
+    from neuroanimator.definitions.body import BodyDefinition
+
+MIN_SPRING_LENGTH = 1e-9
+"""Minimum distance between the ends of a spring [m]: a shorter spring has no direction."""
+
+RK4_OVER_SYMPLECTIC = 1.3
+"""Lower bound of the ratio of rk4's largest stable step to symplectic Euler's, at any damping (1.39 to 1.41)."""
+
+MAX_SHORTENING = 0.9
+"""Maximum share of its length by which all muscles together may shorten a spring: more leaves almost nothing of it."""
+
+
+def check_nodes(definition: BodyDefinition, max_nodes: int) -> None:
+    """Refuse too many mass points, and those without mass."""
+    if len(definition.nodes) > max_nodes:
+        raise ArgumentError(
+            f"nodes: wanted at most {max_nodes}, got {len(definition.nodes)}. Use a coarser body."
+        )
+    for name, (*_, mass) in definition.nodes.items():
+        if mass <= 0:
+            raise ArgumentError(
+                f"nodes.{name}: wanted [x, y, z, mass] with a mass above 0 kg, got {mass:g} kg. "
+                "Give it its share of the body's mass."
+            )
+
+
+def check_springs(
+    names: Sequence[str],
+    positions: Float[np.ndarray, "N 3"],
+    springs: Int[np.ndarray, "P 2"],
+    max_springs: int,
+) -> None:
+    """Refuse too many springs, springs without length, doubled ones, and a body in several pieces.
+
+    `names` are those of the mass points, `positions` [m] those at rest.
+    """
+    if len(springs) > max_springs:
+        raise ArgumentError(
+            f"springs: wanted at most {max_springs}, got {len(springs)}. Use a coarser body."
+        )
+    lengths = np.linalg.norm(positions[springs[:, 1]] - positions[springs[:, 0]], axis=1)
+    earlier: set[frozenset[int]] = set()
+    for ends, length in zip(springs.tolist(), lengths, strict=True):
+        pair = [names[i] for i in ends]
+        if length < MIN_SPRING_LENGTH:
+            raise ArgumentError(
+                f"springs: {pair} has no length at rest: both ends are at the same place. Move one, or leave it out."
+            )
+        if frozenset(ends) in earlier:
+            raise ArgumentError(
+                f"springs: {pair} is there twice. Leave one out, or add up their stiffness."
+            )
+        earlier.add(frozenset(ends))
+    _check_connected(names, springs)
+
+
+def _check_connected(names: Sequence[str], springs: Int[np.ndarray, "P 2"]) -> None:
+    piece = np.arange(len(names))
+    for first, second in springs:
+        piece[piece == piece[second]] = piece[first]
+    pieces = [np.flatnonzero(piece == number).tolist() for number in np.unique(piece)]
+    if len(pieces) > 1:
+        smallest = [names[i] for i in min(pieces, key=len)]
+        raise ArgumentError(
+            f"springs: the body is in {len(pieces)} pieces; no spring connects {listed(smallest)} "
+            "to the rest. Add springs, or make it a body of its own."
+        )
+
+
+def check_muscles(
+    names: Sequence[str], springs: Int[np.ndarray, "P 2"], muscles: Float[np.ndarray, "P M"]
+) -> None:
+    """Refuse muscles that together leave a spring almost none of its length."""
+    total = muscles.sum(axis=1)
+    if (total > MAX_SHORTENING).any():
+        worst = int(np.argmax(total))
+        pair = [names[i] for i in springs[worst]]
+        raise ArgumentError(
+            f"muscles.shorten: the muscles together shorten {pair} by {total[worst]:g} "
+            f"of its length; wanted at most {MAX_SHORTENING:g}. Shorten less, or give each its own spring."
+        )
+
+
+def check_steps(definition: BodyDefinition, body: Body) -> None:
+    """Refuse a step at which the body's own small vibrations would grow."""
+    physics = definition.physics
+    limit = largest_stable_step(body)
+    schemes = (
+        ("step", physics.step, physics.integrator),
+        ("truth_step", physics.truth_step, physics.truth_integrator),
+        ("fine_step", physics.fine_step, physics.fine_integrator),
+    )
+    for key, step, integrator in schemes:
+        largest = limit * RK4_OVER_SYMPLECTIC if integrator == "rk4" else limit
+        if step > largest:
+            why = "they grow"
+            if integrator == "semi-implicit":
+                why = "its matrix holds nothing of a spring at rest"
+            raise ArgumentError(
+                f"physics.{key}: {step:g} s is too large for the fastest vibrations: {integrator} needs at most "
+                f"{largest:.3g} s ({why}). Take a smaller step, softer springs or more mass."
+            )

@@ -1,0 +1,146 @@
+"""The skeleton of a MuJoCo model: what MuJoCo's viewer would draw, without MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
+from neuroanimator.files.names import model_name
+from neuroanimator.physics.rigid.skins import skin_of
+from neuroanimator.physics.rigid.visuals import colour_of, is_shown
+from neuroanimator.state.links import Joint
+
+MAX_GROUND = 20.0
+"""Half side of the square drawn for an infinite plane [m]: large beside any body that moves on it."""
+
+GROUND_THICKNESS = 0.01
+"""Half the thickness of the slab drawn for a plane [m] (sizes of boxes are halves), with its top at the plane."""
+
+DECIMALS = 9
+"""Number of decimals of a skeleton's numbers, well below what is visible, to keep files small."""
+
+SizedShape = tuple[str, tuple[float, ...]]
+"""Kind of a shape, and its half sizes [m]."""
+
+JOINT_NAMES = {
+    int(mujoco.mjtJoint.mjJNT_FREE): "free",
+    int(mujoco.mjtJoint.mjJNT_BALL): "ball",
+    int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
+    int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
+}
+"""Names of MuJoCo's types of joints."""
+
+
+def skeleton_of(model: mujoco.MjModel) -> Skeleton:
+    """Return the bodies of `model` with their joints and shapes, and its skins; the world is a bone if it has shapes."""
+    has_world = bool(_shapes(model, 0))
+    first = 1
+    if has_world:
+        first = 0
+    bones = [_bone(model, body, first) for body in range(first, model.nbody)]
+    return Skeleton(tuple(bones), skin_of(model, first))
+
+
+def joints_of_body(model: mujoco.MjModel, body: int) -> range:
+    """Return the numbers of the joints that connect a body to its parent."""
+    first = int(model.body_jntadr[body])
+    return range(first, first + int(model.body_jntnum[body]))
+
+
+def _bone(model: mujoco.MjModel, body: int, first: int) -> Bone:
+    """Return the bone of a body; `first` is the body that becomes bone 0."""
+    parent = -1
+    if body > 0:
+        parent = int(model.body_parentid[body]) - first
+    joints = [_joint(model, joint) for joint in joints_of_body(model, body)]
+    return Bone(
+        name=model_name(model.body(body).name, f"body_{body}"),
+        parent=parent,
+        offset=_numbers(model.body_pos[body]),
+        orientation=_numbers(model.body_quat[body]),
+        joints=tuple(joints),
+        shapes=_shapes(model, body),
+    )
+
+
+def _joint(model: mujoco.MjModel, joint: int) -> Joint:
+    kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    entry = int(model.jnt_qposadr[joint])
+    reference = 0.0
+    if kind in ("hinge", "slide"):
+        reference = float(model.qpos0[entry])
+    axis = _numbers(model.jnt_axis[joint])
+    anchor = _numbers(model.jnt_pos[joint])
+    return Joint(kind, entry, axis, anchor, reference)
+
+
+def _shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
+    first = int(model.body_geomadr[body])
+    shapes: list[Shape] = []
+    for geom in range(first, first + int(model.body_geomnum[body])):
+        if is_drawn(model, geom):
+            shapes.append(shape_of_geom(model, geom))
+    return tuple(shapes)
+
+
+def is_drawn(model: mujoco.MjModel, geom: int) -> bool:
+    """Return whether a viewer would draw a geom."""
+    return is_shown(int(model.geom_group[geom]), model.geom_rgba[geom])
+
+
+def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
+    """Return the shape drawn for a geom, in the frame of its body."""
+    geom_type = int(model.geom_type[geom])
+    sized_shape = SHAPES.get(geom_type, _bounding_box)
+    kind, size = sized_shape(model, geom)
+    position = np.array(model.geom_pos[geom])
+    if geom_type == mujoco.mjtGeom.mjGEOM_PLANE:
+        position[2] -= GROUND_THICKNESS
+    return Shape(
+        kind,
+        size,
+        _numbers(position),
+        _numbers(model.geom_quat[geom]),
+        _numbers(colour_of(model, int(model.geom_matid[geom]), model.geom_rgba[geom])),
+    )
+
+
+def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], SizedShape]:
+    """Return the function that makes the shape of a geom whose sizes MuJoCo defines as we do."""
+
+    def sized_shape(model: mujoco.MjModel, geom: int) -> SizedShape:
+        return kind, _numbers(model.geom_size[geom])
+
+    return sized_shape
+
+
+def _plane(model: mujoco.MjModel, geom: int) -> SizedShape:
+    """Return the slab drawn for a plane; MuJoCo writes an infinite side as 0."""
+    width = float(model.geom_size[geom][0]) or MAX_GROUND
+    depth = float(model.geom_size[geom][1]) or MAX_GROUND
+    return "box", (min(width, MAX_GROUND), min(depth, MAX_GROUND), GROUND_THICKNESS)
+
+
+def _bounding_box(model: mujoco.MjModel, geom: int) -> SizedShape:
+    """Return the bounding box of a geom, drawn for meshes and height fields to keep emulator files small."""
+    return "box", _numbers(model.geom_aabb[geom][3:])
+
+
+SHAPES = {
+    int(mujoco.mjtGeom.mjGEOM_PLANE): _plane,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): _as_is("capsule"),
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): _as_is("cylinder"),
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): _as_is("sphere"),
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _as_is("ellipsoid"),
+    int(mujoco.mjtGeom.mjGEOM_BOX): _as_is("box"),
+}
+"""Functions that make the shapes of MuJoCo's types of geoms; any other is drawn as its bounding box."""
+
+
+def _numbers(values: Float[np.ndarray, " N"]) -> tuple[float, ...]:
+    # Adding 0.0 makes -0.0 plain zero.
+    return tuple(round(float(value), DECIMALS) + 0.0 for value in values)

@@ -1,0 +1,360 @@
+"""The joints of a MuJoCo model: their state layout, and the structure an emulator may use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from neuroanimator.definitions.model import FrameTable
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import model_name
+from neuroanimator.physics.rigid.bones import JOINT_NAMES, joints_of_body
+from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.state.parameters import Parameter
+from neuroanimator.state.segments import (
+    Constant,
+    Heading,
+    Plain,
+    PlanarPosition,
+    PlanarVelocity,
+    Position,
+    Quaternion,
+    Segment,
+    Velocity,
+)
+from neuroanimator.state.structure import Structure
+from neuroanimator.text import quoted
+
+FEATURES = {
+    "hinge": ("sine", "plain", "cyclic", "planar"),
+    "slide": ("plain", "cyclic", "planar"),
+    "ball": ("ball",),
+    "free": ("free", "placed"),
+}
+"""Possible features of each kind of joint, the proposed one first.
+
+Position and heading of a `free` joint do not matter; those of a `placed` one do, as other things stand around.
+"""
+
+
+@dataclass(frozen=True)
+class JointView:
+    """One joint, its entries in the state, and its feature."""
+
+    index: int
+    """Number of the joint in the model."""
+    name: str
+    kind: str
+    """MuJoCo's name of its type: hinge, slide, ball or free."""
+    feature: str
+    """Its feature for a network: one of `FEATURES` of its kind."""
+    position_entry: int
+    """First state entry of its position."""
+    velocity_entry: int
+    """First state entry of its velocity."""
+
+
+def joint_name(model: mujoco.MjModel, joint: int) -> str:
+    """Return the name of a joint; `joint_3` if it has none."""
+    return model_name(model.joint(joint).name, f"joint_{joint}")
+
+
+def sensor_name(model: mujoco.MjModel, sensor: int) -> str:
+    """Return the name of a sensor; empty if it has none, in which case it cannot be requested."""
+    return model_name(model.sensor(sensor).name, "")
+
+
+def sensor_numbers(model: mujoco.MjModel, names: tuple[str, ...]) -> list[int]:
+    """Return the numbers in the model of the sensors called `names`; ArgumentError lists the existing ones."""
+    known = [sensor_name(model, i) for i in range(model.nsensor)]
+    for name in names:
+        if name not in known:
+            listed = ", ".join(filter(None, known)) or "none"
+            raise ArgumentError(f"sensors: no sensor called {quoted(name)}. Sensors: {listed}.")
+    return [known.index(name) for name in names]
+
+
+def joint_views(
+    model: mujoco.MjModel, features: dict[str, str], planar: tuple[str, ...] = ()
+) -> list[JointView]:
+    """Return the joints in the model's order.
+
+    `features` gives features by joint name; other joints take the first of their kind's `FEATURES`, a free one that is
+    not alone `placed`. `planar` names the three joints of a root in the plane.
+    Raises ArgumentError for a feature a joint cannot have, an unknown joint, and planar joints out of order.
+    """
+    views = []
+    free_joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    has_one_root = free_joints.tolist() == [0]
+    for joint in range(model.njnt):
+        kind = JOINT_NAMES[int(model.jnt_type[joint])]
+        name = joint_name(model, joint)
+        is_planar = name in planar
+        feature = features.get(name) or FEATURES[kind][0]
+        if kind == "free" and name not in features and not has_one_root:
+            feature = "placed"
+        if is_planar:
+            feature = "planar"
+        if feature not in FEATURES[kind] or (feature == "planar") != is_planar:
+            valid = ", ".join(feature for feature in FEATURES[kind] if feature != "planar")
+            raise ArgumentError(
+                f"state.{name}: a {kind} joint cannot be '{feature}'. Features: {valid}."
+            )
+        view = JointView(
+            index=joint,
+            name=name,
+            kind=kind,
+            feature=feature,
+            position_entry=int(model.jnt_qposadr[joint]),
+            velocity_entry=model.nq + int(model.jnt_dofadr[joint]),
+        )
+        views.append(view)
+    _check_names(views, [*features, *planar])
+    _check_root(views, planar)
+    return views
+
+
+def _check_names(views: list[JointView], wanted: list[str]) -> None:
+    names = [view.name for view in views]
+    for name in wanted:
+        if name not in names:
+            raise ArgumentError(f"No joint called '{name}'. Joints: {', '.join(names)}.")
+
+
+def _check_root(views: list[JointView], planar: tuple[str, ...]) -> None:
+    roots = [view.name for view in views if view.kind == "free"]
+    for view in views:
+        if view.feature == "free" and (len(roots) > 1 or view.index > 0):
+            raise ArgumentError(
+                f"state.{view.name}: 'free' says that it does not matter where the body stands, so it must be the first joint, "
+                "and the only free one. Use 'placed'."
+            )
+    if planar and not _is_planar_root(views, planar):
+        raise ArgumentError(
+            "frame.planar: wanted three joints x, y, heading, of which x and y follow each other."
+        )
+
+
+def _is_planar_root(views: list[JointView], planar: tuple[str, ...]) -> bool:
+    if len(planar) != 3 or any(view.kind == "free" for view in views):
+        return False
+    names = [view.name for view in views]
+    return names[names.index(planar[0]) + 1] == planar[1]
+
+
+def state_layout(
+    model: mujoco.MjModel,
+    views: list[JointView],
+    sensors: tuple[str, ...] = (),
+    parameters: tuple[Parameter, ...] = (),
+) -> Layout:
+    """Return the named parts of (qpos, qvel, act, sensors, parameters); ArgumentError if two have one name."""
+    parts: list[Slice] = []
+    for view in views:
+        parts += _position_slices(view)
+    for view in views:
+        parts += _velocity_slices(view)
+    if model.na:
+        parts.append(Slice("activation", model.na, "1"))
+    for name, number in zip(sensors, sensor_numbers(model, sensors), strict=True):
+        parts.append(Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1"))
+    parts += [parameter.slice for parameter in parameters]
+    names = [part.name for part in parts]
+    for name in names:
+        if names.count(name) > 1:
+            raise ArgumentError(
+                f"Two parts of the state would be called '{name}'. Rename one of the joints or parameters."
+            )
+    return Layout(tuple(parts))
+
+
+def _position_slices(view: JointView) -> list[Slice]:
+    orientation = Slice(f"{view.name}.orientation", 4, "quaternion")
+    if view.kind == "free":
+        return [Slice(f"{view.name}.position", 3, "m"), orientation]
+    if view.kind == "ball":
+        return [orientation]
+    if view.kind == "slide":
+        return [Slice(view.name, 1, "m")]
+    return [Slice(view.name, 1, "rad")]
+
+
+def _velocity_slices(view: JointView) -> list[Slice]:
+    angular_velocity = Slice(f"{view.name}.angular_velocity", 3, "rad/s")
+    if view.kind == "free":
+        return [Slice(f"{view.name}.velocity", 3, "m/s"), angular_velocity]
+    if view.kind == "ball":
+        return [angular_velocity]
+    if view.kind == "slide":
+        return [Slice(f"{view.name}.velocity", 1, "m/s")]
+    return [Slice(f"{view.name}.velocity", 1, "rad/s")]
+
+
+def structure_of(
+    model: mujoco.MjModel,
+    views: list[JointView],
+    frame: FrameTable,
+    control: Layout,
+    size: int,
+    parameters: int = 0,
+) -> Structure:
+    """Return the structure for an emulator of `model` with states of `size` entries, the last of them parameters.
+
+    Raises ArgumentError for a rotational symmetry of a body that has more joints than a free one.
+    """
+    if frame.symmetry_order > 1 and [view.feature for view in views] != ["free"]:
+        raise ArgumentError(
+            "frame.symmetry_order: only a body whose one joint is free may have such a symmetry."
+        )
+    symmetry_controls = []
+    for x, y in frame.symmetry_controls:
+        symmetry_controls.append((control.index(x).start, control.index(y).start))
+    plain = _plain_entries(model, views, frame.ground)
+    plain += range(size - parameters, size)
+    return Structure(
+        angles=tuple(_angle_rows(model, views, size)),
+        rates=tuple(_rates(views)),
+        plain=tuple(plain),
+        segments=_segments(views, frame.planar, size, parameters),
+        probes=frame.probes,
+        symmetry_order=frame.symmetry_order,
+        symmetry_controls=tuple(symmetry_controls),
+    )
+
+
+def _rates(views: list[JointView]) -> list[tuple[int, int]]:
+    """Return the pairs of state entries in which the second is the rate of change of the first."""
+    pairs: list[tuple[int, int]] = []
+    for view in views:
+        if view.kind == "ball":  # an orientation's rate of change is not a state entry
+            continue
+        count = 1
+        if view.kind == "free":
+            count = 3
+        for axis in range(count):
+            pairs.append((view.position_entry + axis, view.velocity_entry + axis))
+    return pairs
+
+
+def _plain_entries(model: mujoco.MjModel, views: list[JointView], has_ground: bool) -> list[int]:
+    """Return the state entries that are features themselves; a free root's velocity is given along its own axes instead."""
+    entries = [view.position_entry for view in views if view.feature == "plain"]
+    if views[0].feature == "free" and has_ground:
+        height = views[0].position_entry + 2
+        entries.append(height)
+    for view in views:
+        first = view.velocity_entry
+        if view.feature == "placed":
+            entries += range(view.position_entry, view.position_entry + 3)
+            entries += range(first, first + 6)
+        elif view.kind == "free":
+            entries += range(first + 3, first + 6)  # its angular velocity
+        elif view.kind == "ball":
+            entries += range(first, first + 3)
+        elif not (view.kind == "slide" and view.feature == "planar"):
+            entries.append(first)
+    activations = model.nq + model.nv
+    entries += range(activations, activations + model.na)
+    return entries
+
+
+def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> list[tuple[int, ...]]:
+    """Return, as rows of `size` factors, each sine hinge's angle, and its sum with those of parallel hinges above it.
+
+    Gravity acts on the sum.
+    """
+    hinges = {view.index: view for view in views if view.feature == "sine"}
+    rows: list[tuple[int, ...]] = []
+    for view in hinges.values():
+        alone = np.zeros(size, int)
+        alone[view.position_entry] = 1
+        chain = alone.copy()
+        for above in _parallel_above(model, view, hinges):
+            chain[above.position_entry] = 1
+        rows.append(tuple(alone.tolist()))
+        rows.append(tuple(chain.tolist()))
+    return list(dict.fromkeys(rows))  # without duplicates
+
+
+def _parallel_above(
+    model: mujoco.MjModel, view: JointView, hinges: dict[int, JointView]
+) -> list[JointView]:
+    """Return the hinges on the bodies above that of `view` with an axis parallel to its own."""
+    axis = model.jnt_axis[view.index]
+    parallel: list[JointView] = []
+    body = int(model.body_parentid[model.jnt_bodyid[view.index]])
+    while body:
+        for joint in joints_of_body(model, body):
+            above = hinges.get(joint)
+            if above and np.allclose(model.jnt_axis[joint], axis):
+                parallel.append(above)
+        body = int(model.body_parentid[body])
+    return parallel
+
+
+def _segments(
+    views: list[JointView], planar: tuple[str, ...], size: int, parameters: int
+) -> tuple[Segment, ...]:
+    """Return the segments of the state, in order; empty for a state of plain numbers."""
+    has_plain_joints_only = all(view.kind in ("hinge", "slide") for view in views)
+    if has_plain_joints_only and not planar and not parameters:
+        return ()
+    segments: list[Segment] = []
+    for view in views:
+        segments += _position_segments(view, planar)
+    for view in views:
+        segments += _velocity_segments(view, planar)
+    moving = size - parameters
+    rest = moving - sum(segment.size for segment in segments)  # activations and sensors
+    segments.append(Plain(size=rest))
+    segments.append(Constant(size=parameters))
+    return tuple(_merged(segments))
+
+
+def _position_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.feature == "placed":
+        return [Plain(size=3), Quaternion(rate=view.velocity_entry + 3)]
+    if view.kind == "free":
+        return [Position(rate=view.velocity_entry), Quaternion(rate=view.velocity_entry + 3)]
+    if view.kind == "ball":
+        return [Quaternion(rate=view.velocity_entry)]
+    if view.name in planar:
+        x, y, heading = planar
+        if view.name == x:
+            return [PlanarPosition(rate=view.velocity_entry)]
+        if view.name == heading:
+            return [Heading(rate=view.velocity_entry)]
+        assert view.name == y
+        return []  # the segment of x covers both
+    return [Plain(size=1)]
+
+
+def _velocity_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.feature == "placed":
+        return [Plain(size=6)]
+    if view.kind == "free":
+        return [Velocity(), Plain(size=3)]
+    if view.kind == "ball":
+        return [Plain(size=3)]
+    if view.name in planar:
+        x, y, heading = planar
+        if view.name == x:
+            return [PlanarVelocity()]
+        if view.name == heading:
+            return [Plain(size=1)]
+        assert view.name == y
+        return []  # the segment of x covers both
+    return [Plain(size=1)]
+
+
+def _merged(parts: list[Segment]) -> list[Segment]:
+    """Return `parts` with neighbouring plain segments joined, for fewer copies at every step."""
+    joined: list[Segment] = []
+    for part in parts:
+        if joined and isinstance(part, Plain) and isinstance(joined[-1], Plain):
+            joined[-1] = Plain(size=joined[-1].size + part.size)
+        elif part.size:
+            joined.append(part)
+    return joined

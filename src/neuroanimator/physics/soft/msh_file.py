@@ -1,0 +1,178 @@
+"""Nodes and tetrahedra of a Gmsh file, and nothing else, in MSH ASCII 2.2 and 4.1.
+
+$Nodes     2.2: count, then "tag x y z" lines
+           4.1: blocks, count, least tag, most; each block: dimension, entity, parametric, count; its tags; its "x y z"
+$Elements  2.2: count, then "tag type tags... nodes..." lines
+           4.1: the same heads; each block: dimension, entity, type, count; its "tag nodes..." lines
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.files.numbers import whole_in
+from neuroanimator.files.text_lines import text_lines
+from neuroanimator.physics.soft.mesh import Mesh, coordinates, refuse_size
+from neuroanimator.text import quoted
+
+TETRAHEDRON = 4
+"""Gmsh's number of the four-node tetrahedron."""
+
+CURVED_TETRAHEDRA = (11, 29, 30)
+"""Gmsh's numbers of tetrahedra with nodes on their edges."""
+
+MAX_ELEMENTS = 2_000_000
+"""Maximum number of elements of all kinds in a file."""
+
+VERSIONS = ("2.2", "4.1")
+"""Versions of the format that are read."""
+
+
+class _Lines:
+    """The lines of a file, and the position of the reader."""
+
+    def __init__(self, name: str, content: bytes):
+        self.name = name
+        try:
+            self._lines = [line for _, line in text_lines(content, "replace")]
+        except ValueError as error:
+            raise BadFileError(f"{name}: {error}. Save it again.") from error
+        self._next = 0
+
+    @property
+    def number(self) -> int:
+        """Number of the line that was read last, from 1."""
+        return self._next
+
+    def section(self, title: str) -> None:
+        """Go to the line after `$title`."""
+        for number, line in enumerate(self._lines):
+            if line.strip() == f"${title}":
+                self._next = number + 1
+                return
+        raise BadFileError(f"{self.name}: no ${title}. Save it again as Gmsh MSH, ASCII.")
+
+    def words(self, least: int) -> list[str]:
+        """Return the words of the next line, at least `least` of them."""
+        words: list[str] = []
+        if self._next < len(self._lines):
+            words = self._lines[self._next].split()
+        self._next += 1
+        if len(words) < least:
+            raise self.fault(f"at least {least} numbers")
+        return words
+
+    def wholes(self, least: int) -> list[int]:
+        """Return the integers of the next line."""
+        return self.as_wholes(self.words(least))
+
+    def as_wholes(self, words: list[str]) -> list[int]:
+        """Return words of the line as integers."""
+        try:
+            return [whole_in(word) for word in words]
+        except ValueError as error:
+            raise self.fault("whole numbers") from error
+
+    def point(self, words: list[str]) -> list[float]:
+        """Return three of the line's words as coordinates."""
+        try:
+            return coordinates(words)
+        except ValueError as error:
+            raise self.fault("three coordinates") from error
+
+    def fault(self, wanted: str) -> BadFileError:
+        return BadFileError(f"{self.name}: line {self._next}: wanted {wanted}. Save it again.")
+
+
+def read_msh(name: str, content: bytes) -> Mesh:
+    """Return the nodes and tetrahedra in the file's unit and axes, without unused nodes.
+
+    Raises BadFileError, naming the file and the line, for any other content.
+    """
+    lines = _Lines(name, content)
+    lines.section("MeshFormat")
+    version, kind = lines.words(3)[:2]
+    if version not in VERSIONS or kind != "0":
+        raise BadFileError(
+            f"{name}: wanted Gmsh MSH 2.2 or 4.1 in ASCII, got version {quoted(version)}, kind {quoted(kind)}. "
+            "Save it again: gmsh -3 -format msh41 solid.geo"
+        )
+    is_old = version == "2.2"
+    lines.section("Nodes")
+    places, positions = _nodes(lines, is_old)
+    lines.section("Elements")
+    tetrahedra: list[list[int]] = []
+    numbers: list[int] = []
+    for element, corners in _elements(lines, is_old):
+        if element in CURVED_TETRAHEDRA:
+            raise BadFileError(
+                f"{name}: tetrahedra of second order. Save it with straight ones: gmsh -3 -order 1"
+            )
+        if element == TETRAHEDRON:
+            if len(corners) != 4 or not places.keys() >= set(corners):
+                raise lines.fault("four nodes of the file")
+            tetrahedra.append([places[tag] for tag in corners])
+            numbers.append(lines.number)
+    if not tetrahedra:
+        raise BadFileError(
+            f"{name}: no tetrahedra. Mesh the inside of the body, not its surface alone: gmsh -3"
+        )
+    mesh = Mesh(
+        np.array(positions), np.array(tetrahedra), name, np.array(list(places)), np.array(numbers)
+    )
+    return mesh.only(np.arange(len(tetrahedra)))
+
+
+def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float]]]:
+    """Return (the index of each node by its tag, positions)."""
+    count, blocks = _head(lines, is_old)
+    if count < 1:
+        raise lines.fault("a number of nodes above 0")
+    refuse_size(lines.name, count)
+    tags: list[int] = []
+    positions: list[list[float]] = []
+    if is_old:
+        for _ in range(count):
+            tag, *rest = lines.words(4)
+            tags += lines.as_wholes([tag])
+            positions.append(lines.point(rest))
+    for _ in range(blocks):
+        own = lines.wholes(4)[3]
+        if not 0 <= own <= count - len(tags):
+            raise lines.fault("no more nodes than the section says")
+        tags += [lines.wholes(1)[0] for _ in range(own)]
+        positions += [lines.point(lines.words(3)) for _ in range(own)]
+    places = {tag: place for place, tag in enumerate(tags)}
+    if len(places) < len(tags) or min(tags, default=0) < 0:
+        raise BadFileError(
+            f"{lines.name}: two nodes have the same number, or a number is negative. Save it again."
+        )
+    return places, positions
+
+
+def _head(lines: _Lines, is_old: bool) -> tuple[int, int]:
+    """Return (the number of nodes or elements in a section, its number of blocks)."""
+    if is_old:
+        return lines.wholes(1)[0], 0
+    blocks, count = lines.wholes(4)[:2]
+    return count, blocks
+
+
+def _elements(lines: _Lines, is_old: bool) -> Iterator[tuple[int, list[int]]]:
+    """Yield the kind and the nodes of each element."""
+    left, blocks = _head(lines, is_old)
+    if not 0 <= left <= MAX_ELEMENTS:
+        raise lines.fault(f"0 to {MAX_ELEMENTS:,} elements")
+    for _ in range(left if is_old else 0):
+        _, kind, labels, *rest = lines.wholes(3)
+        yield kind, rest[max(labels, 0) :]
+    for _ in range(blocks):
+        _, _, kind, own = lines.wholes(4)[:4]
+        if not 0 <= own <= left:
+            raise lines.fault("no more elements than the section says")
+        left -= own
+        for _ in range(own):
+            yield kind, lines.wholes(1)[1:]

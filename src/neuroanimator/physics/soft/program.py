@@ -1,0 +1,175 @@
+"""The physics of soft bodies in C: loops over nodes and constraints, whose formulas are generated from JAX."""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.codegen.c_formula import c_formula
+from neuroanimator.codegen.compiler import compiled_library
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.physics.soft import constraints
+from neuroanimator.physics.soft.soft_body import GRAVITY, Played, SoftBody
+
+PROGRAM = Path(__file__).with_name("soft.c")
+"""Path of the loops, which are the same for every body."""
+
+LANES = 16
+"""Number of bodies simulated side by side: one AVX-512 register."""
+
+MAX_AIR_SPEED = 60.0
+"""Speed through air [m/s] beyond which its pressure stays the same, so that stray nodes are not flung about."""
+
+NUMBER = (1,)
+VECTOR = (1, 3)
+FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
+    constraints.distance_push: (VECTOR, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER),
+    constraints.volume_slope: (VECTOR, VECTOR),
+    constraints.volume_push: (VECTOR, VECTOR, NUMBER, NUMBER, NUMBER),
+    constraints.fall: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
+    constraints.air_push: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
+    constraints.capsule_push: (*[VECTOR] * 6, NUMBER, NUMBER),
+    constraints.box_push: (*[VECTOR] * 6, NUMBER, NUMBER, NUMBER),
+    constraints.plane_push: (*[VECTOR] * 5, NUMBER, NUMBER),
+}
+"""Formulas, with the shapes of their arguments."""
+
+
+@dataclass(frozen=True, eq=False)
+class SoftProgram:
+    """A soft body's physics in C, `lanes` bodies at a time, in float32 or float64."""
+
+    body: SoftBody
+    lanes: int = 1
+    dtype: type[np.floating] = np.float32
+
+    def play(
+        self,
+        positions: Float[np.ndarray, "N 3 ..."],
+        velocities: Float[np.ndarray, "N 3 ..."],
+        movers: Float[np.ndarray, "F M 4 ..."],
+        duration: float,
+        steps: int,
+        wind: Float[np.ndarray, "3 ..."] | None = None,
+    ) -> Played:
+        """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
+
+        `movers` are the movers' positions [m] and headings [rad], at the start and at each frame's end; in between they
+        move and turn evenly. `wind` is the velocity of the air [m/s], by default the body's own. Several lanes are the last
+        axis of all arrays.
+        """
+        frames = len(movers) - 1
+        tail = (self.lanes,) if self.lanes > 1 else ()
+        if wind is None:
+            own = np.reshape(self.body.air.wind, (3, *[1] * len(tail)))
+            wind = np.broadcast_to(own, (3, *tail))
+        body, kept = _struct(self.body, movers.shape[1], wind, self.dtype)
+        count = len(self.body.positions)
+        start = np.empty((2, 3, count, *tail), self.dtype)
+        start[0] = np.moveaxis(positions, 0, 1)
+        start[1] = np.moveaxis(velocities, 0, 1)
+        paths = np.ascontiguousarray(movers, self.dtype)
+        states = np.empty((frames, *start.shape), self.dtype)
+        arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (start, paths, states)]
+        library = _library(self.lanes, self.dtype)
+        numbers = (ctypes.c_long(frames), ctypes.c_long(steps), ctypes.c_double(duration / steps))
+        if library.play(body, *numbers, *arrays):
+            raise MemoryError
+        del kept
+        states = np.moveaxis(states, 2, 3)
+        return states[:, 0], states[:, 1]
+
+
+@cache
+def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
+    formulas = [
+        c_formula(function.__name__, function, *shapes) for function, shapes in FORMULAS.items()
+    ]
+    precision = "float" if dtype is np.float32 else "double"
+    lines = [
+        f"#define REAL {precision}",
+        f"#define LANES {lanes}",
+        f"#define FORMULAS {' '.join(formulas)}",
+        PROGRAM.read_text(encoding="utf-8"),
+    ]
+    library = compiled_library("\n".join(lines))
+    if library is None:
+        raise NeuroAnimatorError("Soft bodies need a C compiler: install gcc or clang.")
+    return library
+
+
+def _struct(
+    body: SoftBody, movers: int, wind: Float[np.ndarray, "3 ..."], dtype: type[np.floating]
+) -> tuple[bytes, list[np.ndarray]]:
+    """Return `body` as the struct Body of soft.c, and the arrays it points to, which must outlive it."""
+    counts = {
+        "nodes": len(body.positions),
+        "pairs": len(body.pairs),
+        "pair_colours": len(body.pair_colours) - 1,
+        "tetrahedra": len(body.tetrahedra),
+        "tetrahedron_colours": len(body.tetrahedron_colours) - 1,
+        "faces": len(body.faces),
+        "face_colours": len(body.face_colours) - 1,
+        "pins": len(body.pins),
+        "movers": movers,
+        "capsules": len(body.capsules),
+        "boxes": len(body.boxes),
+        "planes": len(body.planes),
+    }
+    indices = {
+        "pair": body.pairs,
+        "pair_colour": body.pair_colours,
+        "tetrahedron": body.tetrahedra,
+        "tetrahedron_colour": body.tetrahedron_colours,
+        "face": body.faces,
+        "face_colour": body.face_colours,
+        "pin": body.pins,
+        "holder": body.holders,
+        "capsule_mover": _each(body.capsules, "mover"),
+        "box_mover": _each(body.boxes, "mover"),
+        "plane_mover": _each(body.planes, "mover"),
+    }
+    reals = {
+        "lightness": body.inverse_masses,
+        "length": body.lengths,
+        "compliance": 1 / body.stiffness,
+        "damping": body.damping,
+        "volume": body.volumes,
+        "volume_compliance": 1 / body.bulk_stiffness,
+        "held": body.held,
+        "radius": _each(body.capsules, "radius"),
+        "capsule_start": _each(body.capsules, "start"),
+        "capsule_along": _each(body.capsules, "along"),
+        "capsule_friction": _each(body.capsules, "friction"),
+        "half": _each(body.boxes, "half"),
+        "box_centre": _each(body.boxes, "centre"),
+        "box_friction": _each(body.boxes, "friction"),
+        "normal": _each(body.planes, "normal"),
+        "plane_point": _each(body.planes, "point"),
+        "plane_friction": _each(body.planes, "friction"),
+        "wind": wind,
+    }
+    kept = [np.ascontiguousarray(values, np.int32) for values in indices.values()]
+    kept += [np.ascontiguousarray(values, dtype) for values in reals.values()]
+    air = (body.air.drag, body.air.density / 2, MAX_AIR_SPEED)
+    members = (
+        *counts.values(),
+        *[array.ctypes.data for array in kept],
+        body.margin,
+        *air,
+        *GRAVITY,
+    )
+    return struct.pack(f"{len(counts)}l{len(kept)}P7d", *members), kept
+
+
+def _each(colliders: Iterable[Any], name: str) -> list[Any]:
+    """Return an attribute of every collider."""
+    return [getattr(collider, name) for collider in colliders]

@@ -1,0 +1,203 @@
+"""A soft body and its movers: a definition and a mesh, prepared for the physics."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.definitions.soft import SoftDefinition
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.physics.parameter_tables import parameter_from_table
+from neuroanimator.physics.soft.mesh import Mesh
+from neuroanimator.physics.soft.meshes import cloth_body, solid_body
+from neuroanimator.physics.soft.program import LANES, SoftProgram
+from neuroanimator.physics.soft.soft_body import (
+    Air,
+    Capsule,
+    MovingBox,
+    MovingPlane,
+    Played,
+    SoftBody,
+)
+from neuroanimator.physics.soft.soft_scene import Motion, Parameters, Paths, SoftScene
+from neuroanimator.state.parameters import Parameter
+from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
+from neuroanimator.systems.movers import Movers
+from neuroanimator.text import listed, quoted
+
+WIND = ("air/wind_x", "air/wind_y", "air/wind_z")
+"""Targets of parameters: the air's velocity along each axis [m/s]."""
+
+WITHIN = 1e-3
+"""Depth in a collider at which a node counts as inside, over the size of the body."""
+
+
+class Scene(SoftScene):
+    """A soft body of springs among M movers, the first of which that holds it is its anchor."""
+
+    integrator = "xpbd"
+    """Name of extended position-based dynamics in small steps."""
+    lanes = LANES
+    runs = LANES
+
+    def __init__(self, definition: SoftDefinition, mesh: Mesh):
+        """Raises ArgumentError for an invalid mesh, pin or collider."""
+        self.definition = definition
+        self.movers = Movers(definition.movers)
+        holding = [number for number, mover in enumerate(self.movers.tables) if mover.pins]
+        if not holding and not definition.is_solid:
+            raise ArgumentError(
+                "movers: nothing holds the cloth, and free flight is not emulated. Give a mover pins."
+            )
+        self.anchor = holding[0] if holding else FREE
+        if self.anchor == FREE and definition.ground is None:
+            raise ArgumentError(
+                "movers: nothing holds the body, and it falls forever. Add a [ground], or give a mover pins."
+            )
+        self.mesh = mesh
+        self.body = self._body(mesh)
+        _refuse_loose_pieces(mesh, self.body.pins)
+        self.finding_step = definition.physics.truth_step
+        self.positions = self.body.positions
+        self.faces = self.body.faces
+        self.masses = self.body.masses
+        self.margin = self.body.margin
+        self.capsules = tuple(
+            RoundCollider(one.mover, one.start, one.along, one.radius + self.margin)
+            for one in self.body.capsules
+        )
+        self.boxes = tuple(
+            BoxCollider(one.mover, one.centre, one.half, self.margin) for one in self.body.boxes
+        )
+        self.has_ground = definition.ground is not None
+        self.ground_height = None if definition.ground is None else definition.ground.height
+        self.wind = self.body.air.wind
+        self.parameters = tuple(self._parameters())
+        self._refuse_overlap()
+
+    def _body(self, mesh: Mesh) -> SoftBody:
+        definition = self.definition
+        movers = self.movers
+        holders = np.repeat(
+            np.arange(len(movers.tables)), [len(mover.pins) for mover in movers.tables]
+        )
+        pins = np.array([pin for mover in movers.tables for pin in mover.pins], int)
+        if len(np.unique(pins)) < len(pins):
+            raise ArgumentError("movers: a node is pinned twice. Leave it to one mover.")
+        held = np.zeros((0, 3))
+        if len(pins) and pins.max() < len(mesh.positions):
+            rest = np.array([mover.position for mover in movers.tables])
+            held = mesh.positions[pins] - rest[holders]
+        planes: tuple[MovingPlane, ...] = ()
+        if definition.ground is not None:
+            ground = definition.ground
+            point = (0.0, 0.0, ground.height)
+            planes = (MovingPlane(friction=ground.friction, mover=len(movers.tables), point=point),)
+        capsules, boxes = self._colliders()
+        surroundings = {
+            "air": Air(**definition.air.model_dump()),
+            "capsules": tuple(capsules),
+            "boxes": tuple(boxes),
+            "planes": planes,
+            "margin": definition.margin,
+            "holders": holders,
+            "held": held,
+        }
+        if definition.is_solid:
+            return solid_body(mesh, definition.solid, pins, **surroundings)
+        return cloth_body(mesh, definition.cloth, pins, **surroundings)
+
+    def _colliders(self) -> tuple[list[Capsule], list[MovingBox]]:
+        capsules = []
+        boxes = []
+        for number, mover in enumerate(self.movers.tables):
+            for one in mover.colliders:
+                if one.box is not None:
+                    boxes.append(MovingBox(one.box, one.friction, number, one.start))
+                elif one.radius is not None:
+                    x, y, z = np.subtract(one.end or one.start, one.start).tolist()
+                    capsules.append(Capsule(one.radius, one.friction, number, one.start, (x, y, z)))
+        return capsules, boxes
+
+    def _parameters(self) -> list[Parameter]:
+        parameters = []
+        for name, table in self.definition.parameters.items():
+            if table.sets not in WIND:
+                raise ArgumentError(
+                    f"parameters.{name}.sets: wanted one of {listed(WIND)}, got {quoted(table.sets)}."
+                )
+            own = self.wind[WIND.index(table.sets)]
+            parameters.append(parameter_from_table(name, table, "m/s", own))
+        if parameters and (self.anchor == FREE or self.movers.turning[self.anchor]):
+            raise ArgumentError(
+                "parameters: the wind can vary only if a mover that does not turn holds the body. Set its turns = false."
+            )
+        return parameters
+
+    def _wind_at(self, parameters: Parameters) -> Float[np.ndarray, "3 ..."]:
+        """Return the velocity of the air [m/s] for these values of the parameters."""
+        wind = np.empty((3, *parameters.shape[1:]))
+        for axis, speed in enumerate(self.wind):
+            wind[axis] = speed
+        tables = self.definition.parameters.values()
+        for table, values in zip(tables, parameters, strict=True):
+            wind[WIND.index(table.sets)] = values
+        return wind
+
+    def _refuse_overlap(self) -> None:
+        """Raise ArgumentError, which names it, for a collider with nodes of the mesh in it."""
+        body = self.body
+        free = np.setdiff1d(np.arange(len(body.positions)), body.pins)
+        owners = [self.movers.names[one.mover] for one in (*body.capsules, *body.boxes)]
+        centre = self.centre(body.positions)
+        contacts = self.contacts(body.positions - centre, tuple(free.tolist()))
+        distances = contacts.distances(self.state_at_rest(centre))
+        for number, distance in enumerate(distances):
+            inside = free[distance < -body.margin - WITHIN * self.size]
+            if len(inside) and number < len(owners):
+                raise ArgumentError(
+                    f"movers: {self.mesh.named_nodes(inside)} begin inside a collider of '{owners[number]}'. "
+                    "Move it away, or make it smaller."
+                )
+            if len(inside):
+                raise ArgumentError(
+                    f"ground: {self.mesh.named_nodes(inside)} begin under it. Lower it."
+                )
+
+    def play(
+        self,
+        motion: Motion,
+        paths: Paths,
+        duration: float,
+        steps: int,
+        parameters: Parameters | None = None,
+    ) -> Played:
+        """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
+
+        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
+        those of each body, by default nominal. See `SoftProgram.play`.
+        """
+        lanes = paths.shape[2] if paths.ndim > 2 else 1
+        wind = None if parameters is None else self._wind_at(parameters)
+        return SoftProgram(self.body, lanes).play(
+            motion.positions,
+            motion.velocities,
+            self.movers.poses(paths, motion.origin),
+            duration,
+            steps,
+            wind,
+        )
+
+
+def _refuse_loose_pieces(mesh: Mesh, pins: Int[np.ndarray, " K"]) -> None:
+    """Raise BadFileError for pieces of a mesh that are not pinned beside another, and would fall away from it."""
+    pieces = mesh.pieces()
+    count = int(pieces.max()) + 1
+    loose = np.setdiff1d(np.arange(count), pieces[pins])
+    if count > 1 and len(loose):
+        _, first = np.unique(pieces[mesh.elements[:, 0]], return_index=True)
+        raise BadFileError(
+            f"{mesh.name}: {len(loose)} of {count} pieces are held by nothing, those of the "
+            f"{mesh.named_elements(first[loose])}. Join them to the rest, delete them, give a mover their nodes as pins, or "
+            'leave all but the largest out: new --keep largest, which is keep = "largest" in the TOML file.'
+        )

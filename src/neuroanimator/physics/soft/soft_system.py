@@ -1,0 +1,351 @@
+"""Soft bodies as a System: states hold movers and the amplitudes of shapes, the physics all nodes."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+
+from neuroanimator.appearance.binding import NO_ROTATION
+from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
+from neuroanimator.definitions.flex import FlexDefinition
+from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import refuse_twins
+from neuroanimator.physics.soft.find_shapes import RestingShapes
+from neuroanimator.physics.soft.flex_bones import scenery, shapes_below
+from neuroanimator.physics.soft.flex_scene import FlexScene
+from neuroanimator.physics.soft.own_frame import ManyPoints
+from neuroanimator.physics.soft.scene import Scene
+from neuroanimator.physics.soft.soft_scene import WORLD, Motion
+from neuroanimator.physics.soft.throws import random_roots
+from neuroanimator.state.layout import Bounds, Layout, Slice
+from neuroanimator.state.links import Joint
+from neuroanimator.state.parameters import draw_parameters, nominal_values
+from neuroanimator.state.placement import turn
+from neuroanimator.state.rotation import continuous
+from neuroanimator.state.segments import (
+    Constant,
+    Driven,
+    Lag,
+    Plain,
+    Position,
+    Quaternion,
+    Segment,
+    Velocity,
+)
+from neuroanimator.state.shape_contacts import FREE
+from neuroanimator.state.structure import Structure
+from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
+from neuroanimator.terminal import inner_bar
+
+BLOCK = 8
+"""Number of super steps simulated at once: memory grows with it."""
+
+FREE_BLOCK = 2
+"""The same for bodies that nothing holds: they fly away from an origin, and float32 is only precise near it."""
+
+THROW_STEPS = 64
+"""Number of super steps in a run of a free body, after which most are out of the movers' reach."""
+
+MAX_AMPLITUDE = 20.0
+"""Amplitude, over the size of the body, at which a motion has diverged."""
+
+COLOUR = (0.75, 0.75, 0.78, 1.0)
+"""Colour of colliders."""
+
+ROOT_SLICES = (
+    Slice("position", 3, "m"),
+    Slice("orientation", 4, "quaternion"),
+    Slice("velocity", 3, "m/s"),
+    Slice("angular_velocity", 3, "rad/s"),
+)
+"""Parts of the state of a free body's root, before its shapes."""
+
+
+class SoftSystem(System):
+    """A cloth or a solid; its state is `state.shape_contacts`': movers, their rates, a free root, shapes, their rates.
+
+    Physics starts from nodes composed of the shapes, and then simulates all nodes; a state holds the part of their motion
+    that the shapes can represent.
+    """
+
+    is_self_contained = False
+    run_steps = 160
+    window_steps = LONG_WINDOW
+
+    def __init__(
+        self,
+        definition: SoftDefinition | FlexDefinition,
+        scene: Scene | FlexScene,
+        found: RestingShapes,
+        definition_text: str = "",
+    ):
+        """`scene` is that of the definition, `definition_text` the text from which the system can be made again."""
+        self.name = definition.name
+        self.definition_text = definition_text
+        self.shapes = found.shapes
+        self.scene = scene
+        self.rest = found.rest
+        self.parameters = scene.parameters
+        if self.is_free:
+            self.run_steps = THROW_STEPS
+        physics = definition.physics
+        self.scheme = Scheme(scene.integrator, physics.step)
+        self.truth = Scheme(scene.integrator, physics.truth_step)
+        self.fine = Scheme(scene.integrator, physics.fine_step)
+        movers = self.scene.movers
+        count = len(self.shapes.modes)
+        self.state = Layout(
+            (
+                *movers.slices("pose"),
+                *movers.slices("rate"),
+                *(ROOT_SLICES if self.is_free else ()),
+                Slice("shapes", count, "m"),
+                Slice("shape_rates", count, "m/s"),
+                *(parameter.slice for parameter in self.parameters),
+            )
+        )
+        try:
+            refuse_twins((part.name for part in self.state.slices), "movers")
+        except ValueError as error:
+            raise ArgumentError(f"{error}. Rename a mover or a parameter.") from error
+        self.control = Layout(tuple(movers.slices("control")))
+        self.bounds = Bounds.symmetric(movers.speed)
+        self.structure = self._structure(definition.contact_nodes)
+        self.skeleton = Skeleton(tuple(self._bones()), shapes=self.shapes)
+        self.body_length = self.scene.size
+        self.has_ground = scene.has_ground
+        self.ground_height = scene.ground_height
+        self.goals = self.goals_of(definition.goals)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing holds the body."""
+        return self.scene.anchor == FREE
+
+    def _structure(self, contact_nodes: int) -> Structure:
+        first = self.shapes.first
+        size = self.scene.movers.size
+        count = len(self.shapes.modes)
+        amplitudes = range(first, first + count)
+        segments: list[Segment] = [Driven(size=size), Lag(size=size)]
+        plain = range(first, first + 2 * count)
+        if self.is_free:
+            velocity = 2 * size + 7
+            segments += [Position(rate=velocity), Quaternion(rate=velocity + 3), Velocity()]
+            segments.append(Plain(size=3))
+            plain = range(first - 3, first + 2 * count)
+        segments.append(Plain(size=2 * count))
+        if self.parameters:
+            constant = range(first + 2 * count, self.state.size)
+            segments.append(Constant(size=len(constant)))
+            plain = (*plain, *constant)
+        surface = np.unique(self.shapes.faces)
+        spread = _spread_nodes(self.shapes.mean[surface], contact_nodes, self.scene.margin)
+        nodes = tuple(surface[list(spread)].tolist())
+        return Structure(
+            angles=(),
+            rates=tuple((entry, entry + count) for entry in amplitudes),
+            plain=tuple(plain),
+            segments=tuple(segments),
+            has_gravity=self.is_free,
+            shape_contacts=self.scene.contacts(self.shapes.mean, nodes, self.shapes.modes),
+        )
+
+    def _bones(self) -> list[Bone]:
+        bones = []
+        if isinstance(self.scene, FlexScene):
+            bones += scenery(self.scene.model, self.scene.data)
+        movers = self.scene.movers
+        for number, (name, mover, place) in enumerate(
+            zip(movers.names, movers.tables, movers.places, strict=True)
+        ):
+            axes = np.eye(3).tolist()
+            joints = [
+                Joint("slide", place.entry + axis, tuple(axes[axis]), (0.0, 0.0, 0.0))
+                for axis in range(3)
+            ]
+            if place.turns:
+                joints.append(Joint("hinge", place.entry + 3, tuple(axes[2]), (0.0, 0.0, 0.0)))
+            shapes = self._drawn(number, mover)
+            bones.append(Bone(name, -1, (0.0, 0.0, 0.0), NO_ROTATION, tuple(joints), shapes))
+        return bones
+
+    def _drawn(self, number: int, mover: MoverTable) -> tuple[Shape, ...]:
+        """Return the shapes drawn for a mover: its geoms, or its colliders."""
+        scene = self.scene
+        if isinstance(scene, FlexScene):
+            return shapes_below(scene.model, scene.data, scene.bodies[number])
+        return tuple(_shape(collider) for collider in mover.colliders)
+
+    def motion(self, states: Float[np.ndarray, "L S"]) -> Motion:
+        """Return the nodes of states, side by side: (N, 3, L) each, relative to their own frames' origins."""
+        size = self.scene.movers.size
+        first = self.shapes.first
+        placement = self.shapes.placement
+        local = self.shapes.unplaced(states)
+        count = len(self.shapes.modes)
+        rates = states[:, first + count : first + 2 * count]
+        velocities = np.tensordot(rates, self.shapes.modes, axes=1)
+        spin = np.zeros((len(states), 1, 3))
+        velocity = np.zeros((len(states), 3))
+        if self.is_free:
+            velocity = states[:, first - 6 : first - 3]
+            spin[:, 0] = states[:, first - 3 : first]
+        elif placement.position >= 0:
+            velocity = states[:, size + placement.position : size + placement.position + 3]
+            if placement.heading >= 0:
+                spin[:, 0, 2] = states[:, size + placement.heading]
+        rows = placement.rows(states)
+        velocities = turn(rows, velocities + np.cross(spin, local)) + velocity[:, None]
+        positions = np.moveaxis(turn(rows, local), 0, -1)
+        return Motion(positions, np.moveaxis(velocities, 0, -1), placement.origin(states).T)
+
+    def encode(
+        self,
+        positions: ManyPoints,
+        velocities: ManyPoints,
+        movers: Float[np.ndarray, "*B D"],
+        rates: Float[np.ndarray, "*B D"],
+        origin: Float[np.ndarray, " ..."] = WORLD,
+        parameters: Float[np.ndarray, "*#B Q"] | None = None,
+    ) -> Float[np.ndarray, "*B S"]:
+        """Return the states closest to the motion of all nodes; `positions` are relative to `origin` [m].
+
+        Parameters are nominal by default.
+        """
+        mean = self.shapes.mean
+        own = self.scene.own_motion(positions, velocities, movers, rates, mean, origin)
+        amplitudes = self.shapes.project(own.positions - mean.astype(own.positions.dtype))
+        changes = self.shapes.project(own.velocities)
+        if parameters is None:
+            parameters = nominal_values(self.parameters)
+        held = np.broadcast_to(parameters, (*movers.shape[:-1], parameters.shape[-1]))
+        parts = [movers, rates, own.root, amplitudes, changes, held]
+        return np.concatenate(parts, axis=-1)
+
+    def _simulate(
+        self,
+        states: Float[np.ndarray, "B _ S"],
+        controls: Float[np.ndarray, "B T C"],
+        scheme: Scheme,
+        substeps: int,
+        threads: int,
+    ) -> None:
+        lanes = self.scene.lanes
+        groups = [
+            np.arange(first, first + lanes).clip(max=len(states) - 1)
+            for first in range(0, len(states), lanes)
+        ]
+
+        def run(rows: np.ndarray) -> None:
+            states[rows, 1:] = self._run(states[rows, 0], controls[rows], scheme, substeps)
+
+        with inner_bar("runs", len(states)) as bar, ThreadPoolExecutor(threads) as pool:
+            for done, _ in enumerate(pool.map(run, groups), start=1):
+                bar.advance_to(min(done * lanes, len(states)))
+
+    def _run(
+        self,
+        starts: Float[np.ndarray, "L S"],
+        controls: Float[np.ndarray, "L T C"],
+        scheme: Scheme,
+        substeps: int,
+    ) -> Float[np.ndarray, "L T S"]:
+        """Return the states after each control."""
+        dt = substeps * scheme.dt
+        lanes, count, size = controls.shape
+        changes = dt * np.concatenate([np.zeros((lanes, 1, size)), controls], axis=1)
+        movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
+        paths = np.moveaxis(movers, 0, -1)
+        motion = self.motion(starts)
+        parameters = starts[:, self.parameter_entries]
+        block_size = FREE_BLOCK if self.is_free else BLOCK
+        told = []
+        for first in range(0, count, block_size):
+            block = paths[first : first + block_size + 1]
+            played = self.scene.play(motion, block, dt, substeps, parameters.T)
+            positions, velocities = (np.moveaxis(part, -1, 0) for part in played)
+            moved = movers[:, first + 1 : first + block_size + 1]
+            rates = controls[:, first : first + block_size]
+            origin = motion.origin.T[:, None]
+            told.append(
+                self.encode(positions, velocities, moved, rates, origin, parameters[:, None])
+            )
+            motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
+        states = np.concatenate(told, axis=1)
+        if self.is_free:
+            entries = slice(2 * size + 3, 2 * size + 7)
+            turned = np.swapaxes(states[..., entries], 0, 1)
+            states[..., entries] = np.swapaxes(continuous(turned, starts[None, :, entries]), 0, 1)
+        return states
+
+    def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
+        amplitudes = states[..., self.shapes.amplitudes]
+        with np.errstate(invalid="ignore"):
+            fits = np.abs(amplitudes) < MAX_AMPLITUDE * self.scene.size  # False for NaN
+        return np.asarray(~fits.all(axis=(1, 2)) | ~np.isfinite(states).all(axis=(1, 2)))
+
+    def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        """Return undeformed states: at rest, or of a thrown free body. Parameters are random.
+
+        Nodes composed of shapes would spring apart at first, and teach that.
+        """
+        starts = np.repeat(self.rest[None], count, axis=0)
+        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        if not self.is_free:
+            return starts
+        size = self.scene.movers.size
+        entries = slice(2 * size, self.shapes.first)
+        centre = self.rest[entries][:3]
+        roots = random_roots(self.scene, rng, self.shapes.mean, centre, starts[:, :size])
+        for start, root in zip(starts, roots, strict=True):
+            if root is not None:
+                start[entries] = root
+        return starts
+
+    def sample_paths(
+        self,
+        rng: np.random.Generator,
+        count: int,
+        steps: int,
+        dt: float,
+        starts: Float[np.ndarray, "B S"] | None = None,
+    ) -> Float[np.ndarray, "B T C"]:
+        """Return controls of `count` runs, each along smooth paths of its movers about their rest; see `Movers.random_paths`.
+
+        They begin at the `starts`, by default at rest, and return from there.
+        """
+        if starts is None:
+            starts = np.repeat(self.rest[None], count, axis=0)
+        size = self.scene.movers.size
+        return self.scene.random_paths(rng, starts[:, :size], starts[:, size : 2 * size], steps, dt)
+
+
+def _shape(collider: ColliderTable) -> Shape:
+    """Return the box, sphere or capsule drawn for a collider."""
+    if collider.radius is None:
+        assert collider.box is not None
+        return Shape("box", collider.box, collider.start, NO_ROTATION, COLOUR)
+    along = np.subtract(collider.end or collider.start, collider.start)
+    length = float(np.linalg.norm(along))
+    if length == 0:
+        return Shape("sphere", (collider.radius,), collider.start, NO_ROTATION, COLOUR)
+    middle = tuple((np.array(collider.start) + along / 2).tolist())
+    turned = np.empty(4)
+    mujoco.mju_quatZ2Vec(turned, along)
+    sizes = (collider.radius, length / 2)
+    return Shape("capsule", sizes, middle, tuple(turned.tolist()), COLOUR)
+
+
+def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int, apart: float) -> tuple[int, ...]:
+    """Return `count` nodes, each the farthest from those before it; fewer if they would lie within `apart` [m] of others."""
+    chosen = [0]
+    distance = np.linalg.norm(positions - positions[0], axis=1)
+    while len(chosen) < min(count, len(positions)) and distance.max() > apart:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
+    return tuple(sorted(chosen))
