@@ -28,7 +28,9 @@ controller = na.synthesise(
     objective,
     start,
     steps=steps,
-    options=na.DescentOptions(starts=8, parametrisation=Spline.of(steps, 16, system.bounds)),
+    options=na.SearchOptions(
+        na.DescentOptions(starts=8, parametrisation=Spline.of(steps, 16, system.bounds))
+    ),
 )
 
 motion = controller.outcome

@@ -19,14 +19,13 @@ objective = na.Objective.of(
     na.stay_upright(system),
     na.reach_position(system, target, within=0.04),
 )
-options = na.DescentOptions(
+descent = na.DescentOptions(
     # A wave along the body: one frequency for all muscles.
     parametrisation=Periodic.of(steps, emulator.dt, system.gait.period, system.bounds),
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )
-controller = na.synthesise(
-    emulator, system, objective, system.rest, steps=steps, options=options, refinements=0
-)
+options = na.SearchOptions(descent, refinements=0)
+controller = na.synthesise(emulator, system, objective, system.rest, steps=steps, options=options)
 
 spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.physics_steps} physics steps")

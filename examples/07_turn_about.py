@@ -20,13 +20,12 @@ objective = na.Objective.of(
     na.stay_upright(system),
     na.reach_heading(system, west, within=np.radians(3)),
 )
-options = na.DescentOptions(
+descent = na.DescentOptions(
     parametrisation=Spline.of(steps, 30, system.bounds),  # 30 values a muscle, smoothly joined
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )
-controller = na.synthesise(
-    emulator, system, objective, start, steps=steps, options=options, refinements=0
-)
+options = na.SearchOptions(descent, refinements=0)
+controller = na.synthesise(emulator, system, objective, start, steps=steps, options=options)
 
 spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.physics_steps} physics steps")

@@ -19,14 +19,13 @@ objective = na.Objective.of(
     na.stay_upright(system),
     na.travel(system, ahead, 0.5, within=0.1),
 )
-options = na.DescentOptions(
+descent = na.DescentOptions(
     method="adam",
     parametrisation=Periodic.of(steps, emulator.dt, system.gait.period, system.bounds),
     first=0.7 * gait,  # at full strength the muscles are at their bounds, where nothing has a slope
 )
-controller = na.synthesise(
-    emulator, system, objective, system.rest, steps=steps, options=options, refinements=0
-)
+options = na.SearchOptions(descent, refinements=0)
+controller = na.synthesise(emulator, system, objective, system.rest, steps=steps, options=options)
 
 
 def distance(states: np.ndarray) -> float:

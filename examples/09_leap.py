@@ -39,16 +39,9 @@ objective = na.Objective.of(
     na.reach_heading(system, nose_first, within=0.13, at=ENTRY),
 )
 parametrisation = Steered.of(steps, emulator.dt, gait.period / TEMPO, 7, bounds)
-controller = na.synthesise(
-    emulator,
-    system,
-    objective,
-    start,
-    steps=steps,
-    options=na.DescentOptions(parametrisation=parametrisation, first=first),
-    corrections=8,
-    refinements=0,
-)
+descent = na.DescentOptions(parametrisation=parametrisation, first=first)
+options = na.SearchOptions(descent, corrections=8, refinements=0)
+controller = na.synthesise(emulator, system, objective, start, steps=steps, options=options)
 
 spent = controller.spent
 print(f"{spent.iterations} iterations, {spent.seconds:.2f} s, {spent.physics_steps} physics steps")

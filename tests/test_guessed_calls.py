@@ -38,6 +38,10 @@ GUESSES = [
     lambda: fish.start_at({"body.heading": "left"}),
     lambda: na.evaluate("fihs"),
     lambda: na.synthesise(emulator, pendulum, "upright", pendulum.rest, steps=3),
+    lambda: find(steps=3, corrections=8),
+    lambda: find(steps=3, minutes=3.0),
+    lambda: find(steps=3, options=3),
+    lambda: na.control.synthesise_goal(emulator, pendulum, "upright", goals_from=pendulum),
     lambda: na.synthesise(emulator, emulator, na.goal(pendulum, "upright"), pendulum.rest, steps=3),
 ]
 for guess in GUESSES:
@@ -64,6 +68,10 @@ ANSWERS = (
     "start: 'body.heading': wanted a number or several, got 'left'.",
     "none of that name ships. Did you mean fish?",
     "objective: wanted Objective, as Objective.of returns, got the text 'upright'.",
+    "corrections: write options=na.SearchOptions(corrections=...).",
+    "minutes: write options=na.SearchOptions(refine=na.Refinement(minutes=...)).",
+    "options: wanted SearchOptions, got int.",
+    "goals_from: write the system, with its goals, as the second argument.",
     "system: wanted System, as load_system returns, got Emulator.",
 )
 

@@ -79,11 +79,10 @@ def land(emulator: na.Emulator, system: na.System) -> Drive:
     seconds, last = 7.0, 1.5
     steps = round(seconds / emulator.dt)
     objective = landing_objective(system, seconds - last)
-    options = na.DescentOptions(starts=4, parametrisation=Spline.of(steps, 20, system.bounds))
+    descent = na.DescentOptions(starts=4, parametrisation=Spline.of(steps, 20, system.bounds))
     start = goal_start(system, "pad")
-    found = na.synthesise(
-        emulator, system, objective, start, steps=steps, options=options, refinements=0
-    )
+    options = na.SearchOptions(descent, refinements=0)
+    found = na.synthesise(emulator, system, objective, start, steps=steps, options=options)
     return Drive(start, found.controls)
 
 
@@ -121,10 +120,9 @@ def park(emulator: na.Emulator, system: na.System) -> Drive:
         na.avoid(system, zones, probes=TRUCK_PROBES, margin=1.25, weight=300.0),
         na.stay_trusted(emulator, threshold=0.6, weight=50.0),
     )
-    options = na.DescentOptions(starts=4, parametrisation=Spline.of(steps, 16, system.bounds))
-    found = na.synthesise(
-        emulator, system, objective, start, steps=steps, options=options, refinements=0
-    )
+    descent = na.DescentOptions(starts=4, parametrisation=Spline.of(steps, 16, system.bounds))
+    options = na.SearchOptions(descent, refinements=0)
+    found = na.synthesise(emulator, system, objective, start, steps=steps, options=options)
     return Drive(start, found.controls)
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from benchmarks.harness import PROGRAM, keep_rows, parser_of, show_rows
 from neuroanimator import Emulator, load_emulator, load_system
 from neuroanimator.control import pursue_goal
+from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.synthesise import RESTARTS, synthesise_goal
 from neuroanimator.systems.system import System
 
@@ -89,9 +90,8 @@ def swing_up_row(name: str, way: str, emulator: Emulator, system: System, count:
     seconds = []
     for start in starts_of(emulator, count):
         began = time.perf_counter()
-        found = synthesise_goal(
-            emulator, "up", start=start, goals_from=system, restarts=WAYS[way], minutes=0
-        )
+        options = SearchOptions(restarts=WAYS[way])
+        found = synthesise_goal(emulator, system, "up", start=start, options=options)
         seconds.append(time.perf_counter() - began)
         upright.append(bool(found.is_reached))
     return row_of(name, way, upright, seconds)

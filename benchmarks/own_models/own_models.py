@@ -21,6 +21,7 @@ from benchmarks.harness import keep_rows, parser_of, show_rows
 from neuroanimator import (
     Emulator,
     Objective,
+    SearchOptions,
     TrainingConfig,
     effort,
     make_clip,
@@ -241,7 +242,8 @@ def way_left(emulator: Emulator, system: System, task: Task) -> float:
             entries += range(where.start, where.stop)
     objective = Objective.of(effort(EFFORT_WEIGHT), reach_state(system, wanted))
     steps = len(task.states) - 1
-    found = synthesise(emulator, system, objective, system.rest, steps=steps, refinements=0)
+    options = SearchOptions(refinements=0)
+    found = synthesise(emulator, system, objective, system.rest, steps=steps, options=options)
     frame = Frame.of(system.structure, 0.0)
     of_entries = frame.change_entries(system.state.size)
     counted = sorted({number for entry in entries for number in of_entries[entry]})

@@ -181,8 +181,9 @@ def by_emulator(problem: Problem) -> dict[str, Any]:
         problem.objective,
         problem.system.rest,
         steps=problem.steps,
-        options=na.DescentOptions(parametrisation=problem.parametrisation),
-        refinements=0,
+        options=na.SearchOptions(
+            na.DescentOptions(parametrisation=problem.parametrisation), refinements=0
+        ),
     )
     seconds = began.passed().seconds
     return {

@@ -22,8 +22,10 @@ from neuroanimator.control.objective.trusted import stay_trusted as stay_trusted
 from neuroanimator.control.policies.pilot import Pilot as Pilot
 from neuroanimator.control.policies.policy import Policy as Policy
 from neuroanimator.control.policies.policy import load_policy as load_policy
+from neuroanimator.control.synthesis.attempt import SearchOptions as SearchOptions
 from neuroanimator.control.synthesis.design import Design as Design
 from neuroanimator.control.synthesis.design import design as design
+from neuroanimator.control.synthesis.refinement import Refinement as Refinement
 from neuroanimator.control.synthesis.replay import replay as replay
 from neuroanimator.control.synthesis.synthesise import Synthesis as Synthesis
 from neuroanimator.control.synthesis.synthesise import synthesise as synthesise

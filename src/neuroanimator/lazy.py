@@ -7,6 +7,7 @@ import inspect
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, wraps
 from importlib import import_module, resources
 from types import FunctionType, UnionType
@@ -38,6 +39,18 @@ MAKERS = {
     "Synthesis": "synthesise",
 }
 """What makes an object, for errors, by its class."""
+
+MOVED = {
+    **dict.fromkeys(
+        ("corrections", "is_enough", "measures_trust", "refinements", "restarts"),
+        "options=na.SearchOptions({}=...)",
+    ),
+    **dict.fromkeys(
+        ("data", "minutes", "on_refine"), "options=na.SearchOptions(refine=na.Refinement({}=...))"
+    ),
+    "goals_from": "the system, with its goals, as the second argument",
+}
+"""What says now what an argument of searches said until 0.3, by its keyword."""
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
@@ -98,13 +111,16 @@ def _all_of(module: str) -> list[str]:
 def at_border(package: str, function: FunctionType) -> Callable[..., Any]:
     """Return a function of `package` such that it takes names for objects, and refuses other kinds at once.
 
-    A name or a file stands for what one of `LOADERS` makes of it, and cost terms for the objective of them. Whatever else is no
-    object of the annotated class is refused by an ArgumentError.
+    A name or a file stands for what one of `LOADERS` makes of it, cost terms for the objective of them, and options of descents
+    for those of a search, which is handed what refines. Whatever else is no object of the annotated class is refused by an
+    ArgumentError.
     """
     written = inspect.unwrap(function)
     wanted = _wanted_classes(written)
     if not wanted:
         return function
+
+    is_search = "SearchOptions" in [kind.__name__ for kind in wanted.get("options", ())]
 
     def taken(parameter: str, value: Any) -> Any:
         if parameter not in wanted or _is_any_of(value, wanted[parameter]):
@@ -113,6 +129,8 @@ def at_border(package: str, function: FunctionType) -> Callable[..., Any]:
 
     @wraps(function)
     def checked(*arguments: Any, **named: Any) -> Any:
+        if is_search:
+            named["options"] = _search_options(named)
         given = zip(written.__code__.co_varnames, arguments, strict=False)
         return function(
             *(taken(parameter, value) for parameter, value in given),
@@ -123,6 +141,20 @@ def at_border(package: str, function: FunctionType) -> Callable[..., Any]:
     checked.__module__ = package
     checked.__qualname__ = function.__name__
     return checked
+
+
+def _search_options(named: dict[str, Any]) -> Any:
+    """Return the options among the arguments of a search such that it refines: what trains is no part of the search itself."""
+    for keyword in named:
+        if keyword in MOVED:
+            raise ArgumentError(f"{keyword}: write {MOVED[keyword].format(keyword)}.")
+    public = import_module("neuroanimator")
+    options = named.get("options", public.SearchOptions())
+    if isinstance(options, public.DescentOptions):
+        options = public.SearchOptions(options)
+    if isinstance(options, public.SearchOptions) and options.refine is None:
+        options = replace(options, refine=public.Refinement())
+    return options
 
 
 def _wanted_classes(function: Any) -> dict[str, tuple[type, ...]]:

@@ -53,7 +53,7 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
     if emulator.gait is None:
         for name in _goals_away_from_start(system):
             try:
-                found = synthesise_goal(emulator, name, refinements=0, goals_from=system)
+                found = synthesise_goal(emulator, system, name)
             except NeuroAnimatorError:
                 continue  # of somebody's own system: it may be out of reach
             start = goal_start(system, name)

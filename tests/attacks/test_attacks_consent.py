@@ -26,11 +26,10 @@ from neuroanimator import (
     read_transitions,
 )
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.learn.data.generate import simulate_transitions
-from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.learn.evaluation.held_out import replayable_system, system_of
 from neuroanimator.physics import carried_system
 from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.physics.recorded.recording import read_recording
@@ -99,7 +98,7 @@ def test_an_emulator_whose_system_is_a_path_finds_no_controller(trap: Path, ship
     for way in paths_to(trap):
         spec = replace(shipped.spec, system=way)
         hostile = eqx.tree_at(lambda emulator: emulator.spec, shipped, spec)
-        for use in (system_of, evaluate, lambda emulator: synthesise_goal(emulator, "upright")):
+        for use in (system_of, replayable_system, evaluate):
             with pytest.raises(NeuroAnimatorError):
                 use(hostile)
 

@@ -19,10 +19,8 @@ from neuroanimator.film.graphics import graphics_backend
 def synthesis(shipped: Emulator) -> Synthesis:
     system = na.load_system("pendulum")
     objective = na.Objective.of(na.effort(), na.goal(system, "upright"))
-    options = DescentOptions(iterations=6)
-    return na.synthesise(
-        shipped, system, objective, system.rest, steps=12, options=options, corrections=1
-    )
+    options = na.SearchOptions(DescentOptions(iterations=6), corrections=1)
+    return na.synthesise(shipped, system, objective, system.rest, steps=12, options=options)
 
 
 def test_every_iteration_of_every_descent_is_counted(synthesis: Synthesis):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -17,15 +18,12 @@ from neuroanimator.cli.formats import emulator_for
 from neuroanimator.cli.usage import refuse_given
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.goals import find_goal, goal_start, is_reached, usual_goal
+from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
 from neuroanimator.control.synthesis.progress import watching
+from neuroanimator.control.synthesis.refinement import REFINING_MINUTES, Refinement
 from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
-from neuroanimator.control.synthesis.synthesise import (
-    REFINING_MINUTES,
-    Synthesis,
-    check_same_system,
-    synthesise_goal,
-)
+from neuroanimator.control.synthesis.synthesise import Synthesis, check_same_system, synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.comparison import write_comparison
@@ -146,7 +144,7 @@ def run(
                     "objective: its file sets all that --goal, --seconds, --start, --effort-weight and --threshold set. "
                     "Leave these out."
                 )
-            search = _search_objective(model, own, objective)
+            search = _search_objective(model, own, objective, starts)
     if search.closed_loop is not None and closed_loop:
         return search.closed_loop(seconds=seconds, horizon=horizon, out=out, glb=glb)
     if search.nothing_to_find:
@@ -154,19 +152,19 @@ def run(
     if minutes is None:
         minutes = REFINING_MINUTES
     with watching(log, iterations) as on_iteration:
-        options = DescentOptions(
+        descent = DescentOptions(
             method=method,
             iterations=iterations,
-            starts=search.starts if starts is None else starts,
+            starts=1 if starts is None else starts,
             on_iteration=on_iteration,
         )
-        synthesis = search.find(
-            options=options,
-            data=read_transitions(data) if data else None,
-            measures_trust=True,
+        refinement = Refinement(
             minutes=minutes,
+            data=read_transitions(data) if data else None,
             on_refine=partial(_say_gap, minutes),
         )
+        options = SearchOptions(descent, refine=refinement, measures_trust=True)
+        synthesis = search.find(options=options)
     improve = _improve_command(emulator, out, start or [], system)
     for warning in warnings_of(synthesis, improve):
         print_line(f"neuroanimator: {warning}", to_stderr=True)
@@ -206,20 +204,22 @@ class _Search(NamedTuple):
     find: Callable[..., Synthesis]
     start: str
     """Where the motion starts, in words."""
-    starts: int = 1
-    """Default number of initial guesses to descend from."""
     nothing_to_find: str = ""
     """Message if the start already fulfils the goal; empty if it does not."""
     closed_loop: Callable[..., None] | None = None
     """Function that pursues the goal in closed loop; for goals only."""
 
 
-def _search_objective(emulator: Emulator, own: System | None, path: Path) -> _Search:
-    """Return the search for an objective file; `own` is the emulator's system, if it was given."""
+def _search_objective(
+    emulator: Emulator, own: System | None, path: Path, starts: int | None
+) -> _Search:
+    """Return the search for an objective file; `own` is the emulator's system, if it was given, `starts` replace the file's."""
     system = _checked_system(emulator, own)
     file = read_objective(path, system)
+    if starts is not None:
+        file = replace(file, starts=starts)
     find = partial(synthesise_file, emulator, file)
-    return _Search(find, start_in_words(system, file.start), file.starts)
+    return _Search(find, start_in_words(system, file.start))
 
 
 def _search_goal(
@@ -243,12 +243,12 @@ def _search_goal(
     find = partial(
         synthesise_goal,
         emulator,
+        system,
         name,
         seconds,
         start=start,
         effort_weight=weight,
         threshold=threshold,
-        goals_from=system,
     )
     closed_loop = partial(
         run_closed_loop,

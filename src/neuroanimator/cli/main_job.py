@@ -12,6 +12,8 @@ from markupsafe import Markup
 
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.synthesis.attempt import SearchOptions
+from neuroanimator.control.synthesis.refinement import Refinement
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
@@ -29,6 +31,7 @@ from neuroanimator.learn.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.learn.evaluation.report import training_html, write_report
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.learn.training.train import train
+from neuroanimator.physics import load_system
 from neuroanimator.terminal import print_rows, progress_bar
 
 SYSTEM = "pendulum"
@@ -108,15 +111,19 @@ def _train(data: Transitions, path: Path) -> Emulator:
 def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
     return synthesise_goal(
         emulator,
+        load_system(SYSTEM),
         "upright",
-        data=data,
-        options=DescentOptions(iterations=SWEEPS),
-        corrections=CORRECTIONS,
-        measures_trust=True,
-        on_refine=lambda gap: print(
-            f"    gap {gap:.2f}: training on the physics around the motion", file=sys.stderr
+        options=SearchOptions(
+            DescentOptions(iterations=SWEEPS),
+            corrections=CORRECTIONS,
+            refine=Refinement(data=data, on_refine=_say_gap),
+            measures_trust=True,
         ),
     )
+
+
+def _say_gap(gap: float) -> None:
+    print(f"    gap {gap:.2f}: training on the physics around the motion", file=sys.stderr)
 
 
 def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path]:

@@ -12,6 +12,7 @@ import pytest
 import neuroanimator as na
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.objective import Trajectory
+from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -42,12 +43,11 @@ def test_it_costs_what_scores_are_above_the_threshold(shipped: Emulator):
 
 
 def test_what_is_found_with_it_stays_nearer_to_training(shipped: Emulator):
-    options = DescentOptions(iterations=8)
+    options = SearchOptions(DescentOptions(iterations=8), corrections=0)
+    system = na.load_system("pendulum")
     beyond = []
     for threshold in (None, 0.15):
-        found = synthesise_goal(
-            shipped, "upright", options=options, corrections=0, refinements=0, threshold=threshold
-        )
+        found = synthesise_goal(shipped, system, "upright", options=options, threshold=threshold)
         scores = shipped.trust(found.outcome.emulator_states[:-1], found.controls)
         beyond.append(np.sum(np.maximum(scores - 0.15, 0) ** 2))
     assert beyond[1] < 0.9 * beyond[0]

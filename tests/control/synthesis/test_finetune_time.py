@@ -10,11 +10,21 @@ import numpy as np
 import pytest
 from swing_up import stand_upright
 
-from neuroanimator import DescentOptions, Emulator, NeuroAnimatorError, load_system, synthesise
+from neuroanimator import (
+    DescentOptions,
+    Emulator,
+    NeuroAnimatorError,
+    Refinement,
+    SearchOptions,
+    load_system,
+    synthesise,
+)
 from neuroanimator.cli.control import _say_gap
+from neuroanimator.control.synthesis.attempt import Attempt, Search
 from neuroanimator.control.synthesis.finetune import Deadline, OutOfTimeError
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis
+from neuroanimator.control.synthesis.synthesise import synthesise as alone
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +41,11 @@ def found_within(wrong: Emulator, minutes: float, gaps: list[float]) -> Synthesi
         stand_upright(),
         np.zeros(6),
         steps=20,
-        options=DescentOptions(iterations=3),
-        corrections=0,
-        minutes=minutes,
-        on_refine=gaps.append,
+        options=SearchOptions(
+            DescentOptions(iterations=3),
+            corrections=0,
+            refine=Refinement(minutes=minutes, on_refine=gaps.append),
+        ),
     )
 
 
@@ -64,6 +75,24 @@ def test_updates_are_given_up_as_soon_as_those_done_show_that_all_take_too_long(
     with pytest.raises(OutOfTimeError) as late:
         on_chunk(500)
     assert late.value.seconds == pytest.approx(0.2 + 18 * 0.1, rel=0.3)
+
+
+def test_the_packages_own_search_refines_unless_told_otherwise(
+    wrong: Emulator, monkeypatch: pytest.MonkeyPatch
+):
+    asked = []
+
+    def noted(refinement: Refinement, search: Search, attempt: Attempt) -> Attempt:
+        asked.append(search.options.descent.iterations)
+        return attempt
+
+    monkeypatch.setattr(Refinement, "__call__", noted)
+    system = load_system("pendulum")
+    descent = DescentOptions(iterations=2)
+    for options in (descent, SearchOptions(descent)):
+        synthesise(wrong, system, stand_upright(), np.zeros(6), steps=5, options=options)
+    alone(wrong, system, stand_upright(), np.zeros(6), steps=5, options=SearchOptions(descent))
+    assert asked == [2, 2]
 
 
 def test_minutes_below_none_are_refused(wrong: Emulator):

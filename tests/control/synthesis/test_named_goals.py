@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from neuroanimator import load_emulator, load_system
-from neuroanimator.control.synthesis.synthesise import synthesise_goal
+from neuroanimator import control, load_emulator, load_system
 
 
 @pytest.mark.parametrize(
@@ -13,8 +12,8 @@ from neuroanimator.control.synthesis.synthesise import synthesise_goal
 )
 def test_every_named_goal_is_reached_from_its_own_start(name: str):
     emulator = load_emulator(name)
-    goals = load_system(name).goals
-    assert goals
-    for goal in goals:
-        found = synthesise_goal(emulator, goal)
+    system = load_system(name)
+    assert system.goals
+    for goal in system.goals:
+        found = control.synthesise_goal(emulator, system, goal)
         assert found.is_reached, goal

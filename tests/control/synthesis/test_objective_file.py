@@ -22,6 +22,7 @@ from neuroanimator.control.objective import costs
 from neuroanimator.control.objective.goals import is_reached, reach_goal, usual_goal
 from neuroanimator.control.objective.objective import Moments, Trajectory
 from neuroanimator.control.objective.obstacles import Zone, avoid
+from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.objective_file import KINDS, ObjectiveFile, read_objective
 from neuroanimator.control.synthesis.progress import watching
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
@@ -170,18 +171,16 @@ def test_a_goal_may_be_written_after_training(shipped: Emulator):
     later.goals = {"aside": Goal(((0, 0.5),), (0.2,), 0.5, start)}
     found = synthesise_goal(
         shipped,
+        later,
         "aside",
-        goals_from=later,
-        options=DescentOptions(iterations=6),
-        corrections=1,
-        refinements=0,
+        options=SearchOptions(DescentOptions(iterations=6), corrections=1),
     )
     assert found.is_reached
     np.testing.assert_allclose(found.outcome.physics_states[0], start)
     with pytest.raises(
         ArgumentError, match="truck has another state or control than the emulator's pendulum"
     ):
-        synthesise_goal(shipped, "bay_1", goals_from=load_system("truck"))
+        synthesise_goal(shipped, load_system("truck"), "bay_1")
 
 
 def test_who_names_no_goal_is_told_how_to_write_one():

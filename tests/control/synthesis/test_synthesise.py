@@ -16,6 +16,7 @@ from neuroanimator import (
     Emulator,
     NeuroAnimatorError,
     Objective,
+    SearchOptions,
     descend,
     load_emulator,
     load_system,
@@ -61,13 +62,8 @@ def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulat
 
 
 def test_the_demos_swing_up_takes_twenty_iterations_at_most_corrections_counted(shipped: Emulator):
-    found = synthesise_goal(
-        shipped,
-        "upright",
-        options=DescentOptions(iterations=SWEEPS),
-        corrections=CORRECTIONS,
-        refinements=0,
-    )
+    options = SearchOptions(DescentOptions(iterations=SWEEPS), corrections=CORRECTIONS)
+    found = synthesise_goal(shipped, load_system("pendulum"), "upright", options=options)
     assert SWEEPS + CORRECTING_ITERATIONS * CORRECTIONS == 20
     assert found.spent.iterations <= 20
     assert found.is_reached
@@ -175,7 +171,7 @@ def test_refining_adds_physics_near_the_motion(shipped: Emulator, transitions: T
 def test_bad_arguments_are_refused_by_name(options, message: str, shipped: Emulator):
     goal, seconds = options.pop("goal", "upright"), options.pop("seconds", 1.0)
     with pytest.raises(NeuroAnimatorError, match=message):
-        synthesise_goal(shipped, goal, seconds, **options)
+        synthesise_goal(shipped, load_system("pendulum"), goal, seconds, **options)
 
 
 @pytest.mark.parametrize(
@@ -260,19 +256,18 @@ def test_the_first_cost_is_that_of_the_first_guess(method: str, shipped: Emulato
 
 
 def test_beginning_again_never_ends_worse_and_is_charged(shipped: Emulator):
-    system, options = (
-        load_system("pendulum"),
-        {"steps": 20, "options": DescentOptions(iterations=3), "corrections": 0, "refinements": 0},
-    )
+    system = load_system("pendulum")
+    plain = SearchOptions(DescentOptions(iterations=3), corrections=0, refinements=0)
+    restarted = replace(plain, restarts=2)
     once, again = (
-        synthesise(shipped, system, stand_upright(), REST, restarts=k, **options) for k in (0, 2)
+        synthesise(shipped, system, stand_upright(), REST, steps=20, options=options)
+        for options in (plain, restarted)
     )
     assert again.outcome.cost_physics < once.outcome.cost_physics
     assert again.spent.physics_steps > once.spent.physics_steps
     assert again.spent.iterations > once.spent.iterations
-    stopped = synthesise(
-        shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options
-    )
+    at_once = replace(restarted, is_enough=lambda states: True)
+    stopped = synthesise(shipped, system, stand_upright(), REST, steps=20, options=at_once)
     assert stopped.spent.physics_steps == once.spent.physics_steps
 
 
@@ -281,7 +276,7 @@ def test_a_beginning_in_which_the_physics_diverges_is_charged_and_changes_nothin
 ):
     system = load_system("pendulum")
     options = DescentOptions(iterations=3)
-    search = Search(system, stand_upright(), REST, 20, options, 0, lambda states: False)
+    search = Search(system, stand_upright(), REST, 20, SearchOptions(options, corrections=0))
     once = make_attempt(search, shipped, options)
     simulate = type(system).simulate_fastest
 
@@ -317,15 +312,9 @@ def test_a_correction_goes_on_from_the_motion_it_corrects(
         return whole(problem, options)
 
     monkeypatch.setattr(descend_module, "searched_guesses", counted)
-    options = DescentOptions(searched=32, starts=2, iterations=2)
+    options = SearchOptions(DescentOptions(searched=32, starts=2, iterations=2), refinements=0)
     found = synthesise(
-        shipped,
-        load_system("pendulum"),
-        stand_upright(),
-        REST,
-        steps=20,
-        options=options,
-        refinements=0,
+        shipped, load_system("pendulum"), stand_upright(), REST, steps=20, options=options
     )
     assert found.spent.corrections > 0
     assert searches == [32]
@@ -348,10 +337,8 @@ def test_an_emulator_that_is_wrong_about_the_motion_is_said_to_be_so(
     minutes_wanted: float, shipped: Emulator
 ):
     system = load_system("pendulum")
-    options = DescentOptions(iterations=1)
-    found = synthesise(
-        shipped, system, stand_upright(), REST, steps=5, options=options, refinements=0
-    )
+    options = SearchOptions(DescentOptions(iterations=1), refinements=0)
+    found = synthesise(shipped, system, stand_upright(), REST, steps=5, options=options)
     right = replace(found, outcome=replace(found.outcome, cost_emulator=357, cost_physics=380))
     assert warnings_of(right, "learn it") == []
     spent = replace(found.spent, minutes_wanted=minutes_wanted)
@@ -371,7 +358,7 @@ def test_an_emulator_that_is_wrong_about_the_motion_is_said_to_be_so(
 def test_a_result_says_itself_that_its_emulator_is_wrong(
     is_better: bool, cost: float, ratio: float, shipped: Emulator
 ):
-    options = DescentOptions(iterations=1)
+    options = SearchOptions(DescentOptions(iterations=1))
     found = synthesise(
         shipped, load_system("pendulum"), stand_upright(), REST, steps=5, options=options
     )

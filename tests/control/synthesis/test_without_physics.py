@@ -10,7 +10,6 @@ from conftest import Cli
 
 import neuroanimator as na
 from neuroanimator.control.synthesis.summary import UNPROVED, outcome_rows
-from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.learn.planning.pursue import pursue_goal
 from neuroanimator.physics.loading import resolve
 from neuroanimator.scaffold.write_toml import write_definition
@@ -64,7 +63,9 @@ def test_a_goal_written_after_training_is_reached_on_the_emulator_and_nothing_is
 ):
     emulator = na.load_emulator(folder / "spring.emulator.safetensors")
     system = na.load_system(str(folder / "spring.toml"))
-    found = synthesise_goal(emulator, "aside", goals_from=system, measures_trust=True)
+    found = na.control.synthesise_goal(
+        emulator, system, "aside", options=na.SearchOptions(measures_trust=True)
+    )
     assert found.is_reached
     assert not found.outcome.is_on_physics
     assert found.trust is None

@@ -428,7 +428,8 @@ def test_controls_that_bring_a_corner_to_a_point_do_so_on_the_physics(cloth, tra
     corner = cloth.shapes.decode(cloth.rest[None], [node])[0, 0]
     wanted = corner + np.array([0.1, 0.0, 0.0])
     objective = na.Objective.of(na.reach_node(cloth, node, wanted, within=0.02), na.effort(0.01))
-    found = na.synthesise(emulator, cloth, objective, cloth.rest, seconds=1.0, refinements=0)
+    options = na.SearchOptions(refinements=0)
+    found = na.synthesise(emulator, cloth, objective, cloth.rest, seconds=1.0, options=options)
     ends = cloth.simulate(cloth.rest[None], found.controls[None], emulator.dt).states[0, -1:]
     there = cloth.shapes.decode(ends, [node])[0, 0]
     assert np.linalg.norm(there - wanted) < 0.6 * np.linalg.norm(corner - wanted)

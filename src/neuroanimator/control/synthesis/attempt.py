@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -76,9 +77,38 @@ class DivergedAttemptError(DivergedError):
         """Cost of the attempt."""
 
 
+@runtime_checkable
+class Refiner(Protocol):
+    """Trains emulators on the physics around motions, in the course of a search."""
+
+    def __call__(self, search: Search, attempt: Attempt) -> Attempt:
+        """Return the best of `attempt` and others with emulators trained on the physics around it, with the cost of all."""
+        ...
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Options of a search for a controller: of its descents, and of what follows their replays on the physics."""
+
+    descent: DescentOptions = DescentOptions()
+    """Options of its descents."""
+    corrections: int = 5
+    """Maximum number of replays whose defects are added to the emulator, for each motion that is corrected."""
+    restarts: int | None = None
+    """Maximum number of restarts from the best of many guesses; by default 6 for a goal, otherwise none."""
+    refinements: int = 2
+    """Maximum number of times that the emulator is trained on the physics around a motion, while the gap stays large."""
+    refine: Refiner | None = None
+    """What trains the emulator; the package's functions hand in `Refinement()` if it is None."""
+    is_enough: Callable[[np.ndarray], bool] = lambda states: False
+    """Whether states (T+1, S) of the physics are good enough to end the search; restarts for a goal also end at the goal."""
+    measures_trust: bool = False
+    """Whether to measure, if the physics disagrees in the end, how far the emulator's gradient can be trusted."""
+
+
 @dataclass(frozen=True)
 class Search:
-    """Problem and settings of a search; the emulator is separate, as it may be refined on the way."""
+    """Problem and options of a search; the emulator is separate, as it may be refined on the way."""
 
     system: System
     objective: Objective
@@ -86,11 +116,11 @@ class Search:
     """Initial state (S,)."""
     steps: int
     """Number of super steps of the motion."""
-    options: DescentOptions
-    corrections: int
-    """Maximum number of replays whose defects are added to the emulator."""
-    is_enough: Callable[[np.ndarray], bool]
-    """Whether states (T+1, S) of the physics are good enough to end the search."""
+    options: SearchOptions
+
+    def is_enough(self, states: np.ndarray) -> bool:
+        """Return whether states (T+1, S) of the physics are good enough to end the search."""
+        return self.options.is_enough(states)
 
     def is_better(self, new: ReplayedMotion, old: ReplayedMotion) -> bool:
         """Return whether `new` is preferable to `old`: good enough, or cheaper."""
@@ -101,6 +131,15 @@ class Search:
     ) -> list[ReplayedMotion]:
         """Return the motions of candidates on the physics, if there is any, the least J first."""
         return ranked_motions(emulator, self.system, self.objective, self.start, candidates)
+
+    def better(self, old: Attempt, new: Attempt) -> Attempt:
+        """Return the one that is good enough, otherwise the cheaper one on the physics; `old` if they are equal."""
+
+        def rank(attempt: Attempt) -> tuple[bool, float]:
+            outcome = attempt.outcome
+            return not self.is_enough(outcome.physics_states), outcome.cost_physics
+
+        return min(old, new, key=rank)
 
     def cost_of_replays(self, emulator: Emulator, count: int) -> SearchCost:
         """Return the cost of `count` replays: none without physics."""
@@ -169,7 +208,7 @@ def correct(
         options, parametrisation=parametrisation, iterations=CORRECTING_ITERATIONS, searched=0
     )
     spent = SearchCost()
-    corrections = search.corrections if search.system.can_simulate else 0
+    corrections = search.options.corrections if search.system.can_simulate else 0
     for _ in range(corrections):
         if search.is_enough(motion.states):
             break

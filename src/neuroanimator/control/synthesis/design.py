@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.descent.descend import descend
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS
+from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS, SearchOptions
 from neuroanimator.control.synthesis.synthesise import Synthesis, check_same_system, synthesise
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -67,16 +67,9 @@ def design(
     options = options or DescentOptions(iterations=DESIGN_ITERATIONS)
     state = emulator.state.check(start, "state")
 
-    def proved(begin: np.ndarray, motion: DescentOptions) -> Synthesis:
-        return synthesise(
-            emulator,
-            system,
-            objective,
-            begin,
-            steps=steps,
-            options=motion,
-            refinements=0,
-        )
+    def proved(begin: np.ndarray, descent: DescentOptions) -> Synthesis:
+        search = SearchOptions(descent)
+        return synthesise(emulator, system, objective, begin, steps=steps, options=search)
 
     nominal = proved(state, options)
     # Start from the best motion of the first body, with its parameters and random ones: from idle controls,

@@ -27,7 +27,6 @@ from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, PlainValidator, ValidationError, create_model
 from pydantic_core import PydanticCustomError
 
-from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import (
     EachStep,
     Parametrisation,
@@ -37,17 +36,12 @@ from neuroanimator.control.descent.parametrisation import (
 from neuroanimator.control.objective import costs, goals
 from neuroanimator.control.objective.objective import CostTerm, Objective
 from neuroanimator.control.objective.obstacles import avoid
-from neuroanimator.control.synthesis.synthesise import (
-    MAX_SECONDS,
-    REFINING_MINUTES,
-    Synthesis,
-    synthesise,
-)
+from neuroanimator.control.synthesis.attempt import SearchOptions
+from neuroanimator.control.synthesis.synthesise import MAX_SECONDS, Synthesis, synthesise
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.names import SystemName
 from neuroanimator.files.tables import Finite, Positive, Table, first_fault, read_toml
-from neuroanimator.learn.data.store import Transitions
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
@@ -114,44 +108,27 @@ def read_objective(path: str | Path, system: System) -> ObjectiveFile:
 
 
 def synthesise_file(
-    emulator: Emulator,
-    file: ObjectiveFile,
-    *,
-    options: DescentOptions | None = None,
-    corrections: int = 5,
-    refinements: int = 2,
-    minutes: float = REFINING_MINUTES,
-    data: Transitions | None = None,
-    measures_trust: bool = False,
-    on_refine: Callable[[float], None] = lambda gap: None,
+    emulator: Emulator, file: ObjectiveFile, *, options: SearchOptions = SearchOptions()
 ) -> Synthesis:
-    """Return the controller for the objective of a file; the file's `starts` apply if no `options` are given.
+    """Return the controller for the objective of a file; see `synthesise` for the `options`.
 
     The first guess of a system with a gait is that gait: an animal at rest has no gradient that tells left from right. The
-    parametrisation is the file's. The other arguments are those of `synthesise`.
+    parametrisation and the number of first guesses are the file's.
     """
     steps = goals.steps_in(file.seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
     system = file.system
-    if options is None:
-        options = DescentOptions(starts=file.starts)
-    parametrisation = file.make_parametrisation(steps, emulator.dt)
-    options = replace(options, parametrisation=parametrisation)
+    first = options.descent.first
     if system.gait is not None:
         first = system.gait.controls(steps, emulator.dt, system.bounds)
-        options = replace(options, first=first)
+    descent = replace(
+        options.descent,
+        parametrisation=file.make_parametrisation(steps, emulator.dt),
+        starts=file.starts,
+        first=first,
+    )
+    options = replace(options, descent=descent)
     synthesis = synthesise(
-        emulator,
-        system,
-        file.objective,
-        file.start,
-        steps=steps,
-        options=options,
-        corrections=corrections,
-        refinements=refinements,
-        minutes=minutes,
-        data=data,
-        measures_trust=measures_trust,
-        on_refine=on_refine,
+        emulator, system, file.objective, file.start, steps=steps, options=options
     )
     if not file.goals:
         return synthesis

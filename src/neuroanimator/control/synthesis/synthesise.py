@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.descend import Descent
 from neuroanimator.control.descent.gradient_check import GradientTrust, gradient_trust
-from neuroanimator.control.descent.options import DescentOptions, check_driven, check_steps
+from neuroanimator.control.descent.options import check_driven, check_steps
 from neuroanimator.control.objective.goals import (
     find_goal,
     goal_objective,
@@ -26,17 +24,15 @@ from neuroanimator.control.synthesis.attempt import (
     DivergedAttemptError,
     Search,
     SearchCost,
+    SearchOptions,
     make_attempt,
 )
 from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.learn.data.store import Transitions
-from neuroanimator.learn.evaluation.held_out import replayable_system
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.random_controls import sample_control_runs
 from neuroanimator.systems.system import System
-from neuroanimator.terminal import phase
 
 MAX_SECONDS = 20.0
 """Maximum duration of a motion [s]; longer for a slow system."""
@@ -44,11 +40,8 @@ MAX_SECONDS = 20.0
 TRUST_DIRECTIONS = 64
 """Number of directions in which the gradient is compared with the physics': a lander's 240 would take far longer."""
 
-REFINING_MINUTES = 0.5
-"""Default maximum time of all refinements together [min]."""
-
 RESTARTS = 6
-"""Maximum number of restarts from other guesses while the physics misses the goal."""
+"""Default maximum number of restarts from other guesses while the physics misses the goal."""
 
 SEARCHED = 4096
 """Number of guesses tried by a rollout each before a restart: a second or less."""
@@ -95,11 +88,6 @@ class Synthesis:
             told += f". {outcome.fault}"
         return f"Synthesis({told})"
 
-    @property
-    def attempt(self) -> Attempt:
-        """The attempt that made it."""
-        return Attempt(self.emulator, self.descent, self.controls, self.outcome, self.spent)
-
 
 def synthesise(
     emulator: Emulator,
@@ -109,24 +97,15 @@ def synthesise(
     *,
     steps: int | None = None,
     seconds: float | None = None,
-    options: DescentOptions = DescentOptions(),
-    corrections: int = 5,
-    restarts: int = 0,
-    refinements: int = 2,
-    minutes: float = REFINING_MINUTES,
-    data: Transitions | None = None,
-    is_enough: Callable[[np.ndarray], bool] = lambda states: False,
-    measures_trust: bool = False,
-    on_refine: Callable[[float], None] = lambda gap: None,
+    options: SearchOptions = SearchOptions(),
 ) -> Synthesis:
     """Return the best controller for `steps` super steps, or for `seconds`, from the state `start` (S,), by its J on the physics.
 
     Replaying a motion on the physics shows the emulator's errors along it. These defects are added to the
     emulator, and the descent goes on from there, up to `corrections` times. If that is not good enough, the search restarts
     from the best of many guesses, alternately around the first one given and random, up to `restarts` times. If the
-    gap stays large, transitions around the motion are added to `data` (the emulator's training data; simulated anew if
-    not given), a copy of the emulator is trained further, and the search restarts, up to `refinements` times, if their data
-    and trainings take no longer than `minutes` in all; `on_refine` is called with the gap before each.
+    gap stays large, a copy of the emulator is trained on the physics around the motion and the search restarts, up to
+    `refinements` times, within the minutes of a `Refinement`. `options` says all of this, and may be those of descents alone.
 
     The search ends as soon as `is_enough` is true of the states (T+1, S) of the physics. If the physics disagrees in the end,
     `measures_trust` measures whether the emulator's gradient can be trusted, at random controls: at its optimum it vanishes.
@@ -142,25 +121,23 @@ def synthesise(
     elif steps is None or seconds is not None:
         raise ArgumentError("steps and seconds: wanted one of them, the length of the motion.")
     check_steps(steps)
-    if not system.can_simulate:
-        refinements = 0
-        measures_trust = False
-    search = Search(system, objective, state, steps, options, corrections, is_enough)
-    attempt = make_attempt(search, emulator, options)
-    attempt = restart(search, attempt, restarts)
-    attempt = finetune(search, attempt, refinements, minutes, data, on_refine)
+    search = Search(system, objective, state, steps, options)
+    attempt = make_attempt(search, emulator, options.descent)
+    attempt = restart(search, attempt, options.restarts or 0)
+    attempt = _refine(search, attempt)
     trust = None
-    if measures_trust and attempt.has_large_gap:
-        trust = _measure_trust(emulator, system, objective, state, steps, options)
+    if options.measures_trust and attempt.has_large_gap:
+        trust = _measure_trust(search, emulator)
     return Synthesis.of(attempt, trust)
 
 
 def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
     """Return the best of `attempt` and others from the best of many guesses, with the cost of all of them.
 
-    Guesses alternate between the neighbourhood of the first guess in `search.options`, if there is one, and random controls.
+    Guesses alternate between the neighbourhood of the first guess in the options, if there is one, and random controls.
     """
-    around = search.options.first
+    options = search.options.descent
+    around = options.first
     if around is not None and around.ndim == 3:
         around = around[0]
     best = attempt
@@ -169,11 +146,11 @@ def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
         if search.is_enough(best.outcome.physics_states):
             break
         widely = replace(
-            search.options,
+            options,
             first=around if number % 2 else None,
             searched=SEARCHED,
-            starts=max(search.options.starts, SEARCH_STARTS),
-            seed=search.options.seed + number,
+            starts=max(options.starts, SEARCH_STARTS),
+            seed=options.seed + number,
         )
         try:
             other = make_attempt(search, attempt.emulator, widely)
@@ -181,86 +158,31 @@ def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
             spent = spent + diverged.spent
             continue
         spent = spent + other.spent
-        best = _better(search, best, other)
+        best = search.better(best, other)
     return replace(best, spent=spent)
 
 
-def finetune(
-    search: Search,
-    attempt: Attempt,
-    refinements: int,
-    minutes: float,
-    data: Transitions | None,
-    on_refine: Callable[[float], None],
-) -> Attempt:
-    """Return the best of `attempt` and others with emulators trained on the physics around it, with the cost of all."""
-    if not minutes >= 0:
-        raise ArgumentError(f"minutes: wanted 0 or more, got {minutes:g}.")
-    if not minutes:
+def _refine(search: Search, attempt: Attempt) -> Attempt:
+    """Return the best of `attempt` and those of the search's refiner, if it has one and there is physics."""
+    refine = search.options.refine
+    if refine is None or not search.system.can_simulate:
         return attempt
-    seconds_left = 60 * minutes
-    best = attempt
-    latest = attempt
-    spent = attempt.spent
-    for number in range(1, refinements + 1):
-        if not latest.has_large_gap or search.is_enough(best.outcome.physics_states):
-            break
-        on_refine(latest.outcome.gap)
-        with phase("training on the physics around the motion"):
-            # Imports training, which most motions do not need.
-            from neuroanimator.control.synthesis.finetune import Deadline, OutOfTimeError, refined
-
-            began = time.monotonic()
-            try:
-                emulator, data, physics_steps = refined(
-                    latest.emulator,
-                    search.system,
-                    data,
-                    latest.outcome.physics_states,
-                    latest.controls,
-                    number,
-                    Deadline(seconds_left),
-                )
-            except OutOfTimeError as late:
-                spent = spent + SearchCost(
-                    minutes_wanted=minutes + (late.seconds - seconds_left) / 60
-                )
-                break
-            seconds_left -= time.monotonic() - began
-        options = replace(search.options, first=latest.controls)
-        latest = make_attempt(search, emulator, options)
-        spent = spent + latest.spent + SearchCost(refinements=1, physics_steps=physics_steps)
-        best = _better(search, best, latest)
-    return replace(best, spent=spent)
+    return refine(search, attempt)
 
 
-def _better(search: Search, old: Attempt, new: Attempt) -> Attempt:
-    """Return the one that is good enough, otherwise the cheaper one on the physics; `old` if they are equal."""
-
-    def rank(attempt: Attempt) -> tuple[bool, float]:
-        outcome = attempt.outcome
-        return not search.is_enough(outcome.physics_states), outcome.cost_physics
-
-    return min(old, new, key=rank)
-
-
-def _measure_trust(
-    emulator: Emulator,
-    system: System,
-    objective: Objective,
-    start: np.ndarray,
-    steps: int,
-    options: DescentOptions,
-) -> GradientTrust:
-    """Return the trust in the gradient of the given emulator, at random controls."""
+def _measure_trust(search: Search, emulator: Emulator) -> GradientTrust | None:
+    """Return the trust in the gradient of the given emulator, at random controls; None without physics."""
+    system = search.system
+    if not system.can_simulate:
+        return None
     rng = np.random.default_rng(0)
-    controls = sample_control_runs(rng, 1, steps, emulator.dt, system)[0]
+    controls = sample_control_runs(rng, 1, search.steps, emulator.dt, system)[0]
     return gradient_trust(
         emulator,
         system,
-        objective,
-        options.parametrisation_of(emulator, steps),
-        start,
+        search.objective,
+        search.options.descent.parametrisation_of(emulator, search.steps),
+        search.start,
         controls,
         directions=TRUST_DIRECTIONS,
     )
@@ -279,63 +201,44 @@ def check_same_system(emulator: Emulator, system: System) -> None:
 
 def synthesise_goal(
     emulator: Emulator,
+    system: System,
     name: str,
     seconds: float | None = None,
     *,
     start: ArrayLike | None = None,
     effort_weight: float = 1.0,
     threshold: float | None = None,
-    goals_from: System | None = None,
-    options: DescentOptions = DescentOptions(),
-    corrections: int = 5,
-    restarts: int = RESTARTS,
-    refinements: int = 2,
-    minutes: float = REFINING_MINUTES,
-    data: Transitions | None = None,
-    measures_trust: bool = False,
-    on_refine: Callable[[float], None] = lambda gap: None,
+    options: SearchOptions = SearchOptions(),
 ) -> Synthesis:
-    """Return the controller that reaches the goal called `name` from `start` (S,) in `seconds`; the rest as `synthesise`.
+    """Return the controller that reaches the goal of `system` called `name` from `start` (S,) in `seconds`; see `synthesise`.
 
-    Restarts are for goals that are otherwise missed. `start` and `seconds` default to the goal's own.
+    Restarts come last, and only while the goal is missed. `start` and `seconds` default to the goal's own. The goals of
+    `system` may be written after training.
     With a `threshold` the motion is kept where the emulator's scores are at most that (`stay_trusted`), which takes
     longer.
-    The gradient is not measured if the goal is reached on the physics: it has then proved itself. `goals_from`
-    is the emulator's system with other goals, which may be written after training.
+    The gradient is not measured if the goal is reached on the physics: it has then proved itself.
     """
-    system = replayable_system(emulator)
-    named = system if goals_from is None else goals_from
-    check_same_system(emulator, named)
+    check_same_system(emulator, system)
     # Effort is counted per second, and slow systems take many.
-    objective = goal_objective(named, name, effort_weight / slowness(emulator.dt))
+    objective = goal_objective(system, name, effort_weight / slowness(emulator.dt))
     if threshold is not None:
         kept = stay_trusted(emulator, threshold=threshold)
         objective = Objective.of(*objective.terms, *objective.functions, kept)
-    goal = find_goal(named, name)
+    goal = find_goal(system, name)
     seconds = goal.seconds if seconds is None else seconds
     steps = steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
-    begin = emulator.state.check(goal_start(named, name) if start is None else start, "state")
-    synthesis = synthesise(
-        emulator,
-        system,
-        objective,
-        begin,
-        steps=steps,
-        options=options,
-        corrections=corrections,
-        refinements=refinements,
-        minutes=minutes,
-        data=data,
-        on_refine=on_refine,
-    )
+    begin = emulator.state.check(goal_start(system, name) if start is None else start, "state")
+    search = Search(system, objective, begin, steps, options)
+    attempt = _refine(search, make_attempt(search, emulator, options.descent))
 
     def is_enough(states: np.ndarray) -> bool:
-        return is_reached(named, goal, states[-1])
+        return is_reached(system, goal, states[-1])
 
-    search = Search(system, objective, begin, steps, options, corrections, is_enough)
-    attempt = restart(search, synthesis.attempt, restarts)
+    missed = replace(search, options=replace(options, is_enough=is_enough))
+    restarts = RESTARTS if options.restarts is None else options.restarts
+    attempt = restart(missed, attempt, restarts)
     reached = is_enough(attempt.outcome.physics_states)
     trust = None
-    if measures_trust and not reached and system.can_simulate:
-        trust = _measure_trust(emulator, system, objective, begin, steps, options)
+    if options.measures_trust and not reached:
+        trust = _measure_trust(search, emulator)
     return Synthesis.of(attempt, trust, reached)

@@ -19,6 +19,7 @@ from neuroanimator.control.objective.goals import (
     steps_in,
 )
 from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.synthesise import (
     MAX_SECONDS,
     RESTARTS,
@@ -168,18 +169,9 @@ def _way(
             return regulator.holds(states[-1])
         return is_reached(system, wanted, states[-1])
 
-    found = synthesise(
-        emulator,
-        system,
-        objective,
-        start,
-        steps=steps,
-        options=DescentOptions(searched=SEARCHED, starts=SEARCH_STARTS),
-        restarts=RESTARTS,
-        refinements=0,
-        is_enough=is_enough,
-    )
-    return found.controls
+    widely = DescentOptions(searched=SEARCHED, starts=SEARCH_STARTS)
+    options = SearchOptions(widely, restarts=RESTARTS, is_enough=is_enough)
+    return synthesise(emulator, system, objective, start, steps=steps, options=options).controls
 
 
 def pursuit_steps(emulator: Emulator, system: System, name: str, seconds: float | None) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from neuroanimator.control.descent.gradient_check import gradient_trust
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
+from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.synthesise import RESTARTS, Synthesis, synthesise
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.zoo import emulator_name
@@ -62,12 +63,17 @@ class Solver:
         A warm-up compiles everything that may be needed: it corrects once in any case.
         """
         began = time.perf_counter()
-        options = DescentOptions(
+        descent = DescentOptions(
             method=self.task.method,
             starts=self.task.starts,
             first=trial.first,
             parametrisation=self.parametrisation,
         )
+        options = SearchOptions(descent, corrections=1)
+        if not is_warm_up:
+            options = SearchOptions(
+                descent, corrections=CORRECTIONS, restarts=RESTARTS, is_enough=trial.is_success
+            )
         synthesis = synthesise(
             self.emulator,
             self.system,
@@ -75,10 +81,6 @@ class Solver:
             trial.start,
             steps=self.steps,
             options=options,
-            corrections=1 if is_warm_up else CORRECTIONS,
-            restarts=0 if is_warm_up else RESTARTS,
-            refinements=0,
-            is_enough=_is_never_enough if is_warm_up else trial.is_success,
         )
         return synthesis, time.perf_counter() - began
 
@@ -97,7 +99,3 @@ class Solver:
             controls,
         )
         return trust.cosine
-
-
-def _is_never_enough(states: np.ndarray) -> bool:
-    return False
