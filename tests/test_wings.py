@@ -18,7 +18,7 @@ MAKERS = (
     "film",
     "gym",
     "scaffold",
-    "control/synthesis/finetune",
+    "learn/finetune",
     "cli",
 )
 """What makes emulators: physics, learning from it, films, learning of policies, and their verbs."""

@@ -25,7 +25,6 @@ from neuroanimator.control.policies.policy import load_policy as load_policy
 from neuroanimator.control.synthesis.attempt import SearchOptions as SearchOptions
 from neuroanimator.control.synthesis.design import Design as Design
 from neuroanimator.control.synthesis.design import design as design
-from neuroanimator.control.synthesis.refinement import Refinement as Refinement
 from neuroanimator.control.synthesis.replay import replay as replay
 from neuroanimator.control.synthesis.synthesise import Synthesis as Synthesis
 from neuroanimator.control.synthesis.synthesise import synthesise as synthesise
@@ -64,6 +63,7 @@ from neuroanimator.learn.evaluation.weakness.inspection import inspect as inspec
 from neuroanimator.learn.identification.identify import Estimate as Estimate
 from neuroanimator.learn.identification.identify import Identification as Identification
 from neuroanimator.learn.identification.identify import identify as identify
+from neuroanimator.learn.refinement import Refinement as Refinement
 from neuroanimator.learn.training.config import TrainingConfig as TrainingConfig
 from neuroanimator.learn.training.error_fitting import UnseenRuns as UnseenRuns
 from neuroanimator.learn.training.error_fitting import fit_error_bounds as fit_error_bounds

@@ -21,7 +21,6 @@ from neuroanimator.control.objective.goals import find_goal, goal_start, is_reac
 from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
 from neuroanimator.control.synthesis.progress import watching
-from neuroanimator.control.synthesis.refinement import REFINING_MINUTES, Refinement
 from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
 from neuroanimator.control.synthesis.synthesise import Synthesis, check_same_system, synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
@@ -30,6 +29,7 @@ from neuroanimator.export.comparison import write_comparison
 from neuroanimator.export.csv_file import write_table
 from neuroanimator.learn.data.store import read_transitions
 from neuroanimator.learn.evaluation.held_out import replayable_system
+from neuroanimator.learn.refinement import REFINING_MINUTES, Refinement
 from neuroanimator.physics import load_system
 from neuroanimator.state.start import read_starts
 from neuroanimator.systems.system import System

@@ -13,7 +13,6 @@ from markupsafe import Markup
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.synthesis.attempt import SearchOptions
-from neuroanimator.control.synthesis.refinement import Refinement
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
@@ -29,6 +28,7 @@ from neuroanimator.learn.data.generate import generate
 from neuroanimator.learn.data.store import Transitions, read_transitions
 from neuroanimator.learn.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.learn.evaluation.report import training_html, write_report
+from neuroanimator.learn.refinement import Refinement
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.learn.training.train import train
 from neuroanimator.physics import load_system

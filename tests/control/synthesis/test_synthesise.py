@@ -39,11 +39,11 @@ from neuroanimator.control.objective.costs import (
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective_cost import objective_cost
 from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS, Search, make_attempt
-from neuroanimator.control.synthesis.finetune import transitions_near
 from neuroanimator.control.synthesis.replay import LARGE_GAP
 from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
 from neuroanimator.control.synthesis.synthesise import restart, synthesise_goal
 from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.finetune import transitions_near
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from neuroanimator.control.synthesis.finetune import REFINING_UPDATES, train_on
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.finetune import REFINING_UPDATES, train_on
 from neuroanimator.learn.planning.environments import Episode
 
 SEEN_SHARE = 0.3

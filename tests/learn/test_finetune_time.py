@@ -21,10 +21,10 @@ from neuroanimator import (
 )
 from neuroanimator.cli.control import _say_gap
 from neuroanimator.control.synthesis.attempt import Attempt, Search
-from neuroanimator.control.synthesis.finetune import Deadline, OutOfTimeError
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.control.synthesis.synthesise import synthesise as alone
+from neuroanimator.learn.finetune import Deadline, OutOfTimeError
 
 
 @pytest.fixture(scope="module")

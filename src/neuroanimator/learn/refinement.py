@@ -49,11 +49,7 @@ class Refinement:
             self.on_refine(latest.outcome.gap)
             with phase("training on the physics around the motion"):
                 # Imports training, which most motions do not need.
-                from neuroanimator.control.synthesis.finetune import (
-                    Deadline,
-                    OutOfTimeError,
-                    refined,
-                )
+                from neuroanimator.learn.finetune import Deadline, OutOfTimeError, refined
 
                 began = time.monotonic()
                 try:
