@@ -92,27 +92,6 @@ BEYOND_PUBLIC_NAMES = {
 """Modules of the core of which the studio uses more than `neuroanimator`'s public names: they may only become fewer."""
 
 
-NAMED_TWICE = {
-    "Curve",
-    "Driven",
-    "Episodes",
-    "Findings",
-    "Gait",
-    "Learner",
-    "Mesh",
-    "Motion",
-    "Outcome",
-    "Progress",
-    "Reading",
-    "Runs",
-    "Search",
-    "Segment",
-    "Table",
-    "Trial",
-}
-"""Names that more than one public class of the core has: they may only become fewer."""
-
-
 def imported_stages(path: Path) -> set[str]:
     tree = ast.parse(path.read_text())
     modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
@@ -167,7 +146,7 @@ def test_no_two_public_classes_have_the_same_name():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 names[node.name] += 1
-    assert {name for name, count in names.items() if count > 1} == NAMED_TWICE
+    assert {name for name, count in names.items() if count > 1} == set()
 
 
 def test_temporary_folders_are_made_where_it_is_known_that_they_must_go():

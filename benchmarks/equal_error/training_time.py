@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.learn.training.checkpoint import Progress
+from neuroanimator.learn.training.checkpoint import TrainingState
 from neuroanimator.learn.training.chunk import TrainingProblem, WindowsInMemory, train_chunk
 from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.optimizer import make_optimizer
@@ -46,7 +46,7 @@ def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
         controls=jnp.tile(middle, (WINDOWS, 1, 1)),
         rare=jnp.arange(RARE_WINDOWS),
     )
-    fresh = Progress.fresh(emulator.network, make_optimizer(config))
+    fresh = TrainingState.fresh(emulator.network, make_optimizer(config))
     spans = []
     for chunk in range(CHUNKS):
         began = time.perf_counter()

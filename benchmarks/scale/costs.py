@@ -15,7 +15,7 @@ from typing import Any
 from neuroanimator import DatasetConfig, TrainingConfig, generate, load_system, read_transitions
 from neuroanimator.learn.data.shard import make_shard
 from neuroanimator.learn.data.stored import StoredTransitions
-from neuroanimator.learn.training.checkpoint import Progress
+from neuroanimator.learn.training.checkpoint import TrainingState
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
 from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.learn.training.lesson import lesson_of
@@ -119,7 +119,7 @@ def _costs(name: str, folder: Path, is_quick: bool) -> dict[str, Any]:
     # A pool serves as many draws as it has windows.
     mixing = _core_seconds(lambda: next(pools.pools(0))) / pools.size
     network = lesson.problem.base.network
-    state = Progress.fresh(network, make_optimizer(training)).optimizer_state
+    state = TrainingState.fresh(network, make_optimizer(training)).optimizer_state
     spans = []
     for chunk in range(1 + chunks):
         began = time.perf_counter()

@@ -16,7 +16,7 @@ import numpy as np
 
 from neuroanimator import DatasetConfig, TrainingConfig, generate, load_system, read_transitions
 from neuroanimator.learn.data.stored import StoredTransitions, memory_taken
-from neuroanimator.learn.training.checkpoint import Progress
+from neuroanimator.learn.training.checkpoint import TrainingState
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
 from neuroanimator.learn.training.feed import Feed
 from neuroanimator.learn.training.lesson import lesson_of
@@ -99,7 +99,7 @@ def _rates(
 
 def _rate(feed: Feed, network: Any, config: TrainingConfig, turn: int, chunks: int) -> float:
     """Return windows a second over some chunks of single super steps, what is opened for them included."""
-    state = Progress.fresh(network, make_optimizer(config)).optimizer_state
+    state = TrainingState.fresh(network, make_optimizer(config)).optimizer_state
     first = turn * chunks % (config.chunks // 2)
     began = time.perf_counter()
     with closing(feed):

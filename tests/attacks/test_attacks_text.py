@@ -40,7 +40,7 @@ from neuroanimator.learn.evaluation.weakness.conditions import WeakSpot
 from neuroanimator.learn.evaluation.weakness.coverage import Coverage, Divergence, Spread
 from neuroanimator.learn.evaluation.weakness.inspection import Inspection
 from neuroanimator.learn.evaluation.weakness.readings import Reading
-from neuroanimator.learn.evaluation.weakness.worst_segments import Curve, Segment
+from neuroanimator.learn.evaluation.weakness.worst_segments import Curve, WorstSegment
 from neuroanimator.physics.rigid.compiled_model import compile_model
 from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.scaffold.proposal import Proposal, as_toml
@@ -157,7 +157,7 @@ def an_inspection(text: str) -> Inspection:
     covered = Coverage(text, 5, 5, 1, (spread,), (spread,), divergence, (text,))
     motion = numbers[:, None]
     curve = Curve(text, text, numbers, numbers + 0.1)
-    segment = Segment(0, 0.0, 0.05, 0.1, text, (curve,), motion, motion, motion)
+    segment = WorstSegment(0, 0.0, 0.05, 0.1, text, (curve,), motion, motion, motion)
     return Inspection(
         system=text,
         substeps=50,

@@ -18,7 +18,7 @@ ALONG = 12
 """Number of points from pole to pole: with those around, 240 points a capsule."""
 
 
-class Mesh(NamedTuple):
+class ShapeMesh(NamedTuple):
     """Triangles with their corners' normals."""
 
     points: Float[np.ndarray, "N 3"]
@@ -29,28 +29,28 @@ class Mesh(NamedTuple):
     """The corners of each triangle, counterclockwise from outside."""
 
 
-def shape_mesh(shape: Shape) -> Mesh:
+def shape_mesh(shape: Shape) -> ShapeMesh:
     """Return the triangles of `shape`."""
     mesh = MAKERS[shape.kind](np.array(shape.size))
     orientation = np.broadcast_to(np.array(shape.orientation), (len(mesh.points), 4))
     points = rotate(orientation, mesh.points) + np.array(shape.position)
     normals = rotate(orientation, mesh.normals)
-    return Mesh(points, normals, mesh.triangles)
+    return ShapeMesh(points, normals, mesh.triangles)
 
 
-def _capsule(size: Float[np.ndarray, " D"]) -> Mesh:
+def _capsule(size: Float[np.ndarray, " D"]) -> ShapeMesh:
     return _rounded(np.full(3, size[0]), size[1])
 
 
-def _sphere(size: Float[np.ndarray, " D"]) -> Mesh:
+def _sphere(size: Float[np.ndarray, " D"]) -> ShapeMesh:
     return _rounded(np.full(3, size[0]), 0.0)
 
 
-def _ellipsoid(size: Float[np.ndarray, " 3"]) -> Mesh:
+def _ellipsoid(size: Float[np.ndarray, " 3"]) -> ShapeMesh:
     return _rounded(size, 0.0)
 
 
-def _rounded(axes: Float[np.ndarray, " 3"], half_length: float) -> Mesh:
+def _rounded(axes: Float[np.ndarray, " 3"], half_length: float) -> ShapeMesh:
     """Return an ellipsoid of half axes `axes`, its halves moved apart along Z by `half_length` each way."""
     latitudes = np.linspace(-np.pi / 2, np.pi / 2, ALONG)[:, None, None]
     rings = np.cos(latitudes) * _circle()
@@ -61,10 +61,10 @@ def _rounded(axes: Float[np.ndarray, " 3"], half_length: float) -> Mesh:
     normals = unit / axes
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     triangles = bands_between(ALONG, AROUND)
-    return Mesh(points.reshape(-1, 3), normals.reshape(-1, 3), triangles)
+    return ShapeMesh(points.reshape(-1, 3), normals.reshape(-1, 3), triangles)
 
 
-def _cylinder(size: Float[np.ndarray, " D"]) -> Mesh:
+def _cylinder(size: Float[np.ndarray, " D"]) -> ShapeMesh:
     """Return the side and two caps; corners are doubled where the surface has an edge."""
     radius = size[0]
     half_length = size[1]
@@ -77,10 +77,10 @@ def _cylinder(size: Float[np.ndarray, " D"]) -> Mesh:
     upper_cap = _fan()
     lower_cap = upper_cap[:, ::-1]
     triangles = [bands_between(2, AROUND), lower_cap + 2 * AROUND, upper_cap + 3 * AROUND]
-    return Mesh(points, normals, np.concatenate(triangles))
+    return ShapeMesh(points, normals, np.concatenate(triangles))
 
 
-def _box(size: Float[np.ndarray, " 3"]) -> Mesh:
+def _box(size: Float[np.ndarray, " 3"]) -> ShapeMesh:
     points = []
     normals = []
     triangles = []
@@ -101,7 +101,7 @@ def _box(size: Float[np.ndarray, " 3"]) -> Mesh:
             points.append(corners * size)
             normals.append(np.repeat(normal[None], 4, axis=0))
             triangles.append(np.array([[0, 1, 2], [0, 2, 3]]) + first)
-    return Mesh(np.concatenate(points), np.concatenate(normals), np.concatenate(triangles))
+    return ShapeMesh(np.concatenate(points), np.concatenate(normals), np.concatenate(triangles))
 
 
 def _circle() -> Float[np.ndarray, "N 2"]:

@@ -12,7 +12,7 @@ from neuroanimator.learn.evaluation.weakness.inspection import Inspection
 from neuroanimator.learn.evaluation.weakness.tables import (
     COMPONENTS_CAPTION,
     COVERAGE_CAPTION,
-    Table,
+    CellTable,
     component_table,
     coverage_facts,
     spread_tables,
@@ -76,7 +76,7 @@ def print_components(found: Inspection) -> None:
     print_line(COMPONENTS_CAPTION)
 
 
-def _print(table: Table) -> None:
+def _print(table: CellTable) -> None:
     """Print a table and its remarks."""
     print_table(table.rows)
     for remark in table.remarks:

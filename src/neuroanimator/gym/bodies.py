@@ -79,7 +79,7 @@ class Bodies:
         return Moved(self.states, outcome.rewards, outcome.is_over, is_last)
 
 
-class Episodes(NamedTuple):
+class WholeEpisodes(NamedTuple):
     """Whole episodes, a row each."""
 
     returns: Float[np.ndarray, " B"]
@@ -96,7 +96,7 @@ def returns_of(
 
 def episodes_of(
     policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, episodes: int, seed: int
-) -> Episodes:
+) -> WholeEpisodes:
     """Return the outcomes of whole episodes without noise, of bodies that `stepper` moves."""
     rng = np.random.default_rng([seed, episodes])
     bodies = Bodies(stepper, rules, policy.emulator, rng, episodes)
@@ -110,7 +110,7 @@ def episodes_of(
         is_fallen |= goes_on & moved.is_fallen
         goes_on &= ~moved.is_last
         bodies.begin(rng, moved.is_last)
-    return Episodes(total, is_fallen)
+    return WholeEpisodes(total, is_fallen)
 
 
 def motion_of(

@@ -44,7 +44,7 @@ MIN_SPEED = 0.01
 """Minimum mean speed of a motion whose speed is commanded [m/s]."""
 
 
-class Gait(NamedTuple):
+class GaitClip(NamedTuple):
     """A clip of one cycle of a gait, and its file."""
 
     path: Path
@@ -64,8 +64,8 @@ class GaitEntries(NamedTuple):
 
 def on_command(
     body: MujocoSystem,
-    walk: Gait,
-    run: Gait | None,
+    walk: GaitClip,
+    run: GaitClip | None,
     table: CommandsTable,
     feet: tuple[str, ...],
     entries: GaitEntries,
@@ -113,7 +113,7 @@ def on_command(
 
 
 def _pace_and_stride(
-    run: Gait, speed: float, walk: Gait, commands: Commands
+    run: GaitClip, speed: float, walk: GaitClip, commands: Commands
 ) -> tuple[float, float]:
     """Return (pace, stride) of a run relative to the walk's lap rate and lap length; BadFileError if it is no faster gait."""
     pace = (len(walk.states) - 1) / (len(run.states) - 1)
@@ -153,7 +153,7 @@ def _by_clock_of(
     return states
 
 
-def _speed(gait: Gait, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
+def _speed(gait: GaitClip, lap: Float[np.ndarray, "L S"], velocity: int) -> float:
     """Return the mean speed of a lap along its heading [m/s]; BadFileError if it goes nowhere."""
     speed = float(lap[:, velocity].mean())
     if speed < MIN_SPEED:
@@ -173,7 +173,7 @@ def _standing(body: MujocoSystem) -> Float[np.ndarray, " S"]:
     return rest
 
 
-def _from_heading(gait: Gait, entries: GaitEntries, dt: float) -> Float[np.ndarray, "L S"]:
+def _from_heading(gait: GaitClip, entries: GaitEntries, dt: float) -> Float[np.ndarray, "L S"]:
     """Return the states of a lap without its last, with the root moved to the origin and rotated to go along X.
 
     The subtracted heading turns at a constant rate through the lap, by the motion's total turn; in the middle it points along

@@ -156,7 +156,7 @@ class Counters(NamedTuple):
     """Time it has taken [s]."""
 
 
-class Reading(NamedTuple):
+class NetworkOutputs(NamedTuple):
     """Results of the networks on B states, those of a body one after another."""
 
     observations: Float[Array, "B O"]
@@ -342,7 +342,7 @@ class Learner:
         self,
         policy: StatePolicy,
         rollouts: Rollouts,
-        reading: Reading,
+        reading: NetworkOutputs,
         earned: Float[Array, " B"],
     ) -> Minibatch:
         """Return the policy's training data, in units of the advantages' deviation."""
@@ -401,7 +401,7 @@ class Learner:
             critic=Critic(network, unit), optimizer_states=(of_actor, optimizer_state, of_leaps)
         )
 
-    def _update_normaliser(self, reading: Reading) -> None:
+    def _update_normaliser(self, reading: NetworkOutputs) -> None:
         """Update the mean and deviation that normalise the networks' inputs."""
         view = self.progress.view
         count = len(reading.observations)
@@ -464,10 +464,10 @@ def _minibatches(rng: np.random.Generator, count: int) -> Int[Array, "U M"]:
 
 
 @eqx.filter_jit
-def _read(policy: StatePolicy, critic: Critic, states: Float[Array, "T N S"]) -> Reading:
+def _read(policy: StatePolicy, critic: Critic, states: Float[Array, "T N S"]) -> NetworkOutputs:
     own = policy.view.of(states).reshape(-1, len(policy.view.mean))
     observations = _by_body(policy.view(states))
-    return Reading(
+    return NetworkOutputs(
         observations,
         critic(observations),
         policy.network(observations),

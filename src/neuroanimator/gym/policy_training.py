@@ -40,7 +40,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import append_line, canonical_json, digest, locked
 from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.learn.data.sampling import sample_starts
-from neuroanimator.learn.training.checkpoint import Progress, read_checkpoint, write_checkpoint
+from neuroanimator.learn.training.checkpoint import TrainingState, read_checkpoint, write_checkpoint
 from neuroanimator.learn.training.train import run_folder
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import read_pose
@@ -155,7 +155,7 @@ class _Run:
     folder: Path
     base: Policy
     """The policy with its initial weights."""
-    progress: Progress
+    progress: TrainingState
     pool: Float[Array, "P I"]
     """Latent states from which bodies start."""
     validation: Swimmers
@@ -220,11 +220,13 @@ class _Run:
         return report
 
 
-def _fresh_progress(base: Policy, training: PolicyTraining, pool: Float[Array, "P I"]) -> Progress:
+def _fresh_progress(
+    base: Policy, training: PolicyTraining, pool: Float[Array, "P I"]
+) -> TrainingState:
     """Return the initial progress of a run: its first bodies start from the `pool`."""
     key = jax.random.fold_in(jax.random.key(training.seed), FIRST_BODIES_STREAM)
     starts = jax.random.choice(key, pool, (training.batch,))
-    progress = Progress.fresh(base.network, make_optimizer(training))
+    progress = TrainingState.fresh(base.network, make_optimizer(training))
     memory = (progress.optimizer_state, start_swimmers(base, starts, key))
     return progress._replace(optimizer_state=memory)
 

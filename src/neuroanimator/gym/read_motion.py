@@ -19,7 +19,7 @@ from neuroanimator.control.policies.reference_motion import (
 from neuroanimator.definitions.follow import FollowTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.csv_file import read_table
-from neuroanimator.gym.gaits import Gait, GaitEntries, on_command
+from neuroanimator.gym.gaits import GaitClip, GaitEntries, on_command
 from neuroanimator.physics.rigid.joints import JointView
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.layout import Layout
@@ -64,11 +64,11 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
     velocity = body.views[0].velocity_entry
     commands = None
     if table.commands is not None and heading is not None:
-        walk = Gait(path, states)
+        walk = GaitClip(path, states)
         run = None
         if table.commands.faster is not None:
             faster = path.parent / table.commands.faster
-            run = Gait(faster, _read_states(faster, table, body, clock, heading, hinges))
+            run = GaitClip(faster, _read_states(faster, table, body, clock, heading, hinges))
         entries = GaitEntries(clock, heading, velocity, hinges)
         laps, commands = on_command(body, walk, run, table.commands, table.feet, entries, dt)
     else:

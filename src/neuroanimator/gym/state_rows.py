@@ -17,7 +17,7 @@ from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.batched_step import step_rows
 from neuroanimator.gym.rules import EpisodeRules, drawn_starts
-from neuroanimator.gym.vector_env import EpisodeRows, Outcome
+from neuroanimator.gym.vector_env import EpisodeRows, StepResults
 from neuroanimator.physics import tied_system
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.closed_starts import closed_starts
@@ -151,7 +151,7 @@ class StateRows(EpisodeRows):
         self._is_new = self._is_new | rows
         self.states = starts if rows.all() else np.where(rows[:, None], starts, self.states)
 
-    def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
+    def step(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
         before = self.states
         made = self._stepper(before, controls, self._is_new)
         with np.errstate(all="ignore"):  # a diverged row has no finite reward
@@ -160,7 +160,7 @@ class StateRows(EpisodeRows):
         rewards = np.nan_to_num(paid - made.penalties, posinf=0.0, neginf=0.0)
         self._is_new = np.zeros(len(before), bool)
         self.states = made.states
-        return Outcome(rewards, is_over, made.info)
+        return StepResults(rewards, is_over, made.info)
 
     def observe(self) -> Float[np.ndarray, "B O"]:
         return np.array(self._rules.observe(self.states), np.float32)

@@ -25,7 +25,7 @@ from neuroanimator.gym.batched_step import (
     observe_rows,
     step_rows,
 )
-from neuroanimator.gym.vector_env import EpisodeRows, Outcome
+from neuroanimator.gym.vector_env import EpisodeRows, StepResults
 from neuroanimator.learn.tasks.all_tasks import TASKS
 from neuroanimator.learn.tasks.task import Task, Trial
 from neuroanimator.physics import load_system
@@ -115,7 +115,7 @@ class TaskRows(EpisodeRows):
         self.states = begun.states[np.arange(len(rows)), counts]
         self._counts = counts
 
-    def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
+    def step(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
         """Take a super step; a row that has taken all its super steps keeps its motion."""
         before = self.episodes
         counts = self._counts
@@ -141,7 +141,7 @@ class TaskRows(EpisodeRows):
         has_failed = made.ends_far | (is_lost & ~has_succeeded)
         info = {"covered": made.trust <= EDGE, "trust": made.trust, "success": has_succeeded}
         earned = rewards + BONUS * has_succeeded - BONUS * has_failed
-        return Outcome(earned, has_succeeded | has_failed, info)
+        return StepResults(earned, has_succeeded | has_failed, info)
 
     def observe(self) -> Float[np.ndarray, "B O"]:
         time_left = 1 - self._counts / self.steps

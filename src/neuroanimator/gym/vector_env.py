@@ -23,7 +23,7 @@ MASK = "reset_mask"
 """Gymnasium's name of the option of `reset` that says which rows begin anew."""
 
 
-class Outcome(NamedTuple):
+class StepResults(NamedTuple):
     """Result of a super step, a row each."""
 
     rewards: Float[np.ndarray, " B"]
@@ -61,7 +61,7 @@ class EpisodeRows(ABC):
         """Begin an episode in each of `rows`, and leave the others."""
 
     @abstractmethod
-    def step(self, controls: Float[np.ndarray, "B C"]) -> Outcome:
+    def step(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
         """Take a super step."""
 
     @abstractmethod

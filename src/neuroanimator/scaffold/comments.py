@@ -17,7 +17,7 @@ from neuroanimator.physics.rigid.model_system import ModelSystem, keyframe_name
 from neuroanimator.physics.rigid.touching import is_limited
 from neuroanimator.scaffold.actuators import controls_without_range
 from neuroanimator.scaffold.holding import Hold
-from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, is_urdf
+from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, TriedMotion, is_urdf
 from neuroanimator.scaffold.root_invariance import (
     can_touch_ground,
     gravity_of,
@@ -65,10 +65,10 @@ COMMENTS = {
 """Titles of tables, and comments on values that are the same for every model."""
 
 
-class Findings(NamedTuple):
+class TrialFindings(NamedTuple):
     """Results of a model's trial runs."""
 
-    motion: Motion
+    motion: TriedMotion
     """Its motion under the proposed controls."""
     hold: Hold
     growth: float
@@ -80,7 +80,7 @@ class Findings(NamedTuple):
     """Names of rest and keyframes from which runs diverge."""
 
 
-def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
+def comments_on(system: ModelSystem, found: TrialFindings) -> dict[str, str]:
     """Return the comments on the values proposed for `system`, by key of the TOML file."""
     model = system.model
     sensors = [sensor_name(model, sensor) for sensor in range(model.nsensor)]
@@ -101,7 +101,7 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
     return comments
 
 
-def _substeps_note(found: Findings) -> str:
+def _substeps_note(found: TrialFindings) -> str:
     """Return the reason for the length of the super step."""
     motion = found.motion
     exponent = found.growth * motion.trial.dt
@@ -113,7 +113,7 @@ def _substeps_note(found: Findings) -> str:
     return note
 
 
-def _control_note(model: mujoco.MjModel, found: Findings, control: int, name: str) -> str:
+def _control_note(model: mujoco.MjModel, found: TrialFindings, control: int, name: str) -> str:
     """Return the origin of a control's bounds."""
     low, high = found.whole[name]
     held = found.hold.controls[control]
@@ -132,7 +132,7 @@ def _control_note(model: mujoco.MjModel, found: Findings, control: int, name: st
     return "; ".join(notes)
 
 
-def _warm_up_note(system: ModelSystem, motion: Motion) -> str:
+def _warm_up_note(system: ModelSystem, motion: TriedMotion) -> str:
     """Return why runs are or are not driven before they are recorded."""
     note = "none: nothing can collide"
     if system.warm_up:
@@ -144,7 +144,7 @@ def _warm_up_note(system: ModelSystem, motion: Motion) -> str:
     return note
 
 
-def _posture(motion: Motion) -> str:
+def _posture(motion: TriedMotion) -> str:
     return f"upright for {motion.upright:.0%} of the time"
 
 
@@ -160,7 +160,7 @@ def _teacher_note(teacher: Teacher) -> str:
     return note
 
 
-def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ...]:
+def told_of(model: mujoco.MjModel, found: TrialFindings) -> tuple[tuple[str, str], ...]:
     """Return the rows shown on the screen about a proposal."""
     values = found.motion.values
     rows = []
@@ -179,7 +179,7 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
     return tuple(rows)
 
 
-def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
+def warnings_about(system: ModelSystem, found: TrialFindings) -> Iterator[str]:
     """Yield warnings for the user, one line each."""
     model = system.model
     names = control_names(model)
@@ -231,7 +231,7 @@ def warnings_about(system: ModelSystem, found: Findings) -> Iterator[str]:
         )
 
 
-def still_joints(system: ModelSystem, motion: Motion) -> list[str]:
+def still_joints(system: ModelSystem, motion: TriedMotion) -> list[str]:
     """Return the names of the hinges and slides that hardly move in nine of ten trial runs."""
     still = []
     for view in system.views:
@@ -243,7 +243,7 @@ def still_joints(system: ModelSystem, motion: Motion) -> list[str]:
     return still
 
 
-def _fall_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
+def _fall_warnings(model: mujoco.MjModel, found: TrialFindings) -> Iterator[str]:
     """Yield warnings about a root that falls, onto a floor or for ever."""
     name = joint_name(model, 0)
     if has_free_root(model) and gravity_of(model).any() and not can_touch_ground(model):

@@ -92,7 +92,7 @@ MOVERS = (
 """Title of the movers' table."""
 
 
-class Trial(NamedTuple):
+class MoverTrial(NamedTuple):
     """Observations while movers went there and back."""
 
     has_diverged: bool
@@ -185,7 +185,7 @@ def propose_flex(path: Path, model: mujoco.MjModel, *, has_options: bool = False
     return Proposal(definition, comments, parts, warnings, tuple(told), data_seconds)
 
 
-def _warnings(trial: Trial, data_seconds: float) -> Iterator[str]:
+def _warnings(trial: MoverTrial, data_seconds: float) -> Iterator[str]:
     """Yield warnings for the user, one line each; the data take `data_seconds` of a core [s]."""
     if trial.share > DEEP:
         yield (
@@ -224,7 +224,7 @@ def _mover(model: mujoco.MjModel, body: int, nodes: Points) -> dict[str, Any]:
     return {"speed": [rounded(speed, 3)] * 3, "reach": [rounded(far, 3) for far in reach]}
 
 
-def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
+def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> MoverTrial:
     """Return the observations while every mover goes there and back, at its speed: through the body, or over its reach."""
     definition = check_table(values, name, FlexDefinition)
     scene = FlexScene(definition, name, model)
@@ -234,7 +234,7 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
     begun = time.process_time()
     for positions in _simulated(scene, definition, path, PATIENCE):
         if not (np.abs(positions - scene.positions) < FAR * scene.size).all():
-            return Trial(True, 0, 0.0, 0.0, 0.0, 0.0)
+            return MoverTrial(True, 0, 0.0, 0.0, 0.0, 0.0)
         seen.append(scene.touching(positions, path[len(seen)]))
     cost = (time.process_time() - begun) / (len(seen) - 1)
     contacts = max(int(one.contacts.max(initial=0)) for one in seen)
@@ -242,7 +242,7 @@ def _tried(values: dict[str, Any], name: str, model: mujoco.MjModel) -> Trial:
     shares = depths / thicknesses(scene.model)
     seen_share = (len(seen) - 1) / (len(path) - 1)
     depth = float(depths.max(initial=0.0))
-    return Trial(False, contacts, depth, float(shares.max(initial=0.0)), cost, seen_share)
+    return MoverTrial(False, contacts, depth, float(shares.max(initial=0.0)), cost, seen_share)
 
 
 def _usual_cost(scene: FlexScene, definition: FlexDefinition) -> float:

@@ -99,7 +99,7 @@ AT_ITS_OWN_STEP = (
 """Note on the teacher's step if the file does not say that it integrates an equation."""
 
 
-class Trial(NamedTuple):
+class FunctionTrial(NamedTuple):
     """States of a function's trial runs, each under a control of its own."""
 
     system: PythonSystem
@@ -187,7 +187,9 @@ def _declared_values(path: Path, declared: Declarations) -> dict[str, Any]:
     }
 
 
-def _fill_structure(parts: list[dict[str, Any]], trial: Trial, declared: Declarations) -> None:
+def _fill_structure(
+    parts: list[dict[str, Any]], trial: FunctionTrial, declared: Declarations
+) -> None:
     """Fill in from trial calls what the file does not declare: angles, entries without a fixed origin, and rates."""
     layout = trial.system.state
     units: list[str] = []
@@ -220,7 +222,9 @@ def _entries(part: slice) -> range:
     return range(part.start, part.stop)
 
 
-def _slow_enough(values: dict[str, Any], system: Callable[[], PythonSystem]) -> tuple[Trial, str]:
+def _slow_enough(
+    values: dict[str, Any], system: Callable[[], PythonSystem]
+) -> tuple[FunctionTrial, str]:
     """Narrow the controls until angles turn no faster than is learnt, and return (trial runs, what to tell of it).
 
     If the smallest share does not do, they keep their range.
@@ -248,7 +252,7 @@ def _slow_enough(values: dict[str, Any], system: Callable[[], PythonSystem]) -> 
     )
 
 
-def _is_slow(trial: Trial) -> bool:
+def _is_slow(trial: FunctionTrial) -> bool:
     """Return whether angles turn slowly enough for a short super step."""
     _, speed = _fastest_turning(trial)
     return speed * max(trial.dt, SHORT_SUPER_STEP) <= BEARABLE * MAX_TURN
@@ -262,7 +266,7 @@ def _narrowed(part: dict[str, Any], share: float) -> dict[str, Any]:
     return part | {"low": tuple((low + room).tolist()), "high": tuple((high - room).tolist())}
 
 
-def _fastest_turning(trial: Trial) -> tuple[str, float]:
+def _fastest_turning(trial: FunctionTrial) -> tuple[str, float]:
     """Return (name of the angle that turns fastest, its speed [rad/s]); an empty name and 0 if none turns."""
     entries = [row.index(1) for row in trial.system.structure.angles]
     if not entries:
@@ -273,7 +277,7 @@ def _fastest_turning(trial: Trial) -> tuple[str, float]:
     return trial.system.state.names[entries[fastest]], float(speeds[fastest])
 
 
-def _fill_spread(parts: list[dict[str, Any]], trial: Trial) -> None:
+def _fill_spread(parts: list[dict[str, Any]], trial: FunctionTrial) -> None:
     """Fill in unknown spreads by the distances of trial runs from rest: twice the rms, two digits."""
     system = trial.system
     reach = 2 * np.sqrt(np.mean((trial.states - system.rest) ** 2, axis=0))
@@ -282,7 +286,7 @@ def _fill_spread(parts: list[dict[str, Any]], trial: Trial) -> None:
         part["spread"] = [rounded(width, 2) for width in widths[system.state.index(part["name"])]]
 
 
-def _substeps(trial: Trial) -> tuple[int, str]:
+def _substeps(trial: FunctionTrial) -> tuple[int, str]:
     """Return the proposed number of steps in a super step, and the reason.
 
     No angle should turn too far in it, and the fastest motion of a slow system should go only a little way.
@@ -304,7 +308,7 @@ def _substeps(trial: Trial) -> tuple[int, str]:
     )
 
 
-def _teacher(trial: Trial) -> tuple[int, float]:
+def _teacher(trial: FunctionTrial) -> tuple[int, float]:
     """Return the number of parts of the teacher's step, and its error; refuse a function that ignores dt."""
     states = trial.states
     if np.array_equal(trial.after(states), trial.after(states, 0.5)):
@@ -321,7 +325,7 @@ def _teacher(trial: Trial) -> tuple[int, float]:
     return FINE_PARTS, 0.0
 
 
-def _warnings(trial: Trial, values: dict[str, Any]) -> Iterator[str]:
+def _warnings(trial: FunctionTrial, values: dict[str, Any]) -> Iterator[str]:
     """Yield warnings for the user, one line each."""
     system = trial.system
     states = trial.states
@@ -349,7 +353,7 @@ def _warnings(trial: Trial, values: dict[str, Any]) -> Iterator[str]:
         )
 
 
-def _run_trial(system: PythonSystem) -> Trial:
+def _run_trial(system: PythonSystem) -> FunctionTrial:
     """Return the states and controls of all steps of trial runs under random controls; fewer if a call takes long."""
     rng = np.random.default_rng(TRIAL_SEED)
     starts = system.sample_starts(rng, TRIAL_RUNS)
@@ -374,7 +378,7 @@ def _run_trial(system: PythonSystem) -> Trial:
     every = 1
     if steps < TRIAL_STEPS:
         every = -(-len(states) // MAX_SLOW_STATES)
-    return Trial(system, states[::every], held[::every])
+    return FunctionTrial(system, states[::every], held[::every])
 
 
 def _refuse_nan(system: PythonSystem, starts: States, controls: Float[np.ndarray, "B T C"]) -> None:
@@ -397,7 +401,7 @@ def _refuse_nan(system: PythonSystem, starts: States, controls: Float[np.ndarray
             state = following
 
 
-def _refuse_memory(trial: Trial) -> None:
+def _refuse_memory(trial: FunctionTrial) -> None:
     """Raise BadFileError for a function with two results for the same arguments: it has memory, or is random."""
     system = trial.system
     asked = list(zip(trial.states[:REPEATED], trial.controls[:REPEATED], strict=True))
@@ -413,7 +417,7 @@ def _refuse_memory(trial: Trial) -> None:
             )
 
 
-def _takes_batches(trial: Trial, declared: Declarations) -> bool:
+def _takes_batches(trial: FunctionTrial, declared: Declarations) -> bool:
     """Return whether the function takes batches; BadFileError if it says so and returns other results for them."""
     if declared.BATCHED is False:
         return False

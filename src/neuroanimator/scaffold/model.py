@@ -24,7 +24,7 @@ from neuroanimator.physics.rigid.symmetries import symmetries_of
 from neuroanimator.physics.rigid.touching import is_limited
 from neuroanimator.physics.rigid.warnings import forget_other_than, warnings_heard
 from neuroanimator.scaffold.actuators import actuator_faults, proposed_bounds, widen_guesses
-from neuroanimator.scaffold.comments import Findings, comments_on, told_of, warnings_about
+from neuroanimator.scaffold.comments import TrialFindings, comments_on, told_of, warnings_about
 from neuroanimator.scaffold.defaults import FINE_PARTS, proposed_substeps, rounded, usual_name
 from neuroanimator.scaffold.flex import propose_flex
 from neuroanimator.scaffold.holding import growth_at_rest, holding_controls, holding_table
@@ -118,7 +118,7 @@ def propose(
     }
     forget_other_than(before + trial.warnings)
     lost = _resets_that_diverge(system, trial.dt)
-    found = Findings(motion, hold, growth, bounds, teacher, lost)
+    found = TrialFindings(motion, hold, growth, bounds, teacher, lost)
     return Proposal(
         check_table(values, path.name, Definition),
         comments_on(system, found),

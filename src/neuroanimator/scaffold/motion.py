@@ -42,7 +42,7 @@ from neuroanimator.scaffold.root_invariance import (
 from neuroanimator.scaffold.trials import (
     ROOM,
     STIFF_INTEGRATORS,
-    Trial,
+    ModelTrial,
     fastest_turning,
     occurring_range,
     run_trial,
@@ -109,12 +109,12 @@ Draft = dict[str, Any]
 """The table of a definition that is being drafted."""
 
 
-class Motion(NamedTuple):
+class TriedMotion(NamedTuple):
     """A model's motion under controls over a share of their range."""
 
     values: Draft
     """The definition's table, with controls, sampling and super step filled in."""
-    trial: Trial
+    trial: ModelTrial
     joint: str
     """Name of the joint that turns fastest."""
     speed: float
@@ -130,7 +130,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Search:
+class MotionSearch:
     """A search for a model's controls, starts and super step, and its bounds."""
 
     model: mujoco.MjModel
@@ -141,7 +141,7 @@ class Search:
     resets: Float[np.ndarray, "B S"] | None
     """States after an environment's resets, without sensors, which random starts cover; None if there are none."""
 
-    def is_good(self, motion: Motion) -> bool:
+    def is_good(self, motion: TriedMotion) -> bool:
         """Return whether the controls need not be narrowed further.
 
         A model that only its controls hold must not be flung about: it needs super steps of some length.
@@ -157,7 +157,7 @@ def choose_motion(
     hold: Hold,
     growth: float,
     resets: Float[np.ndarray, "B S"] | None = None,
-) -> Motion:
+) -> TriedMotion:
     """Return controls, sampling and super step that make the model's motions learnable.
 
     Controls keep their full range if the super step need not become too short, and if a root that may fall is then upright
@@ -169,8 +169,8 @@ def choose_motion(
     if growth > 0:
         longest = max(SUPER_STEPS[-1], min(longest, MAX_GROWTH / growth))
     stance = stance_of(system_of(values, model), hold)
-    search = Search(model, hold, longest, stance, resets)
-    tried: list[Motion] = []
+    search = MotionSearch(model, hold, longest, stance, resets)
+    tried: list[TriedMotion] = []
     lengths = len(SUPER_STEPS)
     with progress_bar("controls and super steps tried, at most", len(SHARES) * lengths) as bar:
         for number, share in enumerate(SHARES):
@@ -208,8 +208,8 @@ def _before_it_falls(values: Draft, stance: Stance) -> Draft:
 
 
 def _motion_under(
-    search: Search, values: Draft, share: float, on_try: Callable[[int], None]
-) -> Motion | None:
+    search: MotionSearch, values: Draft, share: float, on_try: Callable[[int], None]
+) -> TriedMotion | None:
     """Return the motion under a share of the controls, in the longest super step in which nothing turns too far.
 
     None if half the trial runs diverge. `on_try` is called with the number of lengths tried.
@@ -229,14 +229,14 @@ def _motion_under(
         system = system_of(draft, search.model)
         joint, speed = fastest_turning(system, trial)
         upright = float(are_upright(system, search.stance, trial.states).mean())
-        motion = Motion(draft, trial, joint, speed, share, upright)
+        motion = TriedMotion(draft, trial, joint, speed, share, upright)
         if motion.turn <= MAX_TURN:
             break
     return motion
 
 
 def _narrowed(
-    search: Search, bounds: dict[str, tuple[float, float]], share: float
+    search: MotionSearch, bounds: dict[str, tuple[float, float]], share: float
 ) -> dict[str, tuple[float, float]]:
     """Return `share` of the range of each control, around the holding control if the root may fall.
 
@@ -263,7 +263,7 @@ def _narrowed(
     return narrowed
 
 
-def _fill_sampling(values: Draft, search: Search) -> Trial | None:
+def _fill_sampling(values: Draft, search: MotionSearch) -> ModelTrial | None:
     """Fill in the spread of random starts, and return trial runs from there; None if half of them diverge.
 
     First runs begin at rest, where the ground, springs or servos matter, and show positions and velocities; those
@@ -292,7 +292,7 @@ def _fill_sampling(values: Draft, search: Search) -> Trial | None:
     return None if 2 * trial.diverged >= trial.runs else trial
 
 
-def _fill_joint(sampling: Draft, system: ModelSystem, trial: Trial, view: JointView) -> None:
+def _fill_joint(sampling: Draft, system: ModelSystem, trial: ModelTrial, view: JointView) -> None:
     """Fill in the spread of one joint's random starts from `trial`, unless it is given."""
     position = sampling["position"]
     first = view.position_entry

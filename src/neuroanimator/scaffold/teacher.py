@@ -11,7 +11,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
 from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.scaffold.defaults import MAX_TEACHER_ERROR, MIN_CHANGE, rounded
-from neuroanimator.scaffold.trials import EVALUATIONS, STIFF_INTEGRATORS, Trial, step_cost
+from neuroanimator.scaffold.trials import EVALUATIONS, STIFF_INTEGRATORS, ModelTrial, step_cost
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import phase, progress_bar
@@ -69,7 +69,7 @@ def seconds_of_runs(scheme: Scheme, duration: float, cost: float) -> float:
     return USUAL_RUNS * duration / scheme.dt * EVALUATIONS.get(scheme.integrator, 1) * cost
 
 
-def choose_teacher(system: ModelSystem, trial: Trial) -> Teacher:
+def choose_teacher(system: ModelSystem, trial: ModelTrial) -> Teacher:
     """Return the cheapest scheme accurate enough to teach, by its errors on the transitions of `trial`.
 
     Raises ArgumentError if every scheme diverges.
@@ -99,7 +99,7 @@ def choose_teacher(system: ModelSystem, trial: Trial) -> Teacher:
 
 
 def _measured_errors(
-    system: ModelSystem, trial: Trial, cost: float
+    system: ModelSystem, trial: ModelTrial, cost: float
 ) -> tuple[dict[Scheme, float], Scheme]:
     """Return the one-step error of each scheme that may teach, roughly the cheapest first, and their reference."""
     fine = system.fine
@@ -132,7 +132,7 @@ def _measured_errors(
     return errors, fine
 
 
-def _usual_contacts(system: ModelSystem, trial: Trial) -> float:
+def _usual_contacts(system: ModelSystem, trial: ModelTrial) -> float:
     """Return the mean number of contacts in trial runs."""
     every = max(1, trial.states.shape[1] // 4)
     states = trial.states[:, ::every].reshape(-1, system.state.size)

@@ -45,7 +45,7 @@ ROOM = 0.1
 """Share by which the observed range is widened to either side: trial runs are few."""
 
 
-class Trial(NamedTuple):
+class ModelTrial(NamedTuple):
     """Trial runs as `generate` would make them, without those that diverged."""
 
     states: Float[np.ndarray, "B T+1 S"]
@@ -65,7 +65,7 @@ class Trial(NamedTuple):
         return len(self.states) + self.diverged
 
 
-def run_trial(system: ModelSystem, substeps: int) -> Trial:
+def run_trial(system: ModelSystem, substeps: int) -> ModelTrial:
     """Return trial runs by the model's own scheme, in super steps of `substeps`."""
     rng = np.random.default_rng(TRIAL_SEED)
     dt = substeps * system.physics_dt
@@ -79,7 +79,9 @@ def run_trial(system: ModelSystem, substeps: int) -> Trial:
     runs = system.simulate_fastest(starts, controls, dt, scheme=system.scheme)
     is_whole = ~runs.has_diverged
     heard = warnings_heard() - before
-    return Trial(runs.states[is_whole], controls[is_whole], dt, int(runs.has_diverged.sum()), heard)
+    return ModelTrial(
+        runs.states[is_whole], controls[is_whole], dt, int(runs.has_diverged.sum()), heard
+    )
 
 
 def step_cost(system: ModelSystem, contacts: float) -> float:
@@ -113,7 +115,9 @@ def usual_velocities(
     return usual
 
 
-def occurring_range(trial: Trial, entry: int, limits: tuple[float, float]) -> tuple[float, float]:
+def occurring_range(
+    trial: ModelTrial, entry: int, limits: tuple[float, float]
+) -> tuple[float, float]:
     """Return the observed range of a state entry, slightly widened and within `limits`."""
     low, high = np.percentile(trial.states[..., entry], [OUTER, 100 - OUTER])
     room = ROOM * (high - low)
@@ -122,7 +126,7 @@ def occurring_range(trial: Trial, entry: int, limits: tuple[float, float]) -> tu
     return round(float(low), 4), round(float(max(low, high)), 4)
 
 
-def fastest_turning(system: ModelSystem, trial: Trial) -> tuple[str, float]:
+def fastest_turning(system: ModelSystem, trial: ModelTrial) -> tuple[str, float]:
     """Return (name of the joint that turns fastest, its speed [rad/s]); an empty name and 0 if none turns."""
     name = ""
     fastest = 0.0

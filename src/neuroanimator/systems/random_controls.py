@@ -57,7 +57,7 @@ MAX_STEERING = 0.5
 
 
 @runtime_checkable
-class Driven(Protocol):
+class ControlledBody(Protocol):
     """A body for which controls are drawn: a system, or an emulator in its place."""
 
     @property
@@ -72,7 +72,7 @@ class Driven(Protocol):
 
 
 def sample_control_runs(
-    rng: np.random.Generator, count: int, steps: int, dt: float, driven: Driven
+    rng: np.random.Generator, count: int, steps: int, dt: float, driven: ControlledBody
 ) -> Float[np.ndarray, "B T C"]:
     """Return the controls of `count` runs of `driven` over `steps` super steps: its own paths, or those of `sample_controls`."""
     if isinstance(driven, System):

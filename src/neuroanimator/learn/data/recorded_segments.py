@@ -28,7 +28,7 @@ MIN_WINDOWS = 3
 """Minimum length of a segment [windows], the gap before it included: the gap takes one, cutting another."""
 
 
-class Segment(NamedTuple):
+class RecordedSegment(NamedTuple):
     """Consecutive samples of one run."""
 
     run: int
@@ -43,8 +43,8 @@ class Segment(NamedTuple):
 class Split(NamedTuple):
     """Segments to train on, and others to test on."""
 
-    learning: list[Segment]
-    test: list[Segment]
+    learning: list[RecordedSegment]
+    test: list[RecordedSegment]
 
 
 def split_recordings(recordings: RecordingFile, length: int) -> Split:
@@ -63,7 +63,7 @@ def split_runs(name: str, rows: Sequence[int], length: int) -> Split:
             f"{name}: the longest run has {longest} rows; wanted at least {length} for a super step this long. "
             "Record longer, or use a smaller --substeps."
         )
-    segments: list[Segment] = []
+    segments: list[RecordedSegment] = []
     for run in range(len(rows)):
         if rows[run] >= length:
             segments += _cut_run(rows, run, length)
@@ -77,7 +77,7 @@ def split_runs(name: str, rows: Sequence[int], length: int) -> Split:
     return Split(learning, test)
 
 
-def _cut_run(rows: Sequence[int], run: int, length: int) -> list[Segment]:
+def _cut_run(rows: Sequence[int], run: int, length: int) -> list[RecordedSegment]:
     """Return the segments of run number `run`, with gaps of one window's `length` between neighbours."""
     own = rows[run]
     most_parts = own // (MIN_WINDOWS * length)
@@ -86,7 +86,7 @@ def _cut_run(rows: Sequence[int], run: int, length: int) -> list[Segment]:
     segments = []
     for start, stop in pairwise(edges):
         gap = length if start else 0
-        segments.append(Segment(run, start + gap, stop))
+        segments.append(RecordedSegment(run, start + gap, stop))
     return segments
 
 

@@ -21,7 +21,7 @@ from neuroanimator.learn.data.config import (
     window_length,
 )
 from neuroanimator.learn.data.recorded_noise import noise_of
-from neuroanimator.learn.data.recorded_segments import Segment, split_recordings
+from neuroanimator.learn.data.recorded_segments import RecordedSegment, split_recordings
 from neuroanimator.learn.data.store import HELD_OUT_NAME
 from neuroanimator.physics.recorded.read_recordings import read_recordings
 from neuroanimator.physics.recorded.rotations import without_jumps
@@ -77,7 +77,7 @@ def unwrapped(recordings: RecordingFile) -> list[RecordedRun]:
 
 
 def super_steps(
-    runs: list[RecordedRun], segment: Segment, substeps: int, count: int
+    runs: list[RecordedRun], segment: RecordedSegment, substeps: int, count: int
 ) -> RecordedRun:
     """Return the first `count` super steps of a segment: count + 1 states, and the mean control of each step."""
     states, controls = runs[segment.run]

@@ -16,7 +16,7 @@ from neuroanimator.learn.evaluation.plots import EMULATOR, PHYSICS, QUIET, WIDTH
 from neuroanimator.learn.evaluation.speed import Speed
 from neuroanimator.learn.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.learn.evaluation.trust_bands import TrustBand
-from neuroanimator.learn.evaluation.weakness.worst_segments import Curve, Segment
+from neuroanimator.learn.evaluation.weakness.worst_segments import Curve, WorstSegment
 from neuroanimator.learn.training.train import Report
 
 MAX_SHOWN = 3
@@ -127,7 +127,7 @@ def draw_trust(axes: Axes, bands: Sequence[TrustBand]) -> None:
     )
 
 
-def draw_segments(segments: Sequence[Segment], truth_name: str = "physics") -> Figure:
+def draw_segments(segments: Sequence[WorstSegment], truth_name: str = "physics") -> Figure:
     """Return a figure with a row for each segment: the most erroneous numbers in it, by physics and emulator.
 
     `truth_name` is what the legend calls the physics.

@@ -25,7 +25,7 @@ def write_identification_report(
     """Write the report to `path`: facts in `rows`, the estimates, and curves of measured and explained motions."""
     measurements = result.measurements
     curves = [
-        Curve(name, entry, result)
+        MeasuredCurve(name, entry, result)
         for name, entry in zip(measurements.names, measurements.entries, strict=True)
     ]
     write_page(
@@ -70,7 +70,7 @@ def _off(residuals: np.ndarray) -> str:
     return f"{np.sqrt(np.nanmean(np.square(residuals))):.3g}"
 
 
-class Curve:
+class MeasuredCurve:
     """One measured number of an identification to draw."""
 
     def __init__(self, name: str, entry: int, result: Identification):
@@ -89,7 +89,7 @@ class Curve:
         return firsts[:, None] + np.arange(frames)
 
 
-def draw_motion(axes: Axes, curve: Curve) -> None:
+def draw_motion(axes: Axes, curve: MeasuredCurve) -> None:
     """Draw measurements as points, and windows of motion with nominal and with identified parameters as lines."""
     colour = PHYSICS if curve.is_physics else EMULATOR
     for number, frames in enumerate(curve.frames):
@@ -111,7 +111,7 @@ def draw_motion(axes: Axes, curve: Curve) -> None:
     axes.legend()
 
 
-def draw_residuals(axes: Axes, curve: Curve) -> None:
+def draw_residuals(axes: Axes, curve: MeasuredCurve) -> None:
     """Draw the residuals of the identified motion."""
     colour = PHYSICS if curve.is_physics else EMULATOR
     for frames, measured, found in zip(curve.frames, curve.measured, curve.found, strict=True):

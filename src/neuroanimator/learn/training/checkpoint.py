@@ -27,7 +27,7 @@ WORST_ERROR = 1e30
 """Validation error before the first validation, as JSON has no infinity; any real one is lower."""
 
 
-class Progress(NamedTuple):
+class TrainingState(NamedTuple):
     """Everything the rest of a run depends on."""
 
     network: Network
@@ -41,7 +41,7 @@ class Progress(NamedTuple):
     """Number of reports since the best one."""
 
     @classmethod
-    def fresh(cls, network: Network, optimizer: optax.GradientTransformation) -> Progress:
+    def fresh(cls, network: Network, optimizer: optax.GradientTransformation) -> TrainingState:
         """Return the progress of a new run."""
         return cls(
             network=network,
@@ -52,29 +52,29 @@ class Progress(NamedTuple):
             stale=0,
         )
 
-    def judged(self, error: float) -> Progress:
+    def judged(self, error: float) -> TrainingState:
         """Return the progress after a validation with this `error`."""
         if error < self.best_error:
             return self._replace(best=self.network, best_error=error, stale=0)
         return self._replace(stale=self.stale + 1)
 
 
-def write_checkpoint(folder: Place, identity: str, progress: Progress) -> None:
+def write_checkpoint(folder: Place, identity: str, progress: TrainingState) -> None:
     """Replace the checkpoint in `folder` as a whole."""
     numbers = {"best_error": progress.best_error, "chunk": progress.chunk, "stale": progress.stale}
     write_tree(folder, identity, _arrays(progress), numbers)
 
 
-def read_checkpoint(folder: Place, identity: str, fresh: Progress) -> Progress:
+def read_checkpoint(folder: Place, identity: str, fresh: TrainingState) -> TrainingState:
     """Return the progress stored in `folder`, or `fresh` if there is none; see `read_tree`."""
     found = read_tree(folder, identity, _arrays(fresh), _numbers)
     if found is None:
         return fresh
     (network, optimizer_state, best), (best_error, chunk, stale) = found
-    return Progress(network, optimizer_state, best, best_error, chunk, stale)
+    return TrainingState(network, optimizer_state, best, best_error, chunk, stale)
 
 
-def _arrays(progress: Progress) -> Any:
+def _arrays(progress: TrainingState) -> Any:
     return progress.network, progress.optimizer_state, progress.best
 
 

@@ -24,7 +24,7 @@ from neuroanimator.files.numbers import number
 from neuroanimator.files.places import Place
 from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.learn.data.store import Dataset
-from neuroanimator.learn.training.checkpoint import Progress, read_checkpoint, write_checkpoint
+from neuroanimator.learn.training.checkpoint import TrainingState, read_checkpoint, write_checkpoint
 from neuroanimator.learn.training.chunk import completed
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.learn.training.feed import Feed
@@ -118,7 +118,7 @@ class _Run:
     """Standard deviation of the noise in recorded states, if it is known."""
     folder: Path
     checkpoints: Place
-    progress: Progress
+    progress: TrainingState
     began: float = field(default_factory=time.monotonic)
     """Time at which this process began to train [s]."""
 
@@ -133,7 +133,7 @@ class _Run:
     ) -> _Run:
         """Return the run in `folder`, resumed if there are `checkpoints` of it."""
         lesson = lesson_of(data, config, start_from)
-        fresh = Progress.fresh(lesson.problem.base.network, make_optimizer(config))
+        fresh = TrainingState.fresh(lesson.problem.base.network, make_optimizer(config))
         progress = read_checkpoint(checkpoints, lesson.fingerprint, fresh)
         trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
         return cls(lesson, data.noise, folder, checkpoints, progress)

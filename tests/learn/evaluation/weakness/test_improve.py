@@ -45,7 +45,7 @@ from neuroanimator.learn.evaluation.weakness.learning import (
     widen,
 )
 from neuroanimator.learn.evaluation.weakness.sampling import (
-    Runs,
+    RunBatch,
     distributions_of,
     draw_runs,
     expected_errors,
@@ -293,7 +293,7 @@ def test_a_distribution_that_the_probe_missed_gets_the_others_height():
 
 def test_a_run_is_validated_on_in_every_round_or_in_none(transitions: Transitions):
     states = np.random.default_rng(0).normal(size=(90, 16, 6)).astype(np.float32)
-    samples = Runs(states, np.zeros((90, 15, 3), np.float32), np.zeros(90, int))
+    samples = RunBatch(states, np.zeros((90, 15, 3), np.float32), np.zeros(90, int))
     groups = []
     for count in (60, 90):
         data = mix_windows(
@@ -336,7 +336,7 @@ def test_a_faster_body_is_within_wider_limits():
     states = np.tile(fish.rest, (50, 5, 1)).astype(np.float32)
     rates = rate_entries(load_system("fish"))
     states[..., rates] += np.linspace(0, 10, 50, dtype=np.float32)[:, None, None]
-    windows = Runs(states, np.zeros((50, 4, 12), np.float32), np.arange(50))
+    windows = RunBatch(states, np.zeros((50, 4, 12), np.float32), np.arange(50))
     before, after = (
         np.asarray(emulator.encoding.limits) for emulator in (fish, widen(fish, windows))
     )

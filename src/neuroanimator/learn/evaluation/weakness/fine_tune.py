@@ -24,7 +24,7 @@ from neuroanimator.learn.evaluation.weakness.improve import (
     usual_test,
 )
 from neuroanimator.learn.evaluation.weakness.learning import mix_windows, train_on
-from neuroanimator.learn.evaluation.weakness.sampling import Runs, join_runs
+from neuroanimator.learn.evaluation.weakness.sampling import RunBatch, join_runs
 from neuroanimator.learn.training.train import Report
 from neuroanimator.physics.recorded.recording import Recording, open_recording
 from neuroanimator.physics.recorded.rotations import without_jumps
@@ -163,7 +163,7 @@ def vocabulary_of(emulator: Emulator) -> dict[str, list[str]]:
     }
 
 
-def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
+def split(runs: RecordedRuns) -> tuple[RunBatch, RunBatch]:
     """Return (windows to learn from, super steps to test on).
 
     The test is the last fifth of each run, which shares no sample with the rest.
@@ -177,9 +177,9 @@ def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
         firsts = np.arange(max(0, cut - length))
         block = blocks + firsts // (BLOCK * runs.substeps)
         blocks += len(states) // (BLOCK * runs.substeps) + 1
-        learning.append(Runs(*runs.windows(run, firsts, MAX_UNROLL), block))
+        learning.append(RunBatch(*runs.windows(run, firsts, MAX_UNROLL), block))
         tail = np.arange(cut, len(states) - runs.substeps)
-        tested.append(Runs(*runs.windows(run, tail, 1), np.full(len(tail), run)))
+        tested.append(RunBatch(*runs.windows(run, tail, 1), np.full(len(tail), run)))
     windows = join_runs(learning)
     tails = join_runs(tested)
     if len(windows.states) < MIN_WINDOWS or not len(tails.states):
@@ -191,7 +191,7 @@ def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
     return _evenly(windows, MAX_WINDOWS).shortened(), _evenly(tails, MAX_TESTED)
 
 
-def _evenly(runs: Runs, count: int) -> Runs:
+def _evenly(runs: RunBatch, count: int) -> RunBatch:
     """Return at most `count` of the runs."""
     every = -(-len(runs.states) // count)
     return runs.rows(np.arange(0, len(runs.states), every))

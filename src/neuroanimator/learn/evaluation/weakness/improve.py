@@ -28,10 +28,15 @@ from neuroanimator.learn.data.generate import simulate_transitions
 from neuroanimator.learn.data.store import Transitions, read_config, read_transitions
 from neuroanimator.learn.evaluation.held_out import HELD_OUT_SEED, HeldOut, held_out_runs, system_of
 from neuroanimator.learn.evaluation.weakness.config import RUN_LENGTH, ImprovementConfig
-from neuroanimator.learn.evaluation.weakness.learning import NEW_SHARE, Learner, error_on, resample
+from neuroanimator.learn.evaluation.weakness.learning import (
+    NEW_SHARE,
+    RoundTrainer,
+    error_on,
+    resample,
+)
 from neuroanimator.learn.evaluation.weakness.sampling import (
     Distribution,
-    Runs,
+    RunBatch,
     distributions_of,
     draw_near,
     draw_runs,
@@ -154,13 +159,13 @@ def improve(
     with phase("simulating tests"):
         tests = _tests(emulator, system, distributions, config.seed)
         guard = usual_test(emulator, system, config.seed, GUARD)
-    learner = Learner(data, emulator, guard, config)
+    learner = RoundTrainer(data, emulator, guard, config)
     before = errors_by_test(emulator, tests)
     wanted = tolerance or USUAL_GAIN * max(before.values())
     best = emulator
     best_errors = before
     latest = emulator
-    samples: list[Runs] = []
+    samples: list[RunBatch] = []
     on_round(0, before)
     while max(best_errors.values()) > wanted and len(samples) < config.rounds:
         number = len(samples) + 1
@@ -254,7 +259,7 @@ def error_changes(
 
 
 def known_states(
-    rng: np.random.Generator, data: Transitions, samples: Sequence[Runs]
+    rng: np.random.Generator, data: Transitions, samples: Sequence[RunBatch]
 ) -> Float[np.ndarray, "K S"]:
     """Return states of the physics: old ones, and ends of earlier rounds' runs."""
     rows = resample(rng, np.arange(len(data.states)), min(MAX_KNOWN, len(data.states)))

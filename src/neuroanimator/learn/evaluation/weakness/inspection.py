@@ -38,7 +38,7 @@ from neuroanimator.learn.evaluation.weakness.coverage import (
     coverage,
     coverage_of_states,
 )
-from neuroanimator.learn.evaluation.weakness.worst_segments import Segment, worst_segments
+from neuroanimator.learn.evaluation.weakness.worst_segments import WorstSegment, worst_segments
 from neuroanimator.terminal import phase
 
 INSPECTED_RUNS = 4 * HELD_OUT_RUNS
@@ -68,7 +68,7 @@ class Inspection:
     """The super steps that begin outside the training data."""
     trust: tuple[TrustBand, ...]
     """Errors by the score of `Emulator.trust`; empty for files of versions without one."""
-    worst: tuple[Segment, ...]
+    worst: tuple[WorstSegment, ...]
     """The segments with the largest errors, worst first."""
     coverage: Coverage
     """Coverage of the data; without data, of the inspected runs, which are drawn as data are."""

@@ -20,7 +20,7 @@ from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.learn.data.store import Transitions, windows_of
 from neuroanimator.learn.evaluation.held_out import HeldOut
 from neuroanimator.learn.evaluation.weakness.config import ImprovementConfig
-from neuroanimator.learn.evaluation.weakness.sampling import Runs, errors_on, join_runs
+from neuroanimator.learn.evaluation.weakness.sampling import RunBatch, errors_on, join_runs
 from neuroanimator.learn.training.chunk import completed
 from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.lesson import keeps_still
@@ -68,7 +68,7 @@ def error_on(emulator: Emulator, test: HeldOut) -> float:
 
 
 @dataclass
-class Learner:
+class RoundTrainer:
     """Trains on, round by round, from a given emulator."""
 
     data: Transitions
@@ -86,7 +86,7 @@ class Learner:
     def learn(
         self,
         emulator: Emulator,
-        samples: Sequence[Runs],
+        samples: Sequence[RunBatch],
         path: Path,
         on_report: Callable[[Report], None] = lambda report: None,
     ) -> Emulator:
@@ -96,7 +96,7 @@ class Learner:
         windows = mix_windows(self.data, new, self.config, weights=weights)
         return train_on(emulator, new, windows, path, self.config, on_report)
 
-    def _weights(self, emulator: Emulator, runs: Runs) -> Float[np.ndarray, " M"]:
+    def _weights(self, emulator: Emulator, runs: RunBatch) -> Float[np.ndarray, " M"]:
         """Return the weight of each window of `runs`: large errors count less.
 
         Errors count squared; those a hundred times the usual ones would outweigh all others (weights of Cauchy's
@@ -132,17 +132,17 @@ class Learner:
         return completed(base, eqx.combine(weights, others), rest)
 
 
-def cut_windows(runs: Runs, length: int) -> Runs:
+def cut_windows(runs: RunBatch, length: int) -> RunBatch:
     """Return every window of `length` super steps of the runs."""
     count, steps, _ = runs.controls.shape
     samples = np.tile(np.arange(steps - length + 1), (count, 1))
     tensors = {"states": runs.states, "controls": runs.controls, "samples": samples}
-    return Runs(*windows_of(tensors, length))
+    return RunBatch(*windows_of(tensors, length))
 
 
 def mix_windows(
     old: Transitions,
-    new: Runs,
+    new: RunBatch,
     config: ImprovementConfig,
     new_share: float = NEW_SHARE,
     weights: Float[np.ndarray, " N"] | None = None,
@@ -195,7 +195,7 @@ def resample(
 
 def train_on(
     emulator: Emulator,
-    new: Runs,
+    new: RunBatch,
     windows: Transitions,
     path: Path,
     config: ImprovementConfig,
@@ -217,7 +217,7 @@ def train_on(
     return train(windows, warm, path, start_from=widen(emulator, new), on_report=on_report)
 
 
-def widen(emulator: Emulator, new: Runs) -> Emulator:
+def widen(emulator: Emulator, new: RunBatch) -> Emulator:
     """Return the emulator with its range widened to `new` windows; its weights and normaliser stay.
 
     Within the old range, where no feature was clipped, nothing changes.

@@ -52,7 +52,7 @@ Drawn = tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]
 """Starts (N, S) and the controls (N, T, C) from them."""
 
 
-class Runs(NamedTuple):
+class RunBatch(NamedTuple):
     """Runs of T super steps, by the physics or yet to be simulated."""
 
     states: Float[np.ndarray, "N _ S"]
@@ -61,15 +61,15 @@ class Runs(NamedTuple):
     source: Int[np.ndarray, " N"]
     """Number of the distribution each was drawn from; for windows, of the run each was cut from."""
 
-    def rows(self, rows: Int[np.ndarray, " M"] | Bool[np.ndarray, " N"]) -> Runs:
+    def rows(self, rows: Int[np.ndarray, " M"] | Bool[np.ndarray, " N"]) -> RunBatch:
         """Return those at `rows`."""
-        return Runs(self.states[rows], self.controls[rows], self.source[rows])
+        return RunBatch(self.states[rows], self.controls[rows], self.source[rows])
 
-    def shortened(self) -> Runs:
+    def shortened(self) -> RunBatch:
         """Return them in float32, as datasets and files hold them."""
         states = self.states.astype(np.float32)
         controls = self.controls.astype(np.float32)
-        return Runs(states, controls, self.source.astype(np.int32))
+        return RunBatch(states, controls, self.source.astype(np.int32))
 
 
 class Distribution(NamedTuple):
@@ -135,25 +135,27 @@ def draw_runs(
     rng: np.random.Generator,
     known: Float[np.ndarray, "K S"],
     count: int,
-) -> Runs:
+) -> RunBatch:
     """Return about `count` runs yet to be simulated, as many from each distribution."""
     of_each = -(-count // len(distributions))
     drawn = [distribution.draw(rng, known, of_each) for distribution in distributions]
     starts = np.concatenate([starts for starts, _ in drawn])
     controls = np.concatenate([controls for _, controls in drawn])
-    return Runs(starts[:, None], controls, np.repeat(np.arange(len(distributions)), of_each))
+    return RunBatch(starts[:, None], controls, np.repeat(np.arange(len(distributions)), of_each))
 
 
-def simulate_runs(system: System, runs: Runs, dt: float) -> tuple[Runs, Bool[np.ndarray, " N"]]:
+def simulate_runs(
+    system: System, runs: RunBatch, dt: float
+) -> tuple[RunBatch, Bool[np.ndarray, " N"]]:
     """Return (the `runs` that do not diverge, by the physics; whether each is among them)."""
     simulated = system.simulate(runs.states[:, 0], runs.controls, dt, threads=core_count())
     is_sound = ~simulated.has_diverged
     return runs._replace(states=simulated.states).rows(is_sound), is_sound
 
 
-def join_runs(parts: Sequence[Runs]) -> Runs:
+def join_runs(parts: Sequence[RunBatch]) -> RunBatch:
     """Return all runs of `parts`, in their order."""
-    return Runs(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return RunBatch(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def sample_weak_runs(
@@ -163,7 +165,7 @@ def sample_weak_runs(
     known: Float[np.ndarray, "K S"],
     rng: np.random.Generator,
     config: ImprovementConfig,
-) -> Runs:
+) -> RunBatch:
     """Return a round's runs by the physics: a probe of all distributions, and runs in which large errors are expected."""
     system = usual.system
     probes = round(PROBE_SHARE * config.runs)
@@ -239,7 +241,7 @@ def _steps(
     return jax.vmap(partial(step, emulator))(states, controls)
 
 
-def _trust(emulator: Emulator, runs: Runs) -> Float[np.ndarray, "N T"]:
+def _trust(emulator: Emulator, runs: RunBatch) -> Float[np.ndarray, "N T"]:
     """Return the score of each super step of `runs`, as they are emulated."""
     scores = _scores_along(emulator, as_jax(runs.states[:, 0]), as_jax(runs.controls))
     return np.clip(np.nan_to_num(np.asarray(scores, float), nan=MAX_SCORE), 0, MAX_SCORE)

@@ -28,7 +28,7 @@ COVERAGE_CAPTION = (
 )
 
 
-class Table(NamedTuple):
+class CellTable(NamedTuple):
     """Rows of cells by column, and remarks on what is left out."""
 
     rows: list[dict[str, object]]
@@ -52,7 +52,7 @@ def weak_rows(inspection: Inspection) -> list[dict[str, object]]:
     return rows
 
 
-def component_table(inspection: Inspection) -> Table:
+def component_table(inspection: Inspection) -> CellTable:
     """Return the one-step error of each number of the state, the worst first."""
     components = by_relative_error(inspection.components)
     rows: list[dict[str, object]] = []
@@ -74,7 +74,7 @@ def component_table(inspection: Inspection) -> Table:
     still = len(inspection.components) - len(components)
     if still:
         remarks.append(f"{still} more change always by the same, and have no error.")
-    return Table(rows, remarks)
+    return CellTable(rows, remarks)
 
 
 def coverage_facts(found: Coverage) -> list[tuple[str, object]]:
@@ -101,7 +101,7 @@ def coverage_facts(found: Coverage) -> list[tuple[str, object]]:
     return facts
 
 
-def spread_tables(found: Coverage, draw: Callable[[Sequence[float]], str]) -> list[Table]:
+def spread_tables(found: Coverage, draw: Callable[[Sequence[float]], str]) -> list[CellTable]:
     """Return a table of states and one of controls: quantiles, the histogram as `draw` draws it, and the share at a bound."""
     tables = []
     for kind, spreads in (("state", found.states), ("control", found.controls)):
@@ -116,7 +116,7 @@ def spread_tables(found: Coverage, draw: Callable[[Sequence[float]], str]) -> li
         left_out = len(spreads) - MAX_SPREADS
         if rows:
             remarks = [f"and {left_out} more (--json names them)"] if left_out > 0 else []
-            tables.append(Table(rows, remarks))
+            tables.append(CellTable(rows, remarks))
     return tables
 
 

@@ -38,7 +38,7 @@ class Curve(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Segment:
+class WorstSegment:
     """A stretch of an unseen run, by the physics and by the emulator from the same state under the same controls."""
 
     run: int
@@ -59,7 +59,7 @@ class Segment:
     controls: Float[np.ndarray, "T C"]
 
 
-def worst_segments(emulator: Emulator, test: HeldOut) -> tuple[Segment, ...]:
+def worst_segments(emulator: Emulator, test: HeldOut) -> tuple[WorstSegment, ...]:
     """Return the `SEGMENTS` segments of the test's runs with the largest error, at most one of each run, worst first."""
     runs, total, _ = test.states.shape
     steps = min(max(round(SEGMENT_SECONDS / test.dt), MIN_STEPS), total - 1)
@@ -77,7 +77,7 @@ def worst_segments(emulator: Emulator, test: HeldOut) -> tuple[Segment, ...]:
         row = run * len(starts) + piece
         wrong = root_mean_square(relative[row])
         found.append(
-            Segment(
+            WorstSegment(
                 run=run,
                 start=float(starts[piece]) * test.dt,
                 dt=test.dt,
