@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neuroanimator.learn.evaluation.csv_table import merge_csv, write_csv
+from neuroanimator.learn.evaluation.csv_table import SEPARATOR, cell_of, read_rows, write_csv
 from neuroanimator.learn.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
@@ -64,6 +64,31 @@ def keep_rows(
         merge_csv(table, rows, *columns, order=order)
     else:
         write_csv(table, rows)
+
+
+def merge_csv(
+    path: Path,
+    rows: Rows,
+    *columns: str,
+    order: Callable[[dict[str, Any]], Any] | None = None,
+) -> Rows:
+    """Write `rows` in place of the table's rows with equal cells in `columns`; return all rows, sorted by `order` if given.
+
+    The first line describes every machine on which rows that stay, or new ones, were measured.
+    """
+    renewed = {tuple(str(cell_of(row[column])) for column in columns) for row in rows}
+    kept = [
+        row for row in read_rows(path) if tuple(row[column] for column in columns) not in renewed
+    ]
+    machines = []
+    if kept:
+        head = path.read_text(encoding="utf-8").splitlines()[0]
+        machines = head.removeprefix("# ").split(SEPARATOR)
+    whole = [*kept, *rows]
+    if order is not None:
+        whole.sort(key=order)
+    write_csv(path, whole, machines)
+    return whole
 
 
 @cache

@@ -110,7 +110,7 @@ def test_public_functions_are_the_same_in_other_processes():
     assert pickle.loads(pickle.dumps(na.evaluate)) is na.evaluate
 
 
-@pytest.mark.parametrize("package", PUBLIC)
+@pytest.mark.parametrize("package", [*PUBLIC, "neuroanimator.authoring"])
 def test_every_public_name_is_there_and_documented(package: str):
     module = importlib.import_module(package)
     assert module.__doc__

@@ -25,6 +25,7 @@ from typing import Any
 import pytest
 from brief import BRIEF
 
+import neuroanimator.authoring
 import neuroanimator.control.policies
 import neuroanimator.gym
 from neuroanimator.cli.verbs import VERBS, app
@@ -202,7 +203,13 @@ def test_every_path_named_exists():
 
 @pytest.mark.parametrize(
     "module",
-    [neuroanimator, neuroanimator.control, neuroanimator.control.policies, neuroanimator.gym],
+    [
+        neuroanimator,
+        neuroanimator.authoring,
+        neuroanimator.control,
+        neuroanimator.control.policies,
+        neuroanimator.gym,
+    ],
     ids=lambda module: module.__name__,
 )
 def test_the_reference_has_every_public_name_once(module: ModuleType):

@@ -30,7 +30,11 @@ from neuroanimator.control.synthesis.synthesise import Synthesis as Synthesis
 from neuroanimator.control.synthesis.synthesise import synthesise as synthesise
 from neuroanimator.emulator.emulator import Emulator as Emulator
 from neuroanimator.emulator.emulator import load_emulator as load_emulator
+from neuroanimator.errors import ArgumentError as ArgumentError
+from neuroanimator.errors import BadFileError as BadFileError
+from neuroanimator.errors import DivergedError as DivergedError
 from neuroanimator.errors import NeuroAnimatorError as NeuroAnimatorError
+from neuroanimator.errors import ResourceError as ResourceError
 from neuroanimator.executor.local import LocalExecutor as LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor as RayExecutor
 from neuroanimator.export.comparison import write_comparison as write_comparison
@@ -77,6 +81,7 @@ from neuroanimator.state.layout import Bounds as Bounds
 from neuroanimator.state.parameters import Parameter as Parameter
 from neuroanimator.state.pose import read_heights as read_heights
 from neuroanimator.state.pose import read_pose as read_pose
+from neuroanimator.systems.system import System as System
 
 __version__: str
 """Version of the installed package."""

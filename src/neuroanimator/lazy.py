@@ -41,16 +41,11 @@ MAKERS = {
 """What makes an object, for errors, by its class."""
 
 MOVED = {
-    **dict.fromkeys(
-        ("corrections", "is_enough", "measures_trust", "refinements", "restarts"),
-        "options=na.SearchOptions({}=...)",
-    ),
-    **dict.fromkeys(
-        ("data", "minutes", "on_refine"), "options=na.SearchOptions(refine=na.Refinement({}=...))"
-    ),
-    "goals_from": "the system, with its goals, as the second argument",
+    "options=na.SearchOptions({}=...)": "corrections is_enough measures_trust refinements restarts",
+    "options=na.SearchOptions(refine=na.Refinement({}=...))": "data minutes on_refine",
+    "the system, with its goals, as the second argument": "goals_from",
 }
-"""What says now what an argument of searches said until 0.3, by its keyword."""
+"""What to write now instead of arguments that searches had until 0.3, by their keywords."""
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
@@ -145,14 +140,14 @@ def at_border(package: str, function: FunctionType) -> Callable[..., Any]:
 
 def _search_options(named: dict[str, Any]) -> Any:
     """Return the options among the arguments of a search such that it refines: what trains is no part of the search itself."""
-    for keyword in named:
-        if keyword in MOVED:
-            raise ArgumentError(f"{keyword}: write {MOVED[keyword].format(keyword)}.")
+    for place, keywords in MOVED.items():
+        for keyword in named.keys() & keywords.split():
+            raise ArgumentError(f"{keyword}: write {place.format(keyword)}.")
     public = import_module("neuroanimator")
     options = named.get("options", public.SearchOptions())
     if isinstance(options, public.DescentOptions):
         options = public.SearchOptions(options)
-    if isinstance(options, public.SearchOptions) and options.refine is None:
+    if getattr(options, "refine", options) is None:
         options = replace(options, refine=public.Refinement())
     return options
 

@@ -10,24 +10,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import neuroanimator
-from neuroanimator import Emulator, Policy, load_policy
-from neuroanimator.control.policies.state_policy import StatePolicy, load_any_policy
-from neuroanimator.emulator.c_emulator import facts_of_emulator
-from neuroanimator.errors import BadFileError
-from neuroanimator.export.programs.definition import commands_of, definition_of
-from neuroanimator.export.programs.wasm_file import checked_wasm
-from neuroanimator.files.atomic import write_whole
-from neuroanimator.files.zoo import (
-    POLICIES,
+from neuroanimator import BadFileError, Emulator, Policy, System, load_policy
+from neuroanimator.authoring import (
+    SHIPPED_SYSTEMS,
+    DeformableSystem,
+    checked_wasm,
+    definition_of,
+    facts_of_emulator,
     find_emulator,
-    is_shipped,
     licence_of,
-    shipped_path,
-    shipped_policy,
+    load_any_policy,
+    replayable_system,
+    write_whole,
 )
-from neuroanimator.learn.evaluation.held_out import replayable_system
-from neuroanimator.physics.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.system import System
+from neuroanimator.control.policies import StatePolicy
 from neuroanimator_studio.catalogue import BUNDLE, EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator_studio.descent_module import descent_module
 from neuroanimator_studio.descents import DESCENT_FILE, descent_of, describe_descent
@@ -147,13 +143,18 @@ def load_models(source: Path) -> Models:
             policy = None
         if policy is None:
             raise
-        if isinstance(policy, StatePolicy) and commands_of(policy) is None:
+        if isinstance(policy, StatePolicy) and not _takes_commands(policy):
             raise BadFileError(
                 f"{source} is a policy that takes no commands, and the page steers by them. Learn one whose TOML file has "
                 "[follow.commands]."
             ) from None
         return Models(policy.emulator, policy)
     return Models(emulator, policy_beside(source, emulator))
+
+
+def _takes_commands(policy: StatePolicy) -> bool:
+    reference = policy.view.reference
+    return reference is not None and reference.commands is not None
 
 
 def walk_drive(policy: StatePolicy) -> dict[str, Any]:
@@ -165,10 +166,12 @@ def walk_drive(policy: StatePolicy) -> dict[str, Any]:
 
 def policy_beside(source: Path, emulator: Emulator) -> Policy | None:
     """Return the policy that ships with the emulator at `source`; None where there is none."""
-    is_usual = is_shipped(source) and source == shipped_path(emulator.system)
-    if not is_usual or emulator.system not in POLICIES:
+    name = emulator.system
+    is_shipped = bool(licence_of(source))
+    is_usual = source.name == f"{name}-50.emulator.safetensors"
+    if not is_shipped or not is_usual or not SHIPPED_SYSTEMS[name].has_policy:
         return None
-    return load_policy(shipped_policy(emulator.system))
+    return load_policy(source.with_name(f"{name}.policy.safetensors"))
 
 
 def bundle_facts(

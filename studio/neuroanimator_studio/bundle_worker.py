@@ -17,7 +17,7 @@ FAULT = "fault"
 
 def main(source: str, folder: str, bundle_id: str) -> int:
     """Make the bundle; return the exit code."""
-    from neuroanimator.errors import NeuroAnimatorError
+    from neuroanimator import NeuroAnimatorError
     from neuroanimator_studio.bundle import make_bundle
     from neuroanimator_studio.catalogue import BUNDLE, shipped_bundles
 

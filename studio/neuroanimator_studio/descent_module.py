@@ -16,34 +16,25 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
+from numpy.typing import ArrayLike
 
 import neuroanimator
 from neuroanimator import Emulator, NeuroAnimatorError, Objective
-from neuroanimator.codegen.build import CompilerError
-from neuroanimator.codegen.c_function import c_function
-from neuroanimator.codegen.c_map import FORMS, MapDefinition, c_map, callers
-from neuroanimator.codegen.c_text import c_number
-from neuroanimator.codegen.trace import Input
-from neuroanimator.codegen.wasm import wasm_module
-from neuroanimator.control.descent.c_evaluator import CALLERS, CONTROLS, controls_definition
-from neuroanimator.control.descent.defects import LINK, find_defects, link_definition, still_frame
-from neuroanimator.control.descent.descend import evaluator_of
-from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator
-from neuroanimator.control.descent.methods import (
-    CONVERGED,
-    DAMPINGS,
-    FIRST_DAMPING,
-    MAX_DAMPING,
-    MIN_DAMPING,
+from neuroanimator.authoring import (
+    GAUSS_NEWTON,
+    Input,
+    ObjectiveForm,
+    SharedConstants,
+    WasmModule,
+    c_function,
+    c_map,
+    c_number,
+    descent_callers,
+    descent_maps,
+    import_wasmtime,
+    wasm_module,
 )
-from neuroanimator.control.descent.problem import Problem
-from neuroanimator.control.objective.c_objective import ObjectiveForm
-from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_emulator import encode
-from neuroanimator.emulator.probes import DOUBTS, rounded
-from neuroanimator.emulator.super_step import latent_size
-from neuroanimator.export.programs.c_header import SharedConstants
-from neuroanimator.export.programs.wasm_file import Module, import_wasmtime
+from neuroanimator.control import Evaluator, Problem, evaluator_of, find_defects
 
 FUNCTIONS = (
     "room", "begin_at", "costs", "quadratic_model", "motion", "defects_of", "numbers", "defects",
@@ -55,11 +46,20 @@ NAME = "descent"
 ITERATIONS = 20
 """Backward sweeps of a descent in a page: those of 1998."""
 
+FORMS = ("forward", "backward", "push", "slope", "lanes")
+"""Functions of a map, in the order of `na_map` in C."""
+
 USED = ("forward", "backward", "push", "lanes")
 """What a module calls of its maps: a quadratic model needs no single slope, and what is not called is not in it."""
 
 TOLERANCE = 2e-3
 """Tolerance of J and its derivatives, over their largest: both sum float32 in orders of their own."""
+
+ROUNDING = 2.0**-22
+"""Relative change of z that shows the effect of rounding alone."""
+
+DOUBTS = 10
+"""Multiple of that effect that counts as no error: near a kink it is large."""
 
 NEARBY = 0.3
 """Distance from each first guess of the z at which modules are held against Python."""
@@ -172,7 +172,7 @@ class PageDescent:
     @cached_property
     def numbers(self) -> Float[np.ndarray, " P"]:
         """The numbers of the objective as they are at first."""
-        return self.form.numbers(self.problem.objective, as_float32(self.problem.control_scale))
+        return self.form.numbers(self.problem.objective, _single(self.problem.control_scale))
 
     def facts(self) -> dict[str, Any]:
         """Return what a page must know, as JSON."""
@@ -184,7 +184,7 @@ class PageDescent:
             "dt": problem.emulator.dt,
             "steps": problem.parametrisation.steps,
             "state": problem.emulator.state.size,
-            "latent": latent_size(problem.emulator),
+            "latent": _latent_size(problem.emulator),
             "control": problem.emulator.control.size,
             "z": problem.parametrisation.size,
             "defect": int(np.shape(problem.defects)[1]),
@@ -192,14 +192,7 @@ class PageDescent:
             "start": np.asarray(problem.start, float).tolist(),
             "guesses": np.round(self.guesses, 6).tolist(),
             "movable": [movable.to_json() for movable in self.movable],
-            "settings": {
-                "iterations": ITERATIONS,
-                "converged": CONVERGED,
-                "first_damping": FIRST_DAMPING,
-                "dampings": list(DAMPINGS),
-                "min_damping": MIN_DAMPING,
-                "max_damping": MAX_DAMPING,
-            },
+            "settings": {"iterations": ITERATIONS, **GAUSS_NEWTON},
             "generator": f"neuroanimator {neuroanimator.__version__}",
         }
 
@@ -211,11 +204,8 @@ def descent_module(descent: PageDescent) -> bytes:
     NeuroAnimatorError where the module does not compute what Python does.
     """
     runtime = import_wasmtime()
-    try:
-        content = wasm_module(descent_text(descent), [f"{NAME}_{name}" for name in FUNCTIONS])
-    except CompilerError as error:
-        raise NeuroAnimatorError(f"descent.wasm: {error}. Please report it.") from error
-    check_module(Module(runtime, content, NAME), descent)
+    content = wasm_module(descent_text(descent), NAME, FUNCTIONS)
+    check_module(WasmModule(runtime, content, NAME), descent)
     return content
 
 
@@ -225,12 +215,9 @@ def descent_text(descent: PageDescent) -> str:
     emulator = problem.emulator
     form = descent.form
     defect = int(np.shape(problem.defects)[1])
-    definitions = form.definitions()
+    definitions = descent_maps(problem, form)
     sizes = dict.fromkeys(definitions, len(descent.numbers))
-    definitions[CONTROLS] = controls_definition(problem.parametrisation)
-    sizes[CONTROLS] = 0
-    definitions[LINK] = link_definition(emulator)
-    sizes[LINK] = defect
+    sizes |= {"controls": 0, "link": defect}
     constants = SharedConstants()
     maps = {}
     for name, definition in definitions.items():
@@ -241,18 +228,19 @@ def descent_text(descent: PageDescent) -> str:
         # Of whole states, where latent ones are observed, only the start is looked at, which does not change.
         is_start = form.encoding is not None and name.startswith("state_")
         forms = ("forward",) if is_start else USED
-        structs[name] = _struct(name, definition, sizes[name], maps[name].tape, forms)
-    latent = Input((latent_size(emulator),))
+        lengths = (definition.inputs, definition.outputs(sizes[name]), maps[name].tape)
+        structs[name] = _struct(name, lengths, forms)
+    latent = Input((_latent_size(emulator),))
     state = Input((emulator.state.size,))
     others = [
-        c_function("descent_encode", encode, emulator, [state], constants),
+        c_function("descent_encode", _encode, emulator, [state], constants),
         c_function("descent_decode", _decode, emulator, [latent], constants),
         c_function("descent_difference", _difference, emulator, [latent, latent], constants),
     ]
     observed = definitions["residuals"].inputs
     defines = {
         "STATE": emulator.state.size,
-        "LATENT": latent_size(emulator),
+        "LATENT": _latent_size(emulator),
         "CONTROL": emulator.control.size,
         "STEPS": problem.parametrisation.steps,
         "DEFECT": defect,
@@ -268,9 +256,9 @@ def descent_text(descent: PageDescent) -> str:
         "values": str(len(problem.objective.functions)),
         "residuals": structs["residuals"],
         "efforts": structs["efforts"],
-        "controls": structs[CONTROLS],
-        "link": structs[LINK],
-        "link_tape": str(maps[LINK].tape + 16),
+        "controls": structs["controls"],
+        "link": structs["link"],
+        "link_tape": str(maps["link"].tape + 16),
     }
     calls = resources.files("neuroanimator_studio") / "descent_calls.c"
     template = calls.read_text(encoding="utf-8")
@@ -279,7 +267,7 @@ def descent_text(descent: PageDescent) -> str:
     data = ", ".join(c_number(number) for number in constants.data().tolist())
     return "\n".join(
         [
-            callers(*CALLERS),
+            descent_callers(),
             *(f"#define {name} {value}" for name, value in defines.items()),
             f"static NA_ALIGNED const float descent_k[] = {{{data}}};",
             *(one.text for one in maps.values()),
@@ -289,6 +277,14 @@ def descent_text(descent: PageDescent) -> str:
     )
 
 
+def _latent_size(emulator: Emulator) -> int:
+    return emulator.encoding.layout.size
+
+
+def _encode(emulator: Emulator, state: Float[Array, " S"]) -> Float[Array, " I"]:
+    return emulator.encode(state)
+
+
 def _decode(emulator: Emulator, latent: Float[Array, " I"]) -> Float[Array, " S"]:
     return emulator.decode(latent)
 
@@ -296,17 +292,15 @@ def _decode(emulator: Emulator, latent: Float[Array, " I"]) -> Float[Array, " S"
 def _difference(
     emulator: Emulator, predicted: Float[Array, " I"], actual: Float[Array, " I"]
 ) -> Float[Array, " V"]:
-    return still_frame(emulator).difference(predicted, actual)
+    # without coasting
+    return replace(emulator.frame, dt=0.0).difference(predicted, actual)
 
 
-def _struct(
-    name: str, definition: MapDefinition, numbers: int, tape: int, forms: Sequence[str]
-) -> str:
-    """Return `na_map` of a map in C, with those of its forms that are called."""
+def _struct(name: str, lengths: Sequence[int], forms: Sequence[str]) -> str:
+    """Return `na_map` of a map in C, with those of its `forms` that are called, and the lengths of x, y and the tape."""
     functions = [f"{NAME}_{name}_{form}" if form in forms else "0" for form in FORMS]
-    numbers_in_c = "0" if name in (CONTROLS, LINK) else "descent_numbers"
-    sizes = [definition.inputs, definition.outputs(numbers), tape]
-    return f"{{{', '.join(['descent_k', numbers_in_c, *functions, *map(str, sizes)])}}}"
+    numbers = "0" if name in ("controls", "link") else "descent_numbers"
+    return f"{{{', '.join(['descent_k', numbers, *functions, *map(str, lengths)])}}}"
 
 
 def _rows(form: ObjectiveForm) -> Iterator[str]:
@@ -324,7 +318,7 @@ def _terms(form: ObjectiveForm, structs: dict[str, str]) -> Iterator[str]:
         yield f"{{{of_latent}, {of_state}, descent_rows_{number}, {len(view.rows)}}}"
 
 
-def check_module(module: Module, descent: PageDescent) -> None:
+def check_module(module: WasmModule, descent: PageDescent) -> None:
     """Hold a module against the descent in Python: J, its derivatives and the motion, with numbers and starts moved.
 
     Raises NeuroAnimatorError where they differ.
@@ -332,7 +326,7 @@ def check_module(module: Module, descent: PageDescent) -> None:
     rng = np.random.default_rng(0)
     emulator = descent.problem.emulator
     room = np.zeros(int(module.call("room") or 0), np.float32)
-    start = as_float32(descent.problem.start)
+    start = _single(descent.problem.start)
     for moved in (0.0, *MOVED):
         values = {}
         for movable in descent.movable:
@@ -341,24 +335,24 @@ def check_module(module: Module, descent: PageDescent) -> None:
         numbers = descent.moved_numbers(values)
         evaluator = evaluator_of(descent.moved(values)).at(start)
         module.write("numbers", numbers)
-        module.write("defects", as_float32(descent.problem.defects))
+        module.write("defects", _single(descent.problem.defects))
         module.call("begin_at", start, room)
         for guess in descent.guesses:
-            z = as_float32(guess + NEARBY * rng.normal(size=guess.shape))
-            motion = _check_at(module, emulator, evaluator, z, room)
-            _check_defects(module, emulator, motion)
+            z = _single(guess + NEARBY * rng.normal(size=guess.shape))
+            states, controls = _check_at(module, emulator, evaluator, z, room)
+            _check_defects(module, emulator, states, controls)
             # The next ones begin where this one ended.
-            start = as_float32(motion.states[-1])
+            start = _single(states[-1])
 
 
 def _check_at(
-    module: Module,
+    module: WasmModule,
     emulator: Emulator,
     evaluator: Evaluator,
     z: Float[np.ndarray, " Z"],
     room: Float[np.ndarray, " N"],
-) -> EmulatedMotion:
-    """Compare everything at `z`; return the motion there."""
+) -> tuple[Float[np.ndarray, "T1 S"], Float[np.ndarray, "T C"]]:
+    """Compare everything at `z`; return the motion there, as (states, controls)."""
     zs = z * np.linspace(1.0, 0.5, COSTS)[:, None].astype(np.float32)
     costs = np.zeros(COSTS)
     module.call("costs", zs, COSTS, costs, room)
@@ -366,25 +360,40 @@ def _check_at(
     slope = np.zeros_like(z)
     curvature = np.zeros((len(z), len(z)), np.float32)
     cost = module.call("quadratic_model", z, curvature, slope, room)
-    model, nearby = evaluator.quadratic_models(np.stack([z, rounded(z[None])[0]]))
+    model, nearby = evaluator.quadratic_models(np.stack([z, _rounded(z)]))
     _compare("J", np.array([cost]), np.array([model.cost]))
     _compare("the curvature of J", curvature, model.curvature, nearby.curvature)
     _compare("the slope of J", slope, model.slope, nearby.slope)
     motion = evaluator.motion(z)
     controls = np.zeros(motion.controls.shape, np.float32)
-    latents = np.zeros((len(motion.states), latent_size(emulator)), np.float32)
+    latents = np.zeros((len(motion.states), _latent_size(emulator)), np.float32)
     states = np.zeros(motion.states.shape, np.float32)
     module.call("motion", z, controls, latents, states, room)
     _compare("controls", controls, motion.controls)
     _compare("states", states, motion.states)
-    return motion
+    return motion.states, motion.controls
 
 
-def _check_defects(module: Module, emulator: Emulator, motion: EmulatedMotion) -> None:
-    """Compare the defects along a motion that is nearly `motion`."""
-    noise = np.random.default_rng(1).normal(size=motion.states.shape)
-    states = as_float32(motion.states + DEFECTIVE * noise)
-    controls = as_float32(motion.controls)
+def _single(numbers: ArrayLike) -> np.ndarray:
+    return np.ascontiguousarray(numbers, np.float32)
+
+
+def _rounded(z: Float[np.ndarray, " Z"]) -> Float[np.ndarray, " Z"]:
+    """Return `z` changed at random in its last places."""
+    changes = ROUNDING * np.random.default_rng(0).uniform(-1, 1, z.shape) * np.abs(z)
+    return _single(z + changes)
+
+
+def _check_defects(
+    module: WasmModule,
+    emulator: Emulator,
+    states: Float[np.ndarray, "T1 S"],
+    controls: Float[np.ndarray, "T C"],
+) -> None:
+    """Compare the defects along a motion that is nearly this one."""
+    noise = np.random.default_rng(1).normal(size=states.shape)
+    states = _single(states + DEFECTIVE * noise)
+    controls = _single(controls)
     expected = find_defects(emulator, states, controls)
     defects = np.zeros(expected.shape, np.float32)
     module.call("defects_of", states, controls, defects)

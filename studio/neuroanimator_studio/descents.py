@@ -11,50 +11,47 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator import (
+    ArgumentError,
+    DescentOptions,
     Emulator,
     Objective,
+    System,
     avoid,
     effort,
+    goal,
     is_reached,
     reach_position,
     read_pose,
     smoothness,
     stay_upright,
 )
-from neuroanimator.control.descent.descend import pose_problem, random_guesses
-from neuroanimator.control.descent.parametrisation import (
+from neuroanimator.authoring import SHIPPED_SYSTEMS, MujocoSystem
+from neuroanimator.control import (
     EachStep,
+    Goal,
     Parametrisation,
     Spline,
     Steered,
+    first_guesses,
+    goal_start,
+    goal_state,
+    pose_problem,
 )
-from neuroanimator.control.objective.goals import goal_start, goal_state, reach_goal
-from neuroanimator.control.objective.objective import Moments
-from neuroanimator.errors import ArgumentError
-from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name
-from neuroanimator.learn.tasks.rigid import (
+from neuroanimator.learn.tasks import (
     FINAL_DESCENT_SECONDS,
     HOLD_SECONDS,
     HOLD_STRIDE,
     PAD_RADIUS,
+    ROLL_WITHIN,
     TRUCK_AVOIDANCE,
     TRUCK_MARGIN,
     TRUCK_PROBES,
     clearance,
+    ends_upright,
     is_soft_landing,
     landing_objective,
     lot_zones,
 )
-from neuroanimator.learn.tasks.swimmers import (
-    ROLL_WITHIN,
-    body_length,
-    ends_upright,
-    gait_controls,
-    steps_of_a_period,
-)
-from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
-from neuroanimator.systems.goal import Goal
-from neuroanimator.systems.system import System
 from neuroanimator_studio.descent_module import Movable, PageDescent, Write, entries_of
 from neuroanimator_studio.description import TARGET_WITHIN
 
@@ -125,11 +122,17 @@ def swim_to_a_place(system: System, emulator: Emulator) -> PageDescent:
     )
     period = system.gait.period
     parametrisation = Steered.of(steps, emulator.dt, period, STEERING_KNOTS, system.bounds)
-    gait = gait_controls(system, steps, emulator.dt)
+    gait = system.gait.controls(steps, emulator.dt, system.bounds)
     guesses = parametrisation.guess(FIRST_STRENGTH * gait)[None]
     problem = pose_problem(emulator, objective, parametrisation, start)
     about = "Swims to the target, back up."
     return PageDescent("swim to a place", about, problem, guesses, movable)
+
+
+def body_length(system: System) -> float:
+    """Return the length of a swimmer at rest [m]."""
+    assert system.body_length is not None
+    return system.body_length
 
 
 def judge_swimming(
@@ -161,10 +164,10 @@ def land_on_the_pad(system: System, emulator: Emulator) -> PageDescent:
     start = goal_start(system, "pad")
     over_pad = LANDING_SECONDS - FINAL_DESCENT_SECONDS
     objective = landing_objective(system, over_pad)
-    goal = entries_of(objective, lambda one: one.terms[1].goal)
+    pad = entries_of(objective, lambda one: one.terms[1].goal)
     above = entries_of(objective, lambda one: one.terms[2].wanted)[0]
     # The ground is where it is.
-    writes = [Write(int(entries[axis]), axis) for entries in (goal, above) for axis in (0, 1)]
+    writes = [Write(int(entries[axis]), axis) for entries in (pad, above) for axis in (0, 1)]
     place = np.array(system.rest[:3], float)
     reach = np.array([LANDING_REACH, LANDING_REACH, 0.0])
     movable = (_place(place, place - reach, place + reach, writes), _weight(objective, 0, "effort", 0.05))  # fmt: skip
@@ -208,15 +211,14 @@ def park_in_a_bay(system: System, emulator: Emulator) -> PageDescent:
     assert isinstance(system, MujocoSystem)
     steps = round(PARKING_SECONDS / emulator.dt)
     zones = lot_zones(system)
-    goal = system.goals[BAY]
     objective = Objective.of(
         effort(0.02),
         smoothness(0.02),
-        reach_goal(system, goal),
+        goal(system, BAY),
         avoid(system, zones, probes=TRUCK_PROBES, margin=TRUCK_MARGIN, weight=TRUCK_AVOIDANCE),
     )
     at = entries_of(objective, lambda one: one.terms[2].goal)
-    bay = read_pose(system.structure, goal_state(system, goal))
+    bay = read_pose(system.structure, goal_state(system, system.goals[BAY]))
     heading = math.atan2(bay.forward[1], bay.forward[0])
     half = np.array([*LOT, 0.0])
     place = bay.position
@@ -251,12 +253,12 @@ def judge_parking(
     return Verdict(is_reached(system, wanted, states[-1]) and room > 0, gap, words)
 
 
-def moved_goal(goal: Goal, place: Sequence[float], heading: float) -> Goal:
+def moved_goal(wanted: Goal, place: Sequence[float], heading: float) -> Goal:
     """Return the goal of a rigid root, which begins at entry 0, at another place along x and y, and heading [rad]."""
-    numbers = dict(goal.values)
+    numbers = dict(wanted.values)
     numbers[0], numbers[1] = float(place[0]), float(place[1])
     numbers |= {3: math.cos(heading / 2), 4: 0.0, 5: 0.0, 6: math.sin(heading / 2)}
-    return replace(goal, values=tuple(numbers.items()))
+    return replace(wanted, values=tuple(numbers.items()))
 
 
 SWING_SECONDS = 2.0
@@ -269,9 +271,7 @@ def swing_up(system: System, emulator: Emulator) -> PageDescent:
     steps = round(SWING_SECONDS / emulator.dt)
     held = round(HOLD_SECONDS / emulator.dt)
     times = tuple(float((steps - i) * emulator.dt) for i in range(held, -1, -HOLD_STRIDE))
-    objective = Objective.of(
-        effort(), reach_goal(system, system.goals["upright"], when=Moments(times))
-    )
+    objective = Objective.of(effort(), goal(system, "upright", at=times))
     parametrisation = EachStep.of(steps, system.bounds)
     guesses = _guesses(emulator, parametrisation, SWING_STARTS)
     problem = pose_problem(emulator, objective, parametrisation, system.rest)
@@ -284,9 +284,8 @@ def judge_swing(
     system: System, dt: float, values: Values, states: Float[np.ndarray, "T1 S"]
 ) -> Verdict:
     """Judge a pendulum's motion."""
-    goal = system.goals["upright"]
     held = round(HOLD_SECONDS / dt)
-    is_held = all(is_reached(system, goal, state) for state in states[-held - 1 :])
+    is_held = all(is_reached(system, "upright", state) for state in states[-held - 1 :])
     links = np.cumsum(states[-1, : len(system.rest) // 2])
     gap = float(np.abs(np.remainder(links, 2 * np.pi) - np.pi).max())
     how = "and is held" if is_held else "but is not held"
@@ -318,8 +317,7 @@ def _guesses(
     emulator: Emulator, parametrisation: Parametrisation, count: int
 ) -> Float[np.ndarray, "K Z"]:
     """Return the middle of the bounds and random controls."""
-    others = random_guesses(emulator, parametrisation, count - 1, 0)
-    return np.concatenate([parametrisation.guess(None)[None], others])
+    return first_guesses(emulator, parametrisation, DescentOptions(starts=count))
 
 
 class Recipe(NamedTuple):
@@ -338,7 +336,7 @@ DESCENTS = {
 }
 
 
-WITH_DESCENT = tuple(emulator_name(name, SHIPPED_SYSTEMS[name].substeps[0]) for name in DESCENTS)
+WITH_DESCENT = tuple(f"{name}-{SHIPPED_SYSTEMS[name].substeps[0]}" for name in DESCENTS)
 """The emulators that ship as bundles with a goal to be reached in the page."""
 
 
@@ -359,12 +357,13 @@ def _judged(descent: PageDescent, system: System) -> dict[str, Any] | None:
     """Return what a page without a server judges a swimmer's motion by; None where only the server can."""
     if DESCENTS[system.name].judge is not judge_swimming:
         return None
+    assert system.gait is not None
     length = body_length(system)
     return {
         "length": length,
         "within": TARGET_WITHIN * length,
         "roll": ROLL_WITHIN,
-        "last": steps_of_a_period(system, descent.problem.emulator.dt),
+        "last": math.ceil(system.gait.period / descent.problem.emulator.dt),
     }
 
 

@@ -10,25 +10,23 @@ import numpy as np
 from jaxtyping import Float
 
 import neuroanimator
-from neuroanimator import Emulator, Policy, is_reached, read_pose
-from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin_mesh import colours_of, parts_of, skin_mesh
-from neuroanimator.control.objective.goals import goal_start, goal_state
-from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.emulator.verdict import Verdict
-from neuroanimator.export.morphs import CLOTH_RGBA
-from neuroanimator.export.programs.c_header import stored_latent_size
-from neuroanimator.export.programs.definition import definition_of
-from neuroanimator.files.zoo import SHIPPED_SYSTEMS
-from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
-from neuroanimator.physics.soft.soft_system import SoftSystem
-from neuroanimator.state.pose_entries import describe_root
-from neuroanimator.state.segments import Position, first_of_each, moves_freely
-from neuroanimator.state.structure import Structure
-from neuroanimator.systems import SYSTEMS
-from neuroanimator.systems.goal import Goal
-from neuroanimator.systems.system import System
+from neuroanimator import Emulator, Policy, System, is_reached, read_pose
+from neuroanimator.authoring import (
+    CLOTH_RGBA,
+    SHIPPED_SYSTEMS,
+    EmulatorSpec,
+    MujocoSystem,
+    Skeleton,
+    SoftSystem,
+    colours_of,
+    definition_of,
+    describe_root,
+    parts_of,
+    skin_mesh,
+    stored_latent_size,
+)
+from neuroanimator.control import Goal, goal_start, goal_state
+from neuroanimator.control.policies import StatePolicy
 
 DIGITS = 9
 """Digits of the numbers of a motion: those of float32."""
@@ -54,14 +52,14 @@ BENEATH = 0.6
 
 def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
     """Return what does not hang on motions or files: layouts, bounds, interpolation, appearance, place, goals."""
-    facts = _describe(emulator.spec, emulator.state_structure, system)
+    facts = _describe(emulator.spec, emulator, system)
     facts["model"] = "emulator"
     facts["title"] = _title(emulator)
     facts["latent"] = stored_latent_size(emulator)
     facts["goals"] = describe_goals(emulator, system)
     if emulator.parameters:
         facts["parameters"] = describe_parameters(emulator)
-    facts["verdict"] = describe_verdict(emulator.verdict)
+    facts["verdict"] = describe_verdict(emulator)
     return facts
 
 
@@ -87,8 +85,9 @@ def describe_parameters(emulator: Emulator) -> list[dict[str, Any]]:
     return rows
 
 
-def describe_verdict(verdict: Verdict | None) -> dict[str, str] | None:
+def describe_verdict(emulator: Emulator) -> dict[str, str] | None:
     """Return how good an emulator is where it was trained; None where its file does not tell."""
+    verdict = emulator.verdict
     if verdict is None:
         return None
     return {"word": verdict.word, "reasons": "; ".join(verdict.reasons)}
@@ -96,7 +95,7 @@ def describe_verdict(verdict: Verdict | None) -> dict[str, str] | None:
 
 def describe_physics(spec: EmulatorSpec, system: System) -> dict[str, Any]:
     """Return the same of a system whose physics the page runs itself; goals are reached through emulators alone."""
-    facts = _describe(spec, system.structure, system)
+    facts = _describe(spec, None, system)
     facts["model"] = "physics"
     facts["title"] = spec.system
     facts["latent"] = spec.state.size
@@ -104,7 +103,8 @@ def describe_physics(spec: EmulatorSpec, system: System) -> dict[str, Any]:
     return facts
 
 
-def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[str, Any]:
+def _describe(spec: EmulatorSpec, emulator: Emulator | None, system: System) -> dict[str, Any]:
+    structure = system.structure if emulator is None else emulator.state_structure
     return {
         "system": spec.system,
         "about": _about(spec),
@@ -342,9 +342,7 @@ def describe_goals(emulator: Emulator, system: System) -> list[dict[str, Any]]:
     rows = []
     for name, goal in system.goals.items():
         rows.append(_named_goal(emulator, system, name, goal))
-    structure = emulator.state_structure
-    can_move = structure.cloud is not None or moves_freely(structure.segments)
-    if not rows and can_move:
+    if not rows and describe_root(emulator.state_structure) is not None:
         rows.append(target_goal(emulator, system))
     return rows
 
@@ -371,14 +369,22 @@ def _movable(
     emulator: Emulator, goal: Goal, target: Float[np.ndarray, " S"]
 ) -> dict[str, Any] | None:
     """Return the place that a goal's target may be dragged from; None where it says no place."""
-    segments = emulator.state_structure.segments
-    if not moves_freely(segments):
+    first = root_entry(emulator)
+    if first is None:
         return None
-    entries = first_of_each(segments)[Position].entries
     wanted = {entry for entry, _ in goal.values}
-    if not wanted.issuperset(range(entries.start, entries.stop)):
+    if not wanted.issuperset(range(first, first + 3)):
         return None
-    return {"kind": "place", "entry": entries.start, "at": target[entries].tolist()}
+    return {"kind": "place", "entry": first, "at": target[first : first + 3].tolist()}
+
+
+def root_entry(body: Emulator | System) -> int | None:
+    """Return the first of the three state entries of a rigid root's position; None of any other body."""
+    structure = body.state_structure if isinstance(body, Emulator) else body.structure
+    root = describe_root(structure)
+    if root is None or root["kind"] != "free":
+        return None
+    return root["position"]
 
 
 def target_goal(emulator: Emulator, system: System) -> dict[str, Any]:
@@ -415,8 +421,8 @@ def _title(emulator: Emulator) -> str:
 
 
 def _about(spec: EmulatorSpec) -> str:
-    if not spec.definition and spec.system in SYSTEMS:
-        return SYSTEMS[spec.system]
+    if not spec.definition and spec.system in SHIPPED_SYSTEMS:
+        return SHIPPED_SYSTEMS[spec.system].about
     return f"{spec.system}: {spec.state.size} states, {spec.control.size} controls"
 
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.errors import ArgumentError
+from neuroanimator import ArgumentError
+from neuroanimator.authoring import EmulatorSpec
 from neuroanimator_studio.limits import Limits
 from neuroanimator_studio.requests import Export, Replay
 

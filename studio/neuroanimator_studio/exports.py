@@ -11,12 +11,18 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator import Clip, Emulator, make_clip, write_clip, write_glb, write_usd
-from neuroanimator.animation.clip import clip_of
-from neuroanimator.animation.gauges import drawable
-from neuroanimator.errors import ArgumentError, DivergedError
-from neuroanimator.files.atomic import write_whole
-from neuroanimator.files.unfinished import folder_until_exit
+from neuroanimator import (
+    ArgumentError,
+    Clip,
+    DivergedError,
+    Emulator,
+    as_gauges,
+    make_clip,
+    write_clip,
+    write_glb,
+    write_usd,
+)
+from neuroanimator.authoring import clip_of, folder_until_exit, write_whole
 from neuroanimator_studio.drive import checked_drive, checked_states
 from neuroanimator_studio.judge import replay_physics
 from neuroanimator_studio.library import Shown
@@ -150,4 +156,6 @@ def _physics_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
 
 def _drawable(shown: Shown, clip: Clip) -> Clip:
     """Return `clip`, or gauges of its numbers where there are no bodies to draw."""
-    return clip if shown.emulator is None else drawable(clip, shown.emulator)
+    if shown.emulator is None or clip.skeleton.bones:
+        return clip
+    return as_gauges(clip, shown.emulator)

@@ -6,13 +6,10 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files.atomic import write_whole
-from neuroanimator.files.names import SystemName
-from neuroanimator.files.tables import Table, first_fault
-from neuroanimator.systems import SYSTEMS
+from neuroanimator import ArgumentError, BadFileError
+from neuroanimator.authoring import SHIPPED_SYSTEMS, first_fault, write_whole
 
 PLAN = "plan.json"
 """The file of a job's folder that says what it is to do."""
@@ -29,10 +26,16 @@ MIN_UPDATES = 250
 Size = Literal["sketch", "usual", "large"]
 
 
+class Table(BaseModel):
+    """What somebody else wrote: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
 class Plan(Table):
     """What a training is to do."""
 
-    system: SystemName
+    system: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
     substeps: Annotated[int, Field(ge=1, le=1000)]
     size: Size = "usual"
     count: Annotated[int, Field(ge=MIN_COUNT, le=10_000_000)] | None = None
@@ -53,8 +56,9 @@ def checked_plan(values: dict[str, object]) -> Plan:
 
 def check_packaged(system: str) -> None:
     """Raise ArgumentError, which lists the systems of the package, unless `system` is one of them."""
-    if system not in SYSTEMS:
-        raise ArgumentError(f"No system called '{system}'. Systems: {', '.join(sorted(SYSTEMS))}.")
+    if system not in SHIPPED_SYSTEMS:
+        names = ", ".join(sorted(SHIPPED_SYSTEMS))
+        raise ArgumentError(f"No system called '{system}'. Systems: {names}.")
 
 
 def write_plan(plan: Plan, folder: Path) -> None:

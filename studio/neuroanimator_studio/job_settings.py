@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from neuroanimator import DatasetConfig, TrainingConfig
-from neuroanimator.learn.training.recipes import LARGE_RECIPES, RECIPES, Recipe
-from neuroanimator.physics.loading import resolve
-from neuroanimator.state.structure import Structure
+from neuroanimator import DatasetConfig, System, TrainingConfig, load_system
+from neuroanimator.authoring import SHIPPED_SYSTEMS, Recipe
 from neuroanimator_studio.job_plan import MIN_COUNT, MIN_UPDATES, MODEL, Plan
 
 SHARES = {"sketch": 0.1, "usual": 1.0, "large": 2.0}
@@ -20,27 +18,32 @@ def data_of(plan: Plan, folder: Path) -> DatasetConfig:
     if _has_recipe(plan, folder):
         return _recipe(plan).data(plan.system, plan.substeps)
     toml = folder / MODEL
-    name, definition, _ = resolve(str(toml) if toml.is_file() else plan.system)
-    usual = DatasetConfig.usual(name, definition, plan.substeps)
+    system = load_system(str(toml) if toml.is_file() else plan.system)
+    usual = DatasetConfig.usual(system.name, system.definition_text, plan.substeps)
     return usual.model_copy(update={"count": _count(plan, usual.count)})
 
 
-def training_of(plan: Plan, folder: Path, structure: Structure) -> TrainingConfig:
-    """Return how to train on states of that `structure`."""
+def training_of(plan: Plan, folder: Path, system: System) -> TrainingConfig:
+    """Return how to train on data of that `system`."""
     if _has_recipe(plan, folder):
         return _recipe(plan).training(plan.substeps)
-    usual = TrainingConfig.usual(structure)
+    usual = TrainingConfig.usual(system.structure)
     return usual.model_copy(update={"updates": _updates(plan, usual.updates)})
 
 
 def _has_recipe(plan: Plan, folder: Path) -> bool:
-    return not (folder / MODEL).is_file() and plan.system in RECIPES
+    shipped = SHIPPED_SYSTEMS.get(plan.system)
+    is_own = (folder / MODEL).is_file()
+    return not is_own and shipped is not None and bool(shipped.recipe) and not shipped.is_soft
 
 
 def _recipe(plan: Plan) -> Recipe:
     """Return the recipe of what ships, of the plan's size."""
-    usual = RECIPES[plan.system]
-    widths = LARGE_RECIPES[plan.system].widths if plan.size == "large" else usual.widths
+    shipped = SHIPPED_SYSTEMS[plan.system]
+    usual = Recipe(**shipped.recipe)
+    widths = usual.widths
+    if plan.size == "large":
+        widths = shipped.large["widths"]
     return replace(
         usual,
         widths=widths,

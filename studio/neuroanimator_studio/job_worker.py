@@ -5,6 +5,7 @@ It runs on without the page and without the server. Stopped at any moment, and s
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import sys
@@ -12,7 +13,7 @@ import time
 from pathlib import Path
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.files.atomic import canonical_json, locked, write_whole
+from neuroanimator.authoring import locked, write_whole
 
 STATUS = "status.json"
 """The file of a job's folder that says how far it is."""
@@ -49,7 +50,7 @@ class Reporter:
         self._last = now
         self._phase = phase
         status = {"phase": phase, "done": done, "of": total, **more}
-        write_whole(self._path, canonical_json(status).encode())
+        write_whole(self._path, json.dumps(status).encode())
 
 
 def main(folder: Path, bundles: Path) -> int:
@@ -75,10 +76,7 @@ def _train(folder: Path, bundles: Path, reporter: Reporter) -> None:
     """Simulate, train, and put the emulator on show."""
     reporter.say("starting")
     # What takes a second to import comes when somebody can see that it is coming.
-    from neuroanimator.learn.data.generate import generate
-    from neuroanimator.learn.data.store import read_transitions
-    from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
-    from neuroanimator.learn.training.train import Report, train
+    from neuroanimator import generate, read_transitions, train
     from neuroanimator_studio.job_plan import read_plan
     from neuroanimator_studio.job_settings import data_of, training_of
     from neuroanimator_studio.library import Library
@@ -95,14 +93,17 @@ def _train(folder: Path, bundles: Path, reporter: Reporter) -> None:
     reporter.say("data", 0, config.shards)
     generate(config, folder / DATA, on_shard=on_shard)
     transitions = read_transitions(folder / DATA)
-    settings = training_of(plan, folder, transitions.system.structure)
-    total = settings.chunks * UPDATES_PER_CHUNK
+    settings = training_of(plan, folder, transitions.system)
+    total = settings.whole_updates
     reporter.say("training", 0, total)
-
-    def on_report(report: Report) -> None:
-        reporter.say("training", report.update, total, loss=report.loss, error=report.error)
-
-    train(transitions, settings, folder / OUT, on_report=on_report)
+    train(
+        transitions,
+        settings,
+        folder / OUT,
+        on_report=lambda report: reporter.say(
+            "training", report.update, total, loss=report.loss, error=report.error
+        ),
+    )
     reporter.say("bundle")
     bundle_id = Library(bundles).add(folder / OUT)
     shutil.rmtree(folder / DATA, ignore_errors=True)

@@ -15,11 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from neuroanimator import NeuroAnimatorError
-from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.executor.python_command import python_command
-from neuroanimator.files.atomic import write_whole
-from neuroanimator.files.private_folder import private_folders
+from neuroanimator import ArgumentError, NeuroAnimatorError, ResourceError
+from neuroanimator.authoring import private_folders, python_command, write_whole
 from neuroanimator_studio.job_plan import MODEL, PLAN, Plan, read_plan, write_plan
 from neuroanimator_studio.job_worker import RUN, STATUS
 

@@ -9,15 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator import read_pose
-from neuroanimator.control.objective.goals import errors_over_tolerances, find_goal, judged_parts
-from neuroanimator.errors import ArgumentError, BadFileError, DivergedError
-from neuroanimator.state.segments import Position, first_of_each, moves_freely
-from neuroanimator.systems.goal import Goal
-from neuroanimator.systems.system import Scheme, System
-from neuroanimator.text import short_number
+from neuroanimator import ArgumentError, BadFileError, DivergedError, System, read_pose
+from neuroanimator.control import Goal, errors_over_tolerances, find_goal, judged_parts
 from neuroanimator_studio.descents import Verdict
-from neuroanimator_studio.description import TARGET, place_within
+from neuroanimator_studio.description import TARGET, place_within, root_entry
 from neuroanimator_studio.drive import PushedDrive
 from neuroanimator_studio.library import Shown
 from neuroanimator_studio.limits import Limits
@@ -59,7 +54,7 @@ def replay_physics(shown: Shown, drive: PushedDrive, limits: Limits) -> Replayed
     states = drive.played(lambda start, held: _simulated(system, start, held, dt))
     wall_s = time.perf_counter() - began
     began = time.perf_counter()
-    drive.played(lambda start, held: _simulated(system, start, held, dt, system.scheme))
+    drive.played(lambda start, held: _simulated(system, start, held, dt, is_usual=True))
     usual_wall_s = time.perf_counter() - began
     return Replayed(states, wall_s, usual_wall_s, count * system.scheme.steps(dt))
 
@@ -69,11 +64,13 @@ def _simulated(
     start: Float[np.ndarray, " S"],
     controls: Float[np.ndarray, "T C"],
     dt: float,
-    scheme: Scheme | None = None,
+    *,
+    is_usual: bool = False,
 ) -> Float[np.ndarray, "K S"]:
+    scheme = system.scheme if is_usual else None
     runs = system.simulate_fastest(start[None], controls[None], dt, scheme=scheme)
     # The usual scheme is run for its time alone.
-    if runs.has_diverged[0] and scheme is None:
+    if runs.has_diverged[0] and not is_usual:
         raise DivergedError(
             "The physics diverged under these controls. Shorten the motion, or make it milder."
         )
@@ -92,12 +89,9 @@ def judge(
     if goal_name == TARGET and TARGET not in system.goals:
         return _judge_place(shown, state, target)
     goal = find_goal(system, goal_name)
-    place = None
-    if moves_freely(system.structure.segments):
-        entries = first_of_each(system.structure.segments)[Position].entries
-        place = entries.start
-        if target is not None:
-            goal = _moved(goal, place, target)
+    place = root_entry(system)
+    if place is not None and target is not None:
+        goal = _moved(goal, place, target)
     return _judge_goal(system, goal, state, place)
 
 
@@ -112,7 +106,7 @@ def _judge_place(
         position = np.asarray(read_pose(shown.system.structure, state).position)
     gap = float(np.linalg.norm(position - np.array(target)))
     within = place_within(shown.spec, shown.system)
-    words = f"ends {short_number(gap)} m from the target; within {short_number(within)} m counts"
+    words = f"ends {_short(gap)} m from the target; within {_short(within)} m counts"
     return Verdict(gap <= within, gap, words)
 
 
@@ -123,6 +117,11 @@ def _moved(goal: Goal, place: int, target: tuple[float, float, float]) -> Goal:
         number = entry - place
         values.append((entry, target[number] if 0 <= number < 3 else value))
     return replace(goal, values=tuple(values))
+
+
+def _short(number: float) -> str:
+    """Return a number with three digits."""
+    return f"{float(f'{number:.3g}'):g}"
 
 
 def _judge_goal(
@@ -137,6 +136,6 @@ def _judge_goal(
     if place is not None and place in wanted:
         at = np.array([wanted.get(place + axis, state[place + axis]) for axis in range(3)])
         gap = float(np.linalg.norm(state[place : place + 3] - at))
-    off = short_number(float(errors[worst]) * tolerance)
-    words = f"{part} is off by {off}; {short_number(tolerance)} counts"
+    off = _short(float(errors[worst]) * tolerance)
+    words = f"{part} is off by {off}; {_short(tolerance)} counts"
     return Verdict(is_success, gap, words)

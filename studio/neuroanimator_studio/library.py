@@ -12,14 +12,22 @@ from functools import lru_cache
 from pathlib import Path
 from threading import Lock, Timer
 
-from neuroanimator import Emulator, NeuroAnimatorError, load_system
-from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
-from neuroanimator.executor.python_command import python_command
-from neuroanimator.files.private_folder import private_folders
-from neuroanimator.files.zoo import find_emulator
-from neuroanimator.learn.evaluation.held_out import replayable_system
-from neuroanimator.systems.system import System
+from neuroanimator import (
+    ArgumentError,
+    BadFileError,
+    Emulator,
+    NeuroAnimatorError,
+    ResourceError,
+    System,
+    load_system,
+)
+from neuroanimator.authoring import (
+    EmulatorSpec,
+    find_emulator,
+    private_folders,
+    python_command,
+    replayable_system,
+)
 from neuroanimator_studio.bundle_worker import FAULT, PHASE
 from neuroanimator_studio.catalogue import (
     BUNDLE,

@@ -14,8 +14,7 @@ from starlette.responses import JSONResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import neuroanimator
-from neuroanimator import NeuroAnimatorError
-from neuroanimator.errors import ArgumentError
+from neuroanimator import ArgumentError, NeuroAnimatorError
 from neuroanimator_studio.descents import judge_motion
 from neuroanimator_studio.description import packed
 from neuroanimator_studio.drive import checked_drive, checked_states

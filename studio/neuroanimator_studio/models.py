@@ -6,15 +6,14 @@ import re
 import secrets
 import signal
 import subprocess
+import tomllib
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.executor.python_command import python_command
-from neuroanimator.files.tables import read_toml
-from neuroanimator.files.unfinished import folder_until_exit
+from neuroanimator import ArgumentError, BadFileError
+from neuroanimator.authoring import folder_until_exit, python_command
 
 KEPT = 8
 """Models that are kept until the server ends."""
@@ -34,7 +33,7 @@ ROOT_ELEMENT = re.compile(rb"<\s*([A-Za-z]+)[\s>]")
 MAX_LOOKING = 120
 """Processor time after which looking at a model is given up [s]; of a busy machine's clock no more is known than that it runs."""
 
-LIMITED = "from neuroanimator.executor.limited import limit_processor_time as limit; limit({})\n"
+LIMITED = "from neuroanimator.authoring import limit_processor_time as limit; limit({})\n"
 """Beginning of a program that may take so many seconds of processor time."""
 
 COMMAND_LINE = LIMITED.format(MAX_LOOKING) + "from neuroanimator.cli.main import main; main()"
@@ -108,7 +107,7 @@ def _looked_at(file: Path) -> dict[str, Any]:
     if looked.returncode != 0:
         faults = [line.removeprefix(FAULT) for line in lines if line.startswith(FAULT)]
         raise BadFileError(faults[-1] if faults else "The model made the simulator crash.")
-    values = read_toml(file.with_suffix(".toml"))
+    values = tomllib.loads(file.with_suffix(".toml").read_text(encoding="utf-8"))
     return {
         "system": values["name"],
         "substeps": values["substeps"],

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator import Emulator, NeuroAnimatorError, is_reached
-from neuroanimator.animation.motion import Drive, random_drive, shipped_drive
-from neuroanimator.control.objective.goals import goal_start
-from neuroanimator.control.synthesis.synthesise import synthesise_goal
-from neuroanimator.systems.system import System
+from neuroanimator import Emulator, NeuroAnimatorError, SearchOptions, System, is_reached
+from neuroanimator.authoring import Drive, random_drive, shipped_drive
+from neuroanimator.control import goal_start, synthesise_goal
 from neuroanimator_studio.description import body_size
 
 PERIOD = 12.0
@@ -53,7 +51,9 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
     if emulator.gait is None:
         for name in _goals_away_from_start(system):
             try:
-                found = synthesise_goal(emulator, system, name)
+                found = synthesise_goal(
+                    emulator, system, name, options=SearchOptions(refinements=0)
+                )
             except NeuroAnimatorError:
                 continue  # of somebody's own system: it may be out of reach
             start = goal_start(system, name)

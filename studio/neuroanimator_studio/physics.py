@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator import load_system
-from neuroanimator.animation.motion import USUAL_SECONDS, Drive
-from neuroanimator.animation.showcase import throw_body
-from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.files.atomic import write_whole
-from neuroanimator.learn.training.initialise import spec_of
-from neuroanimator.physics.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.system import System
+from neuroanimator import System, load_system
+from neuroanimator.authoring import (
+    DeformableSystem,
+    Drive,
+    EmulatorSpec,
+    spec_of,
+    throw_body,
+    write_whole,
+)
 from neuroanimator_studio.catalogue import EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator_studio.description import describe_physics, short_numbers
 from neuroanimator_studio.springs_module import (
@@ -30,6 +31,9 @@ from neuroanimator_studio.springs_module import (
 
 SUPER_STEP = 0.02
 """Time of what the page calls a super step [s]: 50 a second, so that a bounce is seen where it happens."""
+
+SECONDS = 5.0
+"""Time for which a throw is shown [s]."""
 
 MODULE = "emulator"
 """How the names of its functions begin: the page calls it as it calls emulators."""
@@ -80,7 +84,7 @@ def thrown(system: DeformableSystem) -> Drive:
     cloud = system.structure.cloud
     assert cloud is not None
     start = throw_body(cloud, np.array(system.rest))
-    steps = round(USUAL_SECONDS / SUPER_STEP)
+    steps = round(SECONDS / SUPER_STEP)
     return Drive(start, np.repeat(system.bounds.middle[None], steps, axis=0))
 
 

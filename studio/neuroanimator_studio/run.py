@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
-import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
-from neuroanimator.errors import ResourceError
-from neuroanimator.files.unfinished import remove_at_exit
-from neuroanimator.files.zoo import find_emulator
-from neuroanimator.terminal import hide_progress, phase
-from neuroanimator.text import print_line
+from neuroanimator import ResourceError
+from neuroanimator.authoring import (
+    find_emulator,
+    folder_until_exit,
+    hide_progress,
+    phase,
+    print_line,
+)
 from neuroanimator_studio.guard import Gate
 from neuroanimator_studio.library import Library
 from neuroanimator_studio.limits import USUAL, Limits
@@ -106,11 +108,10 @@ def write_entry(gate: Gate) -> Path:
 
     Only this user can read it; the command line of a browser, where the address would be, can be read by all users.
     """
-    handle, name = tempfile.mkstemp(prefix="neuroanimator-", suffix=".html")
-    remove_at_exit(Path(name))
-    with open(handle, "w") as file:
-        file.write(ENTRY_FILE.format(url=gate.url))
-    return Path(name)
+    entry = folder_until_exit() / "studio.html"
+    entry.touch(mode=0o600)
+    entry.write_text(ENTRY_FILE.format(url=gate.url))
+    return entry
 
 
 def has_display() -> bool:

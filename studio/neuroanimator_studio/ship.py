@@ -12,10 +12,8 @@ from typing import Any
 from safetensors.numpy import load_file
 
 from neuroanimator import Emulator
-from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.files.atomic import write_whole
-from neuroanimator.files.zoo import find_emulator
-from neuroanimator.text import print_line
+from neuroanimator.authoring import find_emulator, print_line, write_whole
+from neuroanimator.control.policies import StatePolicy
 from neuroanimator_studio.bundle import (
     bundle_facts,
     load_models,

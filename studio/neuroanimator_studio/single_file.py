@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from neuroanimator.errors import ResourceError
+from neuroanimator import ResourceError
 from neuroanimator_studio.catalogue import BUNDLE, PROGRAMS, catalogue
 
 INDEX = "/index.html"

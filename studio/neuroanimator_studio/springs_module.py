@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from neuroanimator.codegen.wasm import wasm_module
-from neuroanimator.physics.deformable.deformable_system import DeformableSystem
-from neuroanimator.physics.deformable.native.compiled import INTEGRATORS
-from neuroanimator.physics.deformable.native.source import c_source
-from neuroanimator.systems.system import Scheme
+from neuroanimator.authoring import INTEGRATORS, DeformableSystem, c_source, wasm_module
 
 CALLS = Path(__file__).with_name("mass_spring_calls.c")
 """What can be called, the same for every body."""
@@ -25,15 +21,20 @@ def physics_module(
 ) -> bytes:
     """Return the module whose super steps are `dt` [s] of the true physics; the names of its `exports` begin with `name`.
 
-    Raises ResourceError without Zig, and CompilerError where it fails.
+    Raises ResourceError without Zig, and NeuroAnimatorError where it fails.
     """
     body = system.body
     numbers = ", ".join(f"{number:.9g}" for number in system.rest)
     lines = [
         f"#define NAME {name}",
-        *_scheme("", system.truth, dt),
-        *_scheme("USUAL_", system.scheme, dt),
     ]
+    # how a super step is made, by the truth and as a user would run it
+    for prefix, scheme in (("", system.truth), ("USUAL_", system.scheme)):
+        lines += [
+            f"#define {prefix}INTEGRATOR {INTEGRATORS.index(scheme.integrator)}",
+            f"#define {prefix}STEPS {scheme.steps(dt)}",
+            f"#define {prefix}DT {scheme.dt!r}",
+        ]
     if not body.time_constant:
         # Only muscles relax by it. WebAssembly has no instruction for it, and Zig builds no library in vain.
         lines.append("#define exp(exponent) 0.0")
@@ -42,13 +43,4 @@ def physics_module(
         f"const float {name}_rest[] = {{{numbers}}};",
         CALLS.read_text(encoding="utf-8"),
     ]
-    return wasm_module("\n".join(lines), [f"{name}_{export}" for export in exports])
-
-
-def _scheme(prefix: str, scheme: Scheme, dt: float) -> list[str]:
-    """Return the constants of a super step of `dt` [s] by `scheme`, whose names begin with `prefix`."""
-    return [
-        f"#define {prefix}INTEGRATOR {INTEGRATORS.index(scheme.integrator)}",
-        f"#define {prefix}STEPS {scheme.steps(dt)}",
-        f"#define {prefix}DT {scheme.dt!r}",
-    ]
+    return wasm_module("\n".join(lines), name, exports)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.files.atomic import write_whole
+from neuroanimator import ArgumentError, ResourceError
+from neuroanimator.authoring import write_whole
 from neuroanimator_studio.catalogue import catalogue
 from neuroanimator_studio.server import served_files
 from neuroanimator_studio.studio import page_files

@@ -6,7 +6,7 @@ import os
 import re
 import traceback
 
-from neuroanimator.text import print_line, printable
+from neuroanimator.authoring import print_line, printable
 
 FOLDERS = re.compile(r"(?<![\w./])/(?:[^\s/:'\"]+/)+")
 """The folders of an absolute path; the file's name behind them may be shown."""

@@ -21,7 +21,7 @@ from neuroanimator.emulator.super_step import rollout, step
 from neuroanimator.export.programs.c_file import Call, compiled_header
 from neuroanimator.export.programs.c_header import c_header, stored_latent_size
 from neuroanimator.export.programs.definition import definition_of
-from neuroanimator.export.programs.wasm_file import Module, wasm_bytes
+from neuroanimator.export.programs.wasm_file import WasmModule, wasm_bytes
 from neuroanimator.files.zoo import EMULATORS
 from neuroanimator.gym.state_rows import EmulatorStepper
 from neuroanimator.state.pose import Pose
@@ -143,7 +143,7 @@ def call_module(emulator: Emulator) -> Call:
         pytest.skip("no Zig: pip install 'neuroanimator[wasm]'")
     wasmtime = pytest.importorskip("wasmtime")
     content = wasm_bytes(emulator, definition_of(emulator), "it", has_gradient=False)
-    return Module(wasmtime, content, "it").call
+    return WasmModule(wasmtime, content, "it").call
 
 
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")

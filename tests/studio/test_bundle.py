@@ -91,9 +91,9 @@ def test_no_file_that_ships_is_large():
 
 
 def test_a_bundle_says_how_good_its_emulator_is_where_it_was_trained():
-    verdict = load_emulator("fish-50").verdict
+    verdict = describe_verdict(load_emulator("fish-50"))
     assert verdict is not None
-    assert shipped("fish-50")["verdict"] == describe_verdict(verdict)
+    assert shipped("fish-50")["verdict"] == verdict
 
 
 @pytest.mark.parametrize("name", ["fish-50", "truck-50"])  # by its nodes, and by its joints
@@ -206,14 +206,14 @@ def test_the_dolphin_is_shown_leaping_and_so_it_does_on_the_true_springs():
 
 def test_a_shipped_program_makes_the_steps_of_its_emulator():
     wasmtime = pytest.importorskip("wasmtime")
-    from neuroanimator.export.programs.wasm_file import Module
+    from neuroanimator.export.programs.wasm_file import WasmModule
 
     emulator = load_emulator("pendulum-50")
     content = (shipped_folder() / "pendulum-50" / "emulator.wasm").read_bytes()
     state = np.array([0.1, -0.2, 0.3, 0.5, 0.0, -0.5], np.float32)
     control = np.array([1.0, -1.0, 0.5], np.float32)
     following = np.zeros(6, np.float32)
-    Module(wasmtime, content, "emulator").call("step", state, control, following)
+    WasmModule(wasmtime, content, "emulator").call("step", state, control, following)
     np.testing.assert_allclose(following, emulator.step(state, control), atol=1e-4)
 
 

@@ -17,7 +17,7 @@ from neuroanimator.control.descent.descend import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.objective.goals import goal_state
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator.export.programs.wasm_file import WasmModule
 from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator_studio.catalogue import shipped_folder
 from neuroanimator_studio.descent_module import PageDescent, check_module
@@ -58,7 +58,7 @@ def test_the_descent_of_every_bundle_finds_what_the_emulator_calls_success(name:
 def test_a_shipped_module_computes_what_python_does(name: str):
     content = (shipped_folder() / name / DESCENT_FILE).read_bytes()
     assert not wasmtime.Module(wasmtime.Engine(), content).imports
-    check_module(Module(wasmtime, content, "descent"), made(name))
+    check_module(WasmModule(wasmtime, content, "descent"), made(name))
 
 
 def test_a_module_that_computes_something_else_is_refused():
@@ -68,7 +68,7 @@ def test_a_module_that_computes_something_else_is_refused():
     weaker = replace(parametrisation, half=0.9 * parametrisation.half)
     other = replace(descent, problem=replace(descent.problem, parametrisation=weaker))
     with pytest.raises(NeuroAnimatorError, match="other numbers than in Python"):
-        check_module(Module(wasmtime, content, "descent"), other)
+        check_module(WasmModule(wasmtime, content, "descent"), other)
 
 
 def test_a_truck_that_stays_out_of_its_bay_is_not_parked_and_one_in_it_is():

@@ -11,7 +11,7 @@ import pytest
 
 from neuroanimator import load_emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator.export.programs.wasm_file import WasmModule
 from neuroanimator.files.zoo import SHIPPED, SOFT
 from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.learn.tasks.swimmers import gait_controls
@@ -41,8 +41,8 @@ def facts() -> dict[str, Any]:
     return json.loads((CUBE / "bundle.json").read_text())
 
 
-def module() -> Module:
-    return Module(wasmtime, (CUBE / "emulator.wasm").read_bytes(), "emulator")
+def module() -> WasmModule:
+    return WasmModule(wasmtime, (CUBE / "emulator.wasm").read_bytes(), "emulator")
 
 
 def rollout(start: np.ndarray, controls: np.ndarray) -> np.ndarray:
@@ -75,7 +75,7 @@ def test_the_module_does_what_the_true_physics_does():
 def test_the_physics_beside_an_emulator_is_the_true_physics(name: str):
     emulator = load_emulator(name)
     system = system_of(emulator)
-    beside = Module(wasmtime, (shipped_folder() / name / PHYSICS_WASM).read_bytes(), "physics")
+    beside = WasmModule(wasmtime, (shipped_folder() / name / PHYSICS_WASM).read_bytes(), "physics")
     controls = gait_controls(system, 20, emulator.dt).astype(np.float32)
     start = np.array(system.rest, np.float32)
     for function, scheme in (("rollout", system.truth), ("rollout_usual", system.scheme)):

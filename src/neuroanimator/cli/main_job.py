@@ -29,7 +29,7 @@ from neuroanimator.learn.data.store import Transitions, read_transitions
 from neuroanimator.learn.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.learn.evaluation.report import training_html, write_report
 from neuroanimator.learn.refinement import Refinement
-from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.train import train
 from neuroanimator.physics import load_system
 from neuroanimator.terminal import print_rows, progress_bar
@@ -102,7 +102,7 @@ def _generate(folder: Path) -> Transitions:
 
 def _train(data: Transitions, path: Path) -> Emulator:
     config = TrainingConfig(updates=UPDATES)
-    with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
+    with progress_bar("updates", config.whole_updates) as bar:
         return train(
             data, config, path, on_report=lambda r: bar.advance_to(r.update, f"error {r.error:.4f}")
         )

@@ -25,7 +25,7 @@ from neuroanimator.learn.data.stored import open_transitions
 from neuroanimator.learn.evaluation.fleets.fleet_file import is_fleet, read_fleet
 from neuroanimator.learn.evaluation.fleets.train_fleet import TABLE, train_fleet
 from neuroanimator.learn.evaluation.weakness.causes import causes_in_training
-from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.error_fitting import fit_error_bounds
 from neuroanimator.learn.training.train import METRICS, Report, run_folder, train
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
@@ -204,7 +204,7 @@ def _train_with_bar(
     """Return the emulator and the last report; None for a training that was already done."""
     last: Report | None = None
     note = ""
-    with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
+    with progress_bar("updates", config.whole_updates) as bar:
 
         def on_chunk(updates: int) -> None:
             bar.advance_to(updates, note)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from neuroanimator.codegen.build import CompilerError, succeeds
+from neuroanimator.codegen.build import succeeds
 from neuroanimator.codegen.zig import zig_cc, zig_folders
-from neuroanimator.errors import ResourceError
+from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.files.private_folder import kept_folder, private_folders
 from neuroanimator.files.unfinished import temporary_folder
 
@@ -36,10 +37,10 @@ INSTRUCTIONS = {
 """Functions of C's headers that programs may call, as WebAssembly has instructions for them."""
 
 
-def wasm_module(text: str, exports: list[str]) -> bytes:
-    """Return the module of the C program `text`, with its functions and variables `exports` exported.
+def wasm_module(text: str, name: str, exports: Sequence[str]) -> bytes:
+    """Return the module `name` of the C program `text`: its functions and variables called `name_` and one of `exports`.
 
-    Raises ResourceError without Zig, and CompilerError if it fails.
+    Raises ResourceError without Zig, and NeuroAnimatorError if it fails.
     """
     zig = zig_cc()
     if zig is None:
@@ -47,18 +48,18 @@ def wasm_module(text: str, exports: list[str]) -> bytes:
             "A WebAssembly module is made by the Zig compiler. Install it with: pip install 'neuroanimator[wasm]'"
         )
     for folder in private_folders("wasm"):
-        return _built(text, exports, zig, folder)
+        return _built(text, name, exports, zig, folder)
     raise ResourceError(
         "No folder to compile in that only you can write to. Set XDG_CACHE_HOME to one."
     )
 
 
-def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes:
+def _built(text: str, name: str, exports: Sequence[str], zig: list[str], folder: Path) -> bytes:
     with temporary_folder(folder) as work_folder:
         source = work_folder / "program.c"
         module = work_folder / "program.wasm"
         source.write_text(text, encoding="utf-8")
-        wanted = [f"-Wl,--export={name}" for name in exports]
+        wanted = [f"-Wl,--export={name}_{export}" for export in exports]
         bare = (*BARE, "-isystem", str(_bare_headers(work_folder)))
         # Zig's own library is worth keeping; the home folder may be missing.
         caches = zig_folders(kept_folder("zig") or work_folder, work_folder)
@@ -67,7 +68,7 @@ def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes
             command = [*zig, *target, *FLAGS, *wanted, str(source), "-o", str(module)]
             if succeeds(command, work_folder, PATIENCE, caches) and module.is_file():
                 return module.read_bytes()
-    raise CompilerError("the Zig compiler failed")
+    raise NeuroAnimatorError(f"{name}.wasm: the Zig compiler failed. Please report it.")
 
 
 def _bare_headers(work_folder: Path) -> Path:

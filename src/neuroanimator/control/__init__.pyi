@@ -1,6 +1,11 @@
 """Public names and their homes, for type checkers and, at run time, for `neuroanimator.lazy`."""
 
+from neuroanimator.control.descent.defects import find_defects as find_defects
 from neuroanimator.control.descent.descend import Descent as Descent
+from neuroanimator.control.descent.descend import evaluator_of as evaluator_of
+from neuroanimator.control.descent.descend import first_guesses as first_guesses
+from neuroanimator.control.descent.descend import pose_problem as pose_problem
+from neuroanimator.control.descent.evaluator import Evaluator as Evaluator
 from neuroanimator.control.descent.gradient_check import GradientTrust as GradientTrust
 from neuroanimator.control.descent.gradient_check import gradient_trust as gradient_trust
 from neuroanimator.control.descent.options import DescentOptions as DescentOptions
@@ -9,6 +14,14 @@ from neuroanimator.control.descent.parametrisation import Parametrisation as Par
 from neuroanimator.control.descent.parametrisation import Periodic as Periodic
 from neuroanimator.control.descent.parametrisation import Spline as Spline
 from neuroanimator.control.descent.parametrisation import Steered as Steered
+from neuroanimator.control.descent.problem import Problem as Problem
+from neuroanimator.control.objective.goals import (
+    errors_over_tolerances as errors_over_tolerances,
+)
+from neuroanimator.control.objective.goals import find_goal as find_goal
+from neuroanimator.control.objective.goals import goal_start as goal_start
+from neuroanimator.control.objective.goals import goal_state as goal_state
+from neuroanimator.control.objective.goals import judged_parts as judged_parts
 from neuroanimator.control.objective.objective import Trajectory as Trajectory
 from neuroanimator.control.objective.obstacles import Zone as Zone
 from neuroanimator.control.synthesis.attempt import SearchCost as SearchCost
@@ -32,3 +45,4 @@ from neuroanimator.learn.planning.plants import PhysicsPlant as PhysicsPlant
 from neuroanimator.learn.planning.plants import control_plant as control_plant
 from neuroanimator.learn.planning.pursue import Pursuit as Pursuit
 from neuroanimator.learn.planning.pursue import pursue_goal as pursue_goal
+from neuroanimator.systems.goal import Goal as Goal

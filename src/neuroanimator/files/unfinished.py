@@ -67,7 +67,7 @@ def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
 
 
 def folder_until_exit(parent: Path | None = None) -> Path:
-    """Return a new folder as `temporary_folder` yields it, removed when this process ends."""
+    """Return a new folder that only this user can read, as `temporary_folder` does; it goes when this process ends."""
     folder = _new_name(parent or Path(tempfile.gettempdir()))
     folder.mkdir(mode=0o700)
     return folder
@@ -129,11 +129,6 @@ def _new_name(folder: Path, suffix: str = "") -> Path:
     path = folder / f"{UNFINISHED}{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
     _leftovers[path] = os.getpid()
     return path
-
-
-def remove_at_exit(path: Path) -> None:
-    """Remove a file, or a folder and all in it, when this process ends."""
-    _leftovers[path] = os.getpid()
 
 
 @atexit.register

@@ -151,11 +151,6 @@ LICENCE = "Apache-2.0"
 """Licence of the shipped files (SPDX)."""
 
 
-def is_shipped(path: Path) -> bool:
-    """Return whether the emulator or policy at `path` came with the package."""
-    return path.parent == EMULATORS
-
-
 def licence_of(path: Path) -> str:
     """Return the licence of the emulator or policy at `path`: that of the package if it ships, else unknown."""
-    return LICENCE if is_shipped(path) else ""
+    return LICENCE if path.parent == EMULATORS else ""

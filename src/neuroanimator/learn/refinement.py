@@ -44,7 +44,7 @@ class Refinement:
         latest = attempt
         spent = attempt.spent
         for number in range(1, search.options.refinements + 1):
-            if not latest.has_large_gap or search.is_enough(best.outcome.physics_states):
+            if not latest.has_large_gap or search.options.is_enough(best.outcome.physics_states):
                 break
             self.on_refine(latest.outcome.gap)
             with phase("training on the physics around the motion"):

@@ -9,7 +9,7 @@ import wasmtime
 import neuroanimator as na
 from neuroanimator.control.descent.descend import evaluator_of, pose_problem
 from neuroanimator.control.descent.parametrisation import Spline
-from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator.export.programs.wasm_file import WasmModule
 from neuroanimator_studio.descent_module import (
     Movable,
     PageDescent,
@@ -53,7 +53,7 @@ def descent() -> PageDescent:
 def test_a_module_made_anew_imports_nothing_and_computes_what_python_does(descent: PageDescent):
     made = descent_module(descent)
     assert not wasmtime.Module(wasmtime.Engine(), made).imports
-    check_module(Module(wasmtime, made, "descent"), descent)
+    check_module(WasmModule(wasmtime, made, "descent"), descent)
 
 
 def test_facts_of_a_descent_say_how_large_all_is(descent: PageDescent):

@@ -145,7 +145,7 @@ def test_types_name_what_the_es_module_has(lander: Path):
 
 def test_a_module_that_does_something_else_is_refused(lander: Path):
     emulator = load_emulator("lander-100")
-    module = wasm_file.Module(wasmtime, (lander / "lander.wasm").read_bytes(), "lander")
+    module = wasm_file.WasmModule(wasmtime, (lander / "lander.wasm").read_bytes(), "lander")
     with pytest.raises(NeuroAnimatorError, match="disagrees with JAX"):
         check_steps(module.call, make_vectors(definition_of(emulator), emulator))
 
@@ -184,8 +184,8 @@ def test_an_emulator_of_a_body_that_is_pushed_can_be_a_module(
 @pytest.mark.endurance
 @pytest.mark.parametrize("call", ["powf(x, 3.0f)", "fmodf(x, 3.0f)"])
 def test_what_no_instruction_computes_comes_from_a_library(call: str):
-    text = f"#include <math.h>\nfloat computed(float x) {{ return {call}; }}"
+    text = f"#include <math.h>\nfloat x_computed(float x) {{ return {call}; }}"
     runtime = wasmtime.Store()
-    module = wasmtime.Module(runtime.engine, wasm_module(text, ["computed"]))
-    computed = wasmtime.Instance(runtime, module, []).exports(runtime)["computed"]
+    module = wasmtime.Module(runtime.engine, wasm_module(text, "x", ["computed"]))
+    computed = wasmtime.Instance(runtime, module, []).exports(runtime)["x_computed"]
     assert computed(runtime, 2.0) == {"powf(x, 3.0f)": 8.0, "fmodf(x, 3.0f)": 2.0}[call]

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.harness import merge_csv
 from neuroanimator.learn.evaluation import csv_table
-from neuroanimator.learn.evaluation.csv_table import merge_csv, read_rows, write_csv
+from neuroanimator.learn.evaluation.csv_table import read_rows, write_csv
 
 ROWS = [
     {"body": "a", "seed": 0, "error": 0.123456789},

@@ -26,6 +26,7 @@ from neuroanimator.codegen.c_map import (
     MapDefinition,
     MapReference,
     c_struct,
+    callers,
     compiled_callers,
     facts_computed,
     facts_of,
@@ -39,11 +40,16 @@ from neuroanimator.codegen.kept import (
     load_program,
 )
 from neuroanimator.codegen.program import WIDTH, aligned_zeros
-from neuroanimator.control.descent.defects import link_of
+from neuroanimator.control.descent.defects import LINK, link_definition, link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem, VariedParameters
-from neuroanimator.control.objective.c_objective import CALLER, CObjective, c_objective
+from neuroanimator.control.objective.c_objective import (
+    CALLER,
+    CObjective,
+    ObjectiveForm,
+    c_objective,
+)
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.remembered import Remembered
@@ -204,6 +210,20 @@ def _has_code_in_sources(parametrisation: Parametrisation | VariedParameters) ->
     if isinstance(parametrisation, VariedParameters):
         parametrisation = parametrisation.parametrisation
     return has_code_in_sources(parametrisation)
+
+
+def descent_maps(problem: Problem, form: ObjectiveForm) -> dict[str, MapDefinition]:
+    """Return the maps of a descent by their names in C: those of its objective's `form`, `controls` of z, and the `link`."""
+    return {
+        **form.definitions(),
+        CONTROLS: controls_definition(problem.parametrisation),
+        LINK: link_definition(problem.emulator),
+    }
+
+
+def descent_callers() -> str:
+    """Return the C program that computes J and its derivatives by calling the maps of a descent."""
+    return callers(*CALLERS)
 
 
 def controls_definition(parametrisation: Parametrisation | VariedParameters) -> MapDefinition:

@@ -54,6 +54,15 @@ MIN_DAMPING = 1e-6
 MAX_DAMPING = 1e6
 """Maximum damping: more leaves no step, and a descent that finds no improvement with it is stuck."""
 
+GAUSS_NEWTON = {
+    "converged": CONVERGED,
+    "first_damping": FIRST_DAMPING,
+    "dampings": list(DAMPINGS),
+    "min_damping": MIN_DAMPING,
+    "max_damping": MAX_DAMPING,
+}
+"""Constants of Gauss-Newton, for descents in other languages."""
+
 
 Vector = Float[np.ndarray, " Z"]
 """Numbers that a descent varies, a step of these, or dJ/dz."""

@@ -17,6 +17,7 @@ from neuroanimator.control.policies.pilot import Pilot as Pilot
 from neuroanimator.control.policies.pilot import PilotFrame as PilotFrame
 from neuroanimator.control.policies.policy import Policy as Policy
 from neuroanimator.control.policies.policy import load_policy as load_policy
+from neuroanimator.control.policies.state_policy import StatePolicy as StatePolicy
 from neuroanimator.control.policies.steering import SteeringTarget as SteeringTarget
 from neuroanimator.control.policies.steering import steer_down as steer_down
 from neuroanimator.control.policies.steering import steer_forward as steer_forward

@@ -118,13 +118,9 @@ class Search:
     """Number of super steps of the motion."""
     options: SearchOptions
 
-    def is_enough(self, states: np.ndarray) -> bool:
-        """Return whether states (T+1, S) of the physics are good enough to end the search."""
-        return self.options.is_enough(states)
-
     def is_better(self, new: ReplayedMotion, old: ReplayedMotion) -> bool:
         """Return whether `new` is preferable to `old`: good enough, or cheaper."""
-        return new.cost < old.cost or self.is_enough(new.states)
+        return new.cost < old.cost or self.options.is_enough(new.states)
 
     def replay(
         self, emulator: Emulator, candidates: Float[np.ndarray, "K T C"]
@@ -137,7 +133,7 @@ class Search:
 
         def rank(attempt: Attempt) -> tuple[bool, float]:
             outcome = attempt.outcome
-            return not self.is_enough(outcome.physics_states), outcome.cost_physics
+            return not self.options.is_enough(outcome.physics_states), outcome.cost_physics
 
         return min(old, new, key=rank)
 
@@ -164,8 +160,9 @@ class Attempt:
 
     @property
     def has_large_gap(self) -> bool:
-        """Whether the physics disagrees so much that training the emulator on it is worth the time."""
-        return is_gap_large(self.outcome.cost_emulator, self.outcome.cost_physics)
+        """Whether the physics, if there is any, disagrees so much that training the emulator on it is worth the time."""
+        outcome = self.outcome
+        return outcome.is_on_physics and is_gap_large(outcome.cost_emulator, outcome.cost_physics)
 
 
 def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) -> Attempt:
@@ -189,7 +186,7 @@ def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) ->
         spent = spent + cost
         if search.is_better(corrected, best):
             best = corrected
-        if search.is_enough(best.states) or not is_gap_large(descent.cost, best.cost):
+        if search.options.is_enough(best.states) or not is_gap_large(descent.cost, best.cost):
             break
     outcome = beside_emulated(emulator, search.system, search.objective, best)
     return Attempt(emulator, descent, best.controls, outcome, spent)
@@ -210,7 +207,7 @@ def correct(
     spent = SearchCost()
     corrections = search.options.corrections if search.system.can_simulate else 0
     for _ in range(corrections):
-        if search.is_enough(motion.states):
+        if search.options.is_enough(motion.states):
             break
         with phase("correcting"):
             defects = find_defects(emulator, motion.states, motion.controls)

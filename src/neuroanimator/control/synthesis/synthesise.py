@@ -69,13 +69,6 @@ class Synthesis:
     is_reached: bool | None = None
     """Whether the physics, or the emulator without physics, ends within the goal's tolerances; None without a goal."""
 
-    @classmethod
-    def of(
-        cls, attempt: Attempt, trust: GradientTrust | None, is_reached: bool | None = None
-    ) -> Synthesis:
-        """Return the synthesis of the best attempt."""
-        return cls(**vars(attempt), trust=trust, is_reached=is_reached)
-
     def __repr__(self) -> str:
         """Return J on emulator and physics, whether the goal is reached, and whether the emulator is wrong about the motion."""
         outcome = self.outcome
@@ -124,11 +117,12 @@ def synthesise(
     search = Search(system, objective, state, steps, options)
     attempt = make_attempt(search, emulator, options.descent)
     attempt = restart(search, attempt, options.restarts or 0)
-    attempt = _refine(search, attempt)
+    if options.refine is not None:
+        attempt = options.refine(search, attempt)
     trust = None
     if options.measures_trust and attempt.has_large_gap:
         trust = _measure_trust(search, emulator)
-    return Synthesis.of(attempt, trust)
+    return Synthesis(**vars(attempt), trust=trust)
 
 
 def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
@@ -143,7 +137,7 @@ def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
     best = attempt
     spent = attempt.spent
     for number in range(1, restarts + 1):
-        if search.is_enough(best.outcome.physics_states):
+        if search.options.is_enough(best.outcome.physics_states):
             break
         widely = replace(
             options,
@@ -162,24 +156,13 @@ def restart(search: Search, attempt: Attempt, restarts: int) -> Attempt:
     return replace(best, spent=spent)
 
 
-def _refine(search: Search, attempt: Attempt) -> Attempt:
-    """Return the best of `attempt` and those of the search's refiner, if it has one and there is physics."""
-    refine = search.options.refine
-    if refine is None or not search.system.can_simulate:
-        return attempt
-    return refine(search, attempt)
-
-
-def _measure_trust(search: Search, emulator: Emulator) -> GradientTrust | None:
-    """Return the trust in the gradient of the given emulator, at random controls; None without physics."""
-    system = search.system
-    if not system.can_simulate:
-        return None
+def _measure_trust(search: Search, emulator: Emulator) -> GradientTrust:
+    """Return the trust in the gradient of the given emulator, at random controls."""
     rng = np.random.default_rng(0)
-    controls = sample_control_runs(rng, 1, search.steps, emulator.dt, system)[0]
+    controls = sample_control_runs(rng, 1, search.steps, emulator.dt, search.system)[0]
     return gradient_trust(
         emulator,
-        system,
+        search.system,
         search.objective,
         search.options.descent.parametrisation_of(emulator, search.steps),
         search.start,
@@ -229,7 +212,9 @@ def synthesise_goal(
     steps = steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
     begin = emulator.state.check(goal_start(system, name) if start is None else start, "state")
     search = Search(system, objective, begin, steps, options)
-    attempt = _refine(search, make_attempt(search, emulator, options.descent))
+    attempt = make_attempt(search, emulator, options.descent)
+    if options.refine is not None:
+        attempt = options.refine(search, attempt)
 
     def is_enough(states: np.ndarray) -> bool:
         return is_reached(system, goal, states[-1])
@@ -239,6 +224,6 @@ def synthesise_goal(
     attempt = restart(missed, attempt, restarts)
     reached = is_enough(attempt.outcome.physics_states)
     trust = None
-    if options.measures_trust and not reached:
+    if options.measures_trust and not reached and system.can_simulate:
         trust = _measure_trust(search, emulator)
-    return Synthesis.of(attempt, trust, reached)
+    return Synthesis(**vars(attempt), trust=trust, is_reached=reached)

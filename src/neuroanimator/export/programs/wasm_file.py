@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuroanimator.codegen.build import CompilerError
 from neuroanimator.codegen.wasm import wasm_module
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import NeuroAnimatorError, ResourceError
+from neuroanimator.errors import ResourceError
 from neuroanimator.export.programs.c_file import check_functions
 from neuroanimator.export.programs.c_header import (
     about,
@@ -92,7 +91,7 @@ def checked_wasm(
     """
     runtime = import_wasmtime()
     content = wasm_bytes(model, definition, name, has_gradient=has_gradient)
-    call = Module(runtime, content, name).call
+    call = WasmModule(runtime, content, name).call
     functions, difference = check_functions(call, model, definition, has_gradient=has_gradient)
     return CheckedProgram(content, functions, "wasmtime", difference)
 
@@ -106,14 +105,11 @@ def wasm_bytes(
     exports = [*FUNCTIONS[definition.facts["kind"]], *NUMBERS]
     if not has_gradient:
         exports.remove("vjp")
-    try:
-        return wasm_module(text, [f"{name}_{export}" for export in exports])
-    except CompilerError as error:
-        raise NeuroAnimatorError(f"{name}.wasm: {error}. Please report it.") from error
+    return wasm_module(text, name, exports)
 
 
-class Module:
-    """A module that runs in this process, isolated from it."""
+class WasmModule:
+    """A WebAssembly module that runs in this process, isolated from it; the names of what it exports begin with `name`."""
 
     def __init__(self, runtime: Any, content: bytes, name: str):
         self._name = name

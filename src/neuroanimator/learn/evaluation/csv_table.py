@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,31 +24,16 @@ def quartiles(values: ArrayLike, digits: int = 3) -> str:
     return f"{low:.{digits}g}-{high:.{digits}g}"
 
 
-def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write rows, the machine's description in the first line. A cell is empty where a row lacks its key."""
-    _write(path, rows, [describe_machine()])
-
-
-def merge_csv(
-    path: Path,
-    rows: list[dict[str, Any]],
-    *columns: str,
-    order: Callable[[dict[str, Any]], Any] | None = None,
-) -> list[dict[str, Any]]:
-    """Write `rows` in place of the table's rows with equal cells in `columns`; return all rows, sorted by `order` if given.
-
-    The first line describes every machine on which rows that stay, or new ones, were measured.
-    """
-    renewed = {tuple(str(_cell(row[column])) for column in columns) for row in rows}
-    kept = [
-        row for row in read_rows(path) if tuple(row[column] for column in columns) not in renewed
-    ]
-    machines = _machines(path) if kept else []
-    whole = [*kept, *rows]
-    if order is not None:
-        whole.sort(key=order)
-    _write(path, whole, [*machines, describe_machine()])
-    return whole
+def write_csv(path: Path, rows: list[dict[str, Any]], machines: Sequence[str] = ()) -> None:
+    """Write rows; in the first line describe the `machines` of some of them, and this one. Cells without a value are empty."""
+    text = io.StringIO()
+    text.write(f"# {SEPARATOR.join(dict.fromkeys([*machines, describe_machine()]))}\n")
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    writer = csv.DictWriter(text, fieldnames=columns, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({key: cell_of(value) for key, value in row.items()})
+    write_whole(path, text.getvalue().encode())
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
@@ -58,20 +43,6 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()[1:]))
 
 
-def _machines(path: Path) -> list[str]:
-    return path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ").split(SEPARATOR)
-
-
-def _write(path: Path, rows: list[dict[str, Any]], machines: list[str]) -> None:
-    text = io.StringIO()
-    text.write(f"# {SEPARATOR.join(dict.fromkeys(machines))}\n")
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    writer = csv.DictWriter(text, fieldnames=columns, lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({key: _cell(value) for key, value in row.items()})
-    write_whole(path, text.getvalue().encode())
-
-
-def _cell(value: Any) -> Any:
+def cell_of(value: Any) -> Any:
+    """Return what a table has of a value: five digits of a number."""
     return f"{value:.5g}" if isinstance(value, float) else value

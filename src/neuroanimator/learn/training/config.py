@@ -164,6 +164,11 @@ class TrainingConfig(Settings):
         """Number of compiled calls in the whole run."""
         return -(-self.updates // UPDATES_PER_CHUNK)
 
+    @property
+    def whole_updates(self) -> int:
+        """Number of updates in the whole run: `updates`, rounded up to whole calls."""
+        return self.chunks * UPDATES_PER_CHUNK
+
     def batch_at(self, unroll: int) -> int:
         """Return the number of windows in a batch whose loss spans `unroll` super steps."""
         return max(1, self.batch // unroll)

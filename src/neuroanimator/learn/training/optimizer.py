@@ -8,7 +8,7 @@ import jax
 import optax
 from optax import contrib
 
-from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.learn.training.config import TrainingConfig
 
 MAX_GRADIENT = 1.0
 """Norm to which gradients are clipped: a rare wild batch must not undo hours of training."""
@@ -25,7 +25,7 @@ MAX_WARMUP = 500
 
 def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
     """Return the optimiser with a cosine decay of the learning rate to zero."""
-    total = config.chunks * UPDATES_PER_CHUNK
+    total = config.whole_updates
     warmup = min(MAX_WARMUP, total // 10)
     rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, warmup, total)
     optimizers = {
