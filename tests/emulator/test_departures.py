@@ -39,7 +39,11 @@ def test_no_shipped_emulator_leaves_training_while_controls_are_held(name: str):
 
 @pytest.mark.endurance
 @pytest.mark.parametrize("name", NAMES)
-def test_none_leaves_training_in_a_hundred_thousand_super_steps(name: str):
+def test_none_leaves_training_in_a_hundred_thousand_super_steps(
+    name: str, monkeypatch: pytest.MonkeyPatch
+):
+    """As users run it: in C where there is a compiler, which takes a fifth of the time of JAX."""
+    monkeypatch.setenv("NEUROANIMATOR_BACKEND", "auto")
     assert find_departures(load_emulator(name), LONG_STEPS) == []
 
 
