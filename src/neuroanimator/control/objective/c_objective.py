@@ -368,20 +368,21 @@ class ObjectiveForm:
         library = _library()
         if library is None:
             return None
-        maps = {name: CMap(program, name, numbers) for name in self.definitions()}
+        # By name, not from the definitions: JAX would trace these, also where the program is kept.
+        map_of = partial(CMap, program, numbers=numbers)
         observed = "state" if self.encoding is None else "latent"
         rows = [view.rows.astype("long") for view in self.views]
         terms = []
         for number, some in enumerate(rows):
-            of_latent = maps[f"{observed}_{number}"].struct()
-            of_state = maps[f"state_{number}"].struct()
+            of_latent = map_of(f"{observed}_{number}").struct()
+            of_state = map_of(f"state_{number}").struct()
             terms.append(c_struct(of_latent, of_state, address(some), len(some)))
         all_terms = np.concatenate(terms)
         struct = c_struct(
             address(all_terms),
             len(terms),
-            maps["residuals"].struct(),
-            maps["efforts"].struct(),
+            map_of("residuals").struct(),
+            map_of("efforts").struct(),
             self.shape.steps,
             self.shape.state,
             self.controls,
@@ -390,10 +391,10 @@ class ObjectiveForm:
         return CObjective(
             self.shape,
             self.encoding,
-            maps["residuals"].size("inputs"),
+            map_of("residuals").size("inputs"),
             any((some == START).any() for some in rows),
             struct,
-            (maps, rows, all_terms),
+            (program, numbers, rows, all_terms),
             Caller(library, struct, "room_of_objective"),
         )
 
