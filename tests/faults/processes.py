@@ -22,8 +22,8 @@ LISTENS = 1 << (signal.SIGTERM - 1)
 
 
 def command(*arguments: object) -> list[str]:
-    # A job started in the background inherits 'ignore Ctrl-C'; a user's terminal does not.
-    return ["env", "--default-signal=INT", sys.executable, "-c", MAIN, *map(str, arguments)]
+    # A job started in the background inherits 'ignore Ctrl-C', and one of nohup 'ignore SIGHUP'; a user's terminal does not.
+    return ["env", "--default-signal=INT,HUP", sys.executable, "-c", MAIN, *map(str, arguments)]
 
 
 def run(*arguments: object, **environment: str) -> subprocess.CompletedProcess[bytes]:
