@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.interpolate import CubicSpline
 
 from neuroanimator.physics.recorded.rotations import without_jumps
 from neuroanimator.state.columns import Samples
@@ -48,6 +47,9 @@ def _even(
     samples: Samples, rows: Int[np.ndarray, " N"], step: float, rotations: Sequence[slice]
 ) -> Samples:
     """Return one piece of a run, `rows`, on its grid."""
+    # Imported here: it takes a quarter of a second, and most systems are not recorded.
+    from scipy.interpolate import CubicSpline
+
     times = samples.time[rows]
     count = int((times[-1] - times[0]) / step + ROUNDING) + 1
     grid = np.minimum(times[0] + step * np.arange(count), times[-1])

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import savgol_filter
 
 from neuroanimator.physics.recorded.rates import Runs, rate_entries
 from neuroanimator.physics.recorded.recording import Recording, read_recording
@@ -56,6 +55,9 @@ def prepared(digest: str, name: str, is_resampled: bool, has_estimates: bool) ->
 
 
 def _slopes(positions: Float[np.ndarray, "N D"], step: float) -> Float[np.ndarray, "N D"]:
+    # Imported here, as in `resample`: it takes a quarter of a second, and most systems are not recorded.
+    from scipy.signal import savgol_filter
+
     if len(positions) < WINDOW:
         return np.zeros_like(positions)  # too short to learn from
     return np.asarray(savgol_filter(positions, WINDOW, 2, deriv=1, delta=step, axis=0))
