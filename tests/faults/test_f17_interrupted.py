@@ -150,7 +150,7 @@ def test_f17_what_workers_have_temporarily_goes_too(number: int, tmp_path: Path)
         "TMPDIR": str(tmp_path / "temporary"),
         "PYTHONPATH": str(tmp_path),
     }
-    command = ["env", "--default-signal=INT", sys.executable, "-c", BY_WORKERS]
+    command = ["env", "--default-signal=INT,HUP", sys.executable, "-c", BY_WORKERS]
     process = subprocess.Popen(command, env=surroundings, stderr=subprocess.DEVNULL)
     while process.poll() is None and len(list(tmp_path.rglob("half"))) < 2:
         time.sleep(0.01)
