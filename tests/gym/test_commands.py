@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import equinox as eqx
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -242,23 +243,30 @@ def test_feet_of_other_strides_stand_on_the_floor(
     following = Following.of(motion, system, table)
     states = np.stack([motion.begun(phase) for phase in np.linspace(0, 2 * np.pi, 54)[:-1]])
     told = jnp.asarray(commands.give(states, np.full(53, speed), np.zeros(53)), jnp.float32)
-    now = motion.frame(told)
-    later = motion.frame(told, 1)
+    frame = eqx.filter_jit(motion.frame)
+    now = frame(told)
+    later = frame(told, 1)
     later = later.at[:, 0].add(emulator.dt * now[:, motion.velocity])
-    assert float(following.sliding(now, later, emulator.dt).mean()) < 0.3 * speed
+    sliding = eqx.filter_jit(following.sliding)(now, later, emulator.dt)
+    assert float(sliding.mean()) < 0.3 * speed
 
 
 def test_on_the_motion_all_is_earned_at_every_command_and_wherever_the_body_is(
     motion: ReferenceMotion, system: MujocoSystem, table: FollowTable, starts: np.ndarray
 ):
     following = Following.of(motion, system, table)
-    frames = motion.frame(jnp.asarray(starts, jnp.float32))
-    elsewhere = frames.at[:, :2].add(7.0)
+    reward, is_lost = eqx.filter_jit(following.reward), eqx.filter_jit(following.is_lost)
+    frames = _frame(motion, starts)
+    elsewhere = frames.copy()
+    elsewhere[:, :2] += 7.0
     for states in (frames, elsewhere):
-        np.testing.assert_allclose(following.reward(states), 1, atol=1e-4)
-        assert not following.is_lost(states).any()
-    assert (following.reward(frames.at[:, POSITION.stop - 1].add(0.1)) < 0.9).all()
-    assert following.is_lost(frames.at[:, 2].add(-0.26)).all()
+        np.testing.assert_allclose(reward(states), 1, atol=1e-4)
+        assert not is_lost(states).any()
+    higher, lower = frames.copy(), frames.copy()
+    higher[:, POSITION.stop - 1] += 0.1
+    lower[:, 2] -= 0.26
+    assert (reward(higher) < 0.9).all()
+    assert is_lost(lower).all()
 
 
 def test_feet_that_slide_earn_less_and_feet_in_the_air_do_not_slide(
@@ -270,14 +278,16 @@ def test_feet_that_slide_earn_less_and_feet_in_the_air_do_not_slide(
 ):
     following = Following.of(motion, system, table)
     walking = commands.give(starts, np.linspace(0, 0.7, 20), np.zeros(20))
-    states = motion.frame(jnp.asarray(walking, jnp.float32))
-    moved = states.at[:, 0].add(0.03)
-    aloft = jnp.array([0.0, 0.0, 0.3])
-    lifted = states.at[:, POSITION].add(aloft)
-    np.testing.assert_allclose(following.sliding(states, states, 0.03), 0, atol=1e-5)
-    assert (following.sliding(states, moved, 0.03) > 0.1).all()
-    gone = lifted.at[:, 0].add(0.03)
-    np.testing.assert_allclose(following.sliding(lifted, gone, 0.03), 0, atol=1e-3)
+    states = _frame(motion, walking)
+    moved = states.copy()
+    moved[:, 0] += 0.03
+    lifted, gone = states.copy(), moved.copy()
+    lifted[:, 2] += 0.3
+    gone[:, 2] += 0.3
+    sliding = eqx.filter_jit(following.sliding)
+    np.testing.assert_allclose(sliding(states, states, 0.03), 0, atol=1e-5)
+    assert (sliding(states, moved, 0.03) > 0.1).all()
+    np.testing.assert_allclose(sliding(lifted, gone, 0.03), 0, atol=1e-3)
 
 
 def test_what_is_shown_is_the_same_whichever_way_it_is_told_to_go(
@@ -512,4 +522,4 @@ def test_train_puts_the_emulator_into_the_policys_file(
 
 
 def _frame(motion: ReferenceMotion, states: np.ndarray) -> np.ndarray:
-    return np.asarray(motion.frame(jnp.asarray(states, jnp.float32)))
+    return np.asarray(eqx.filter_jit(motion.frame)(jnp.asarray(states, jnp.float32)))

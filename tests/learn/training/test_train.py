@@ -81,8 +81,9 @@ def test_muon_leaves_matrices_without_rows_alone():
     network: Any = make_network("classic", 12, 0, 6, (5,), jax.random.key(0))
     optimizer = make_optimizer(TrainingConfig(network="classic", widths=(5,)))
     gradient = jax.tree.map(jnp.ones_like, network)
-    _, state = optimizer.update(gradient, optimizer.init(network), network)
-    step: Any = optimizer.update(gradient, state, network)[0]
+    update = jax.jit(optimizer.update)
+    _, state = update(gradient, jax.jit(optimizer.init)(network), network)
+    step: Any = update(gradient, state, network)[0]
     assert step.even_in.shape == (0, 5)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(step))
     assert np.abs(step.odd_in).max() > 0
