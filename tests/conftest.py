@@ -49,8 +49,8 @@ os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
 # tests/emulator/test_c_emulator.py and the examples run in C; `NEUROANIMATOR_BACKEND=auto make test` runs all of it so.
 os.environ.setdefault("NEUROANIMATOR_BACKEND", "jax")
 
-MAX_GROWTH = 2 << 30
-"""So much may a process grow until it forgets what JAX compiled [bytes]."""
+MAX_GROWTH = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 6
+"""So much may a process grow until it forgets what JAX compiled: two of them fill a third of the memory [bytes]."""
 
 RESIDENT = pytest.StashKey[int]()
 """What a process held when it had last forgotten that [bytes]."""
