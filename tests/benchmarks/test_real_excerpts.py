@@ -27,7 +27,9 @@ from neuroanimator import (
     train,
 )
 from neuroanimator.learn.data.generate import simulate_transitions
+from neuroanimator.learn.data.store import Transitions
 from neuroanimator.learn.identification.measurements import read_measurements
+from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.physics.recorded.csv_file import read_csv
 from neuroanimator.physics.recorded.recording import Recording, cut_runs
@@ -107,9 +109,12 @@ def write_angles(path: Path, angles: Float[np.ndarray, "T Q"]) -> Path:
     return path
 
 
+SETTINGS = TrainingConfig(updates=1000, widths=(32, 24))
+
+
 @pytest.fixture(scope="module")
-def emulator(tmp_path_factory: pytest.TempPathFactory) -> Emulator:
-    """An emulator, briefly trained, of triple pendulums of any damping, which move like the recorded one."""
+def triple_pendulums(tmp_path_factory: pytest.TempPathFactory) -> Transitions:
+    """Transitions of triple pendulums of any damping, which move like the recorded one."""
     folder = tmp_path_factory.mktemp("triple")
     shutil.copy(MODELS / TRIPLE.model_file, folder)
     toml, _ = write_definition(str(folder / TRIPLE.model_file))
@@ -132,13 +137,20 @@ def emulator(tmp_path_factory: pytest.TempPathFactory) -> Emulator:
     config = DatasetConfig(
         system=name, definition=definition, substeps=substeps, count=9_000, samples_per_run=36
     )
-    settings = TrainingConfig(updates=1000, widths=(32, 24))
-    return train(simulate_transitions(config), settings, folder / "triple.emulator.safetensors")
+    return simulate_transitions(config)
 
 
+@pytest.fixture(scope="module")
+def emulator(triple_pendulums: Transitions) -> Emulator:
+    """An emulator of them that has not been trained, to read recordings for."""
+    return build_emulator(triple_pendulums, SETTINGS)
+
+
+@pytest.mark.endurance  # tests/learn/identification finds parameters in simulated recordings
 def test_dampings_found_in_angles_predict_unseen_motion_as_the_authors_do(
-    emulator: Emulator, tmp_path: Path
+    triple_pendulums: Transitions, tmp_path: Path
 ):
+    emulator = train(triple_pendulums, SETTINGS, tmp_path / "triple.emulator.safetensors")
     [swing] = runs_of(TRIPLE)
     path = write_angles(tmp_path / "angles.csv", swing.states[:LEARNT, :3])
     found = identify(emulator, path, window=0.4)

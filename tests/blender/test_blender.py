@@ -40,22 +40,12 @@ def poses() -> ModuleType:
     return module
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("creatures")
-    files = {name: folder / f"{name}.npz" for name in SYSTEMS}
-    for name, path in files.items():
-        write_npz(na.load_emulator(name), path)
-    return files
-
-
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_states_become_the_same_poses_in_blender(
-    name: str, poses: ModuleType, written: dict[str, Path]
-):
+def test_states_become_the_same_poses_in_blender(name: str, poses: ModuleType, tmp_path: Path):
     emulator = na.load_emulator(name)
+    write_npz(emulator, tmp_path / "creature.npz")
     states = random_motion(emulator, 2.0, 3)
-    body = numpy_runtime.load(written[name]).body
+    body = numpy_runtime.load(tmp_path / "creature.npz").body
     times = np.arange(40) / 24
     frames = poses.between(states, emulator.dt, times, body["rates"], body["orientations"])
     orientations = emulator.state_structure.orientations
