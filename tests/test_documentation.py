@@ -57,9 +57,16 @@ SHRUNK = {
 }
 """Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
 
-LONG = ("engines.md", "families.md", "my-mjcf.md", "my-python-step.md", "my-recordings.md")
+LONG = (
+    "engines.md",
+    "families.md",
+    "my-mjcf.md",
+    "my-python-step.md",
+    "my-recordings.md",
+    "scale.md",
+)
 """Pages that run in `make endurance`: tests/export/programs exports what the first does; tests/learn/identification,
-tests/scaffold and tests/systems go the way of the others."""
+tests/scaffold, tests/systems and tests/executor go the way of the others."""
 
 SMALL_FILM = (160, 90)
 """The size of films in reports [pixels]: what is drawn is what other tests look at."""

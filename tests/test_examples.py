@@ -14,7 +14,15 @@ from waiting import PATIENCE
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 
 
-LONG = ("02_learn_your_own", "05_park", "07_turn_about", "08_swim_fast", "09_leap")
+LONG = (
+    "02_learn_your_own",
+    "03_land_softly",
+    "05_park",
+    "06_swim_to_a_target",
+    "07_turn_about",
+    "08_swim_fast",
+    "09_leap",
+)
 """They ask of bodies what other lessons and tests do, too; tests/learn/evaluation/test_verdict.py makes data, trains, measures
 and reports by the functions the second lesson does."""
 

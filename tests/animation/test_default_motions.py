@@ -22,7 +22,17 @@ MAX_FILE = 12_000
 """Largest file of a motion [bytes]."""
 
 
-@pytest.mark.parametrize("system", SYSTEMS)
+QUICK = ("fish", "flag", "lander", "pendulum")
+"""One of each kind: of mass points, soft, free, and of hinges. The others' films run in `make endurance`."""
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        name if name in QUICK else pytest.param(name, marks=pytest.mark.endurance)
+        for name in SYSTEMS
+    ],
+)
 def test_every_default_film_is_trusted(system: str):
     emulator = load_emulator(system)
     _, scores = default_drive(emulator).trusted_motion(emulator)

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2] / "blender"
 PYTHON = os.environ.get("BLENDER_PYTHON", "")
 """A Python that has the wheel bpy."""
 
-SYSTEMS = ("truck", "lander", "fish")
+SYSTEMS = ("truck", pytest.param("lander", marks=pytest.mark.endurance), "fish")
 SOFT = ("cape", "flag", "jelly")
 
 

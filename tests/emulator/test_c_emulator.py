@@ -47,9 +47,9 @@ def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "truck-50",
         "fish-50",
         "cube",
+        pytest.param("truck-50", marks=pytest.mark.endurance),
         pytest.param("lander-50", marks=pytest.mark.endurance),
         pytest.param("pendulum-50", marks=pytest.mark.endurance),
         pytest.param("pendulum-passive-50", marks=pytest.mark.endurance),

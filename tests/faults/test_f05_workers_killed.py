@@ -52,7 +52,15 @@ def test_f05_a_worker_killed_in_a_shard_is_told_of_and_changes_no_byte(
     check_same(dataset, tmp_path, tally)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(
+            signal.SIGINT, marks=pytest.mark.endurance
+        ),  # the command can tell them itself
+        signal.SIGKILL,
+    ],
+)
 def test_f17_workers_end_with_the_command_and_it_goes_on_later(
     number: int, dataset: Path, tmp_path: Path, tally: Tally
 ):

@@ -46,7 +46,13 @@ def test_f15_files_are_utf_8_whatever_the_locale(tmp_path: Path):
     assert "rad/s" in (folder / "größe.csv").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("surroundings", [NO_HOME, SHUT], ids=["no home", "shut home"])
+@pytest.mark.parametrize(
+    "surroundings",
+    [
+        pytest.param(NO_HOME, id="no home", marks=pytest.mark.endurance),  # above, too
+        pytest.param(SHUT, id="shut home"),
+    ],
+)
 def test_f15_a_home_is_not_needed(surroundings: dict[str, str | None], tmp_path: Path):
     made = run_in(surroundings, tmp_path, "generate", "fish", "--count", "12", "--out", "data")
     assert made.returncode == 0, made.stderr

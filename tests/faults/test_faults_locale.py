@@ -48,7 +48,11 @@ def run(
 
 
 @pytest.mark.parametrize(
-    ("locale", "shown"), [(ASCII, rb"torque [N\xb7m]"), (LATIN, b"torque [N\xb7m]")]
+    ("locale", "shown"),
+    [
+        (ASCII, rb"torque [N\xb7m]"),
+        pytest.param(LATIN, b"torque [N\xb7m]", marks=pytest.mark.endurance),
+    ],
 )
 def test_info_works_whatever_the_locale(locale: dict[str, str], shown: bytes, tmp_path: Path):
     result = run(

@@ -27,7 +27,13 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(("context", "said"), [("fork", "in which JAX runs"), ("spawn", "(1, ")])
+@pytest.mark.parametrize(
+    ("context", "said"),
+    [
+        ("fork", "in which JAX runs"),
+        pytest.param("spawn", "(1, ", marks=pytest.mark.endurance),  # as any new process
+    ],
+)
 def test_forked_workers_are_refused_and_spawned_ones_work(context: str, said: str, tmp_path: Path):
     """They hung for ever: JAX's threads are not there after a fork."""
     program = tmp_path / "program.py"

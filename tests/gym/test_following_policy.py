@@ -178,7 +178,13 @@ def test_a_human_from_its_toml_to_its_motion(emulator: Emulator, cli: Cli, tmp_p
     assert (tmp_path / "walk.glb").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("place", [(), ("--in-emulator",)], ids=["on the physics", "inside"])
+@pytest.mark.parametrize(
+    "place",
+    [
+        pytest.param((), id="on the physics"),
+        pytest.param(("--in-emulator",), id="inside", marks=pytest.mark.endurance),
+    ],
+)
 def test_the_policy_that_ships_gets_up_from_the_floor(
     system: System, cli: Cli, tmp_path: Path, place: tuple[str, ...]
 ):

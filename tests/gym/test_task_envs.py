@@ -24,7 +24,7 @@ from neuroanimator.learn.tasks.all_tasks import TASKS
 
 KINDS = [
     "pendulum-swing-up",
-    "truck-park",
+    pytest.param("truck-park", marks=pytest.mark.endurance),
     pytest.param("lander-land", marks=pytest.mark.endurance),
     "fish-reach",
 ]

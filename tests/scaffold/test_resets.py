@@ -28,7 +28,7 @@ TURNTABLE = """<mujoco><worldbody><geom type="plane" size="2 2 1" pos="0 0 {floo
 @pytest.mark.parametrize(
     "env_id",
     [
-        "Pusher-v5",
+        pytest.param("Pusher-v5", marks=pytest.mark.endurance),
         "Reacher-v5",
         "InvertedPendulum-v5",
         pytest.param("Hopper-v5", marks=pytest.mark.endurance),
@@ -60,7 +60,7 @@ SLOW_AND_FAST = """<mujoco><worldbody>
   </body></worldbody><actuator><motor joint="arm" gear="0.1" ctrlrange="-1 1"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize("speed", [0.0, 0.1, 30.0])
+@pytest.mark.parametrize("speed", [0.0, pytest.param(0.1, marks=pytest.mark.endurance), 30.0])
 def test_starts_are_as_fast_as_an_environments_resets(
     speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

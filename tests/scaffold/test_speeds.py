@@ -29,9 +29,20 @@ def step(state, control, dt):
 """
 
 
-@pytest.mark.parametrize("torque", [0.5, 2.0, 30.0])
-@pytest.mark.parametrize("gain", [5.0, 40.0])
-def test_what_turns_too_fast_is_driven_less(torque: float, gain: float, tmp_path: Path):
+WHEELS = {(gain, torque) for gain in (5.0, 40.0) for torque in (0.5, 2.0, 30.0)}
+
+QUICK = {(5.0, 0.5), (40.0, 30.0)}
+"""The slowest and the fastest; those between run in `make endurance`."""
+
+
+@pytest.mark.parametrize(
+    ("gain", "torque"),
+    [
+        *sorted(QUICK),
+        *(pytest.param(*wheel, marks=pytest.mark.endurance) for wheel in sorted(WHEELS - QUICK)),
+    ],
+)
+def test_what_turns_too_fast_is_driven_less(gain: float, torque: float, tmp_path: Path):
     path = tmp_path / "wheel.py"
     path.write_text(WHEEL.format(torque=torque, gain=gain, drag=2.0))
     toml, proposal = write_definition(str(path))

@@ -232,7 +232,9 @@ def with_own(emulator: na.Emulator, *costs: CostTerm | CostFunction, steps: int 
     )
 
 
-@pytest.mark.parametrize("kind", OWN)
+@pytest.mark.parametrize(
+    "kind", [pytest.param("function", marks=pytest.mark.endurance), "all together"]
+)
 def test_costs_of_ones_own_run_in_c_and_are_those_of_jax(emulator: na.Emulator, kind: str):
     posed = with_own(emulator, *OWN[kind])
     zs = np.random.default_rng(0).normal(size=(19, posed.parametrisation.size))

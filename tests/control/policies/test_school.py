@@ -12,7 +12,7 @@ from neuroanimator import load_policy
 from neuroanimator.control.policies.school import school_motion
 
 
-@pytest.mark.parametrize("name", ["fish", "dolphin"])
+@pytest.mark.parametrize("name", ["fish", pytest.param("dolphin", marks=pytest.mark.endurance)])
 def test_a_school_stays_together_level_and_apart(name: str):
     policy = load_policy(name)
     states = school_motion(policy, 12, 5.0, seed=3)

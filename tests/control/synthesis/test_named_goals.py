@@ -8,7 +8,11 @@ from neuroanimator import control, load_emulator, load_system
 
 
 @pytest.mark.parametrize(
-    "name", ["pendulum", pytest.param("truck", marks=pytest.mark.endurance), "lander"]
+    "name",
+    [
+        "pendulum",
+        *(pytest.param(name, marks=pytest.mark.endurance) for name in ("truck", "lander")),
+    ],
 )
 def test_every_named_goal_is_reached_from_its_own_start(name: str):
     emulator = load_emulator(name)

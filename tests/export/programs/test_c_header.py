@@ -10,6 +10,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -67,6 +68,26 @@ for language, commands in (("c", ("gcc", "clang")), ("c++", ("g++", "clang++")))
                 COMPILERS[f"{command} {standard}"] = [command, "-x", language, f"-std={standard}"]
 
 
+QUICK = (
+    "gcc without vectors, as MSVC has none",
+    "gcc with wide vectors",
+    "g++ with vectors of AVX",
+    "gcc c99",
+    "g++ c++11",
+    "clang c11",
+    "clang++ c++20",
+)
+"""Every compiler and every width of vectors; the other standards are left to `make endurance`."""
+
+
+def compilers() -> list[Any]:
+    """Return the names of all compilers; those that are not quick run in `make endurance`."""
+    return [
+        name if name in QUICK else pytest.param(name, marks=pytest.mark.endurance)
+        for name in COMPILERS
+    ]
+
+
 def has(command: list[str]) -> bool:
     """Return whether the machine has this compiler."""
     if "ziglang" in command:
@@ -83,7 +104,7 @@ def lander(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", COMPILERS)
+@pytest.mark.parametrize("name", compilers())
 def test_every_compiler_takes_it_without_a_warning(name: str, lander: Path, tmp_path: Path):
     command = COMPILERS[name]
     if not has(command):

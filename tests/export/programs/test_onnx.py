@@ -128,8 +128,8 @@ def models() -> list:
 
 
 def long_of(name: str) -> Sequence[pytest.MarkDecorator]:
-    """Return the marks of a model's tests: the dolphin is made as the fish is, and larger."""
-    return [pytest.mark.endurance] if name == "dolphin" else []
+    """Return the marks of a model's tests: the dolphin and a family of fishes are made as the fish is."""
+    return [pytest.mark.endurance] if name in ("dolphin", "fishes") else []
 
 
 @pytest.mark.parametrize(("load", "name"), models())
