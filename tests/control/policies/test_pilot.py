@@ -185,7 +185,7 @@ def family(policy: Policy) -> Policy:
     return fresh_policy(load_emulator("fishes"), policy.ranges, (8,))
 
 
-@pytest.mark.endurance  # tests/control/identification/test_identify.py estimates parameters in a loop
+@pytest.mark.endurance  # tests/learn/identification/test_identify.py estimates parameters in a loop
 def test_with_an_estimator_it_finds_out_whose_muscles_it_moves(family: Policy):
     """The emulator itself stands in for the body, so that nothing but parameters differs."""
     emulator = family.emulator
