@@ -69,6 +69,12 @@ class GatedLayer(eqx.Module):
         even_units = jnp.tanh(pair) * factor + jnp.tanh(level) * level_gate
         return jnp.tanh(odd_units) * gate, even_units
 
+    def odd_units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " H"]:
+        """Return the odd units alone, by a third of the products."""
+        half = self.half
+        gate = even @ self.even_in[:, :half] + self.bias[:half]
+        return jnp.tanh(odd @ self.odd_in[:, :half]) * gate
+
     def leaves(self) -> dict[str, Any]:
         """Return every weight, or its placeholder, by its name in files."""
         return {"odd_weight": self.odd_in, "even_weight": self.even_in, "bias": self.bias}
@@ -128,8 +134,12 @@ class Gated(GatedNetwork):
         return self.widths[-1] // 2, 0
 
     def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
-        odd_units, even_units = self.gated_units(odd, even)
-        return Units(odd_units, even_units[:0])  # every answer is odd
+        no_units = even[:0]  # every answer is odd
+        for layer in self.layers[:-1]:
+            odd, even = layer(odd, even)
+        if self.layers:
+            odd = self.layers[-1].odd_units(odd, even)
+        return Units(odd, no_units)
 
     def answers(
         self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
