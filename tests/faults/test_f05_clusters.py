@@ -197,11 +197,8 @@ def killed_once_all_began(
 def started(*words: object, before: Sequence[str] = ()) -> Iterator[None]:
     """Run a node of Ray while the block runs, as one starts it by hand; `before` is the command that starts it."""
     command = [*before, sys.executable, "-m", "ray.scripts.scripts", "start", *map(str, words)]
-    environment = dict(os.environ)
-    if (Path.home() / ".ray" / "auth_token").is_file():
-        environment["RAY_AUTH_MODE"] = (
-            "token"  # a head wants one where there is one, and nodes do not look for it
-        )
+    # Whatever lies in the home folder: a head that finds a token there would not let this process in.
+    environment = os.environ | {"RAY_AUTH_MODE": "disabled"}
     node = subprocess.Popen(
         [*command, "--block", *(["--include-dashboard", "false"] if "--head" in words else [])],
         env=environment,
