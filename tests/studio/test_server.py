@@ -271,7 +271,18 @@ def command(
     if not page.exists():
         write_page(page)
     with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, "studio", *opening, *arguments, str(page)],
+        # A job in the background inherits 'ignore Ctrl-C', which a terminal's does not.
+        [
+            "env",
+            "--default-signal=INT",
+            sys.executable,
+            "-c",
+            PROGRAM,
+            "studio",
+            *opening,
+            *arguments,
+            str(page),
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
