@@ -220,7 +220,9 @@ def _free_hinges(emulator: Emulator) -> Int[np.ndarray, " H"]:
     return np.intersect1d(at_zero, positions)
 
 
-def named_start(emulator: Emulator, parts: Start, system: System | None) -> Float[np.ndarray, " S"]:
+def named_start(
+    emulator: Emulator, parts: Start, system: System | None = None
+) -> Float[np.ndarray, " S"]:
     """Return the state of rest with `parts` set to the given numbers, by the `system` if there is one; see `System.start_at`."""
     if system is not None:
         return system.start_at(parts)

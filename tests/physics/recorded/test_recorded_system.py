@@ -369,7 +369,7 @@ def test_semicolons_decimal_commas_and_units_in_brackets_say_the_same(
     found = system_from(tmp_path / "runs.csv").recordings
     assert found is not None
     usual = read_recordings(recordings_from(folder / "runs.csv"))
-    for states, expected in zip(found.read().states, usual.states, strict=True):
+    for states, expected in zip(read_recordings(found).states, usual.states, strict=True):
         np.testing.assert_array_equal(states, expected)
 
 
