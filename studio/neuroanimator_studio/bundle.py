@@ -15,12 +15,15 @@ from neuroanimator.authoring import (
     SHIPPED_SYSTEMS,
     DeformableSystem,
     checked_wasm,
+    commands_of,
     definition_of,
     facts_of_emulator,
     find_emulator,
     licence_of,
     load_any_policy,
     replayable_system,
+    shipped_path,
+    shipped_policy,
     write_whole,
 )
 from neuroanimator.control.policies import StatePolicy
@@ -143,18 +146,13 @@ def load_models(source: Path) -> Models:
             policy = None
         if policy is None:
             raise
-        if isinstance(policy, StatePolicy) and not _takes_commands(policy):
+        if isinstance(policy, StatePolicy) and commands_of(policy) is None:
             raise BadFileError(
                 f"{source} is a policy that takes no commands, and the page steers by them. Learn one whose TOML file has "
                 "[follow.commands]."
             ) from None
         return Models(policy.emulator, policy)
     return Models(emulator, policy_beside(source, emulator))
-
-
-def _takes_commands(policy: StatePolicy) -> bool:
-    reference = policy.view.reference
-    return reference is not None and reference.commands is not None
 
 
 def walk_drive(policy: StatePolicy) -> dict[str, Any]:
@@ -167,11 +165,9 @@ def walk_drive(policy: StatePolicy) -> dict[str, Any]:
 def policy_beside(source: Path, emulator: Emulator) -> Policy | None:
     """Return the policy that ships with the emulator at `source`; None where there is none."""
     name = emulator.system
-    is_shipped = bool(licence_of(source))
-    is_usual = source.name == f"{name}-50.emulator.safetensors"
-    if not is_shipped or not is_usual or not SHIPPED_SYSTEMS[name].has_policy:
+    if source != shipped_path(name) or not SHIPPED_SYSTEMS[name].has_policy:
         return None
-    return load_policy(source.with_name(f"{name}.policy.safetensors"))
+    return load_policy(shipped_policy(name))
 
 
 def bundle_facts(

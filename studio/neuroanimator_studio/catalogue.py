@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import neuroanimator
-from neuroanimator.authoring import SHIPPED_SYSTEMS
+from neuroanimator.authoring import SHIPPED_SYSTEMS, WITHOUT_EMULATOR, emulator_name
 
 BUNDLE = "bundle.json"
 """The file of a bundle that says everything but programs."""
@@ -23,11 +23,13 @@ PROGRAMS = (EMULATOR_WASM, "policy.wasm", PHYSICS_WASM)
 """All that a bundle may have in it to show and steer a body; descents come on top."""
 
 SHIPPED_BUNDLES = tuple(
-    f"{name}-{system.substeps[0]}" for name, system in SHIPPED_SYSTEMS.items() if system.substeps
+    emulator_name(name, system.substeps[0])
+    for name, system in SHIPPED_SYSTEMS.items()
+    if system.substeps
 )
 """The emulators that ship as bundles, in the order in which the page shows them."""
 
-PHYSICS_BUNDLES = tuple(name for name, system in SHIPPED_SYSTEMS.items() if not system.substeps)
+PHYSICS_BUNDLES = WITHOUT_EMULATOR
 """The systems without an emulator, of which the page runs the physics itself; they come after the others."""
 
 

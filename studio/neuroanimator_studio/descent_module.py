@@ -16,22 +16,27 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
-from numpy.typing import ArrayLike
 
 import neuroanimator
 from neuroanimator import Emulator, NeuroAnimatorError, Objective
 from neuroanimator.authoring import (
+    DOUBTS,
+    FORMS,
     GAUSS_NEWTON,
     Input,
     ObjectiveForm,
     SharedConstants,
     WasmModule,
+    as_float32,
     c_function,
     c_map,
     c_number,
     descent_callers,
     descent_maps,
     import_wasmtime,
+    latent_size,
+    rounded,
+    still_frame,
     wasm_module,
 )
 from neuroanimator.control import Evaluator, Problem, evaluator_of, find_defects
@@ -46,8 +51,6 @@ NAME = "descent"
 ITERATIONS = 20
 """Backward sweeps of a descent in a page: those of 1998."""
 
-FORMS = ("forward", "backward", "push", "slope", "lanes")
-"""Functions of a map, in the order of `na_map` in C."""
 
 USED = ("forward", "backward", "push", "lanes")
 """What a module calls of its maps: a quadratic model needs no single slope, and what is not called is not in it."""
@@ -55,11 +58,6 @@ USED = ("forward", "backward", "push", "lanes")
 TOLERANCE = 2e-3
 """Tolerance of J and its derivatives, over their largest: both sum float32 in orders of their own."""
 
-ROUNDING = 2.0**-22
-"""Relative change of z that shows the effect of rounding alone."""
-
-DOUBTS = 10
-"""Multiple of that effect that counts as no error: near a kink it is large."""
 
 NEARBY = 0.3
 """Distance from each first guess of the z at which modules are held against Python."""
@@ -172,7 +170,7 @@ class PageDescent:
     @cached_property
     def numbers(self) -> Float[np.ndarray, " P"]:
         """The numbers of the objective as they are at first."""
-        return self.form.numbers(self.problem.objective, _single(self.problem.control_scale))
+        return self.form.numbers(self.problem.objective, as_float32(self.problem.control_scale))
 
     def facts(self) -> dict[str, Any]:
         """Return what a page must know, as JSON."""
@@ -184,7 +182,7 @@ class PageDescent:
             "dt": problem.emulator.dt,
             "steps": problem.parametrisation.steps,
             "state": problem.emulator.state.size,
-            "latent": _latent_size(problem.emulator),
+            "latent": latent_size(problem.emulator),
             "control": problem.emulator.control.size,
             "z": problem.parametrisation.size,
             "defect": int(np.shape(problem.defects)[1]),
@@ -230,7 +228,7 @@ def descent_text(descent: PageDescent) -> str:
         forms = ("forward",) if is_start else USED
         lengths = (definition.inputs, definition.outputs(sizes[name]), maps[name].tape)
         structs[name] = _struct(name, lengths, forms)
-    latent = Input((_latent_size(emulator),))
+    latent = Input((latent_size(emulator),))
     state = Input((emulator.state.size,))
     others = [
         c_function("descent_encode", _encode, emulator, [state], constants),
@@ -240,7 +238,7 @@ def descent_text(descent: PageDescent) -> str:
     observed = definitions["residuals"].inputs
     defines = {
         "STATE": emulator.state.size,
-        "LATENT": _latent_size(emulator),
+        "LATENT": latent_size(emulator),
         "CONTROL": emulator.control.size,
         "STEPS": problem.parametrisation.steps,
         "DEFECT": defect,
@@ -277,10 +275,6 @@ def descent_text(descent: PageDescent) -> str:
     )
 
 
-def _latent_size(emulator: Emulator) -> int:
-    return emulator.encoding.layout.size
-
-
 def _encode(emulator: Emulator, state: Float[Array, " S"]) -> Float[Array, " I"]:
     return emulator.encode(state)
 
@@ -292,8 +286,7 @@ def _decode(emulator: Emulator, latent: Float[Array, " I"]) -> Float[Array, " S"
 def _difference(
     emulator: Emulator, predicted: Float[Array, " I"], actual: Float[Array, " I"]
 ) -> Float[Array, " V"]:
-    # without coasting
-    return replace(emulator.frame, dt=0.0).difference(predicted, actual)
+    return still_frame(emulator).difference(predicted, actual)
 
 
 def _struct(name: str, lengths: Sequence[int], forms: Sequence[str]) -> str:
@@ -326,7 +319,7 @@ def check_module(module: WasmModule, descent: PageDescent) -> None:
     rng = np.random.default_rng(0)
     emulator = descent.problem.emulator
     room = np.zeros(int(module.call("room") or 0), np.float32)
-    start = _single(descent.problem.start)
+    start = as_float32(descent.problem.start)
     for moved in (0.0, *MOVED):
         values = {}
         for movable in descent.movable:
@@ -335,14 +328,14 @@ def check_module(module: WasmModule, descent: PageDescent) -> None:
         numbers = descent.moved_numbers(values)
         evaluator = evaluator_of(descent.moved(values)).at(start)
         module.write("numbers", numbers)
-        module.write("defects", _single(descent.problem.defects))
+        module.write("defects", as_float32(descent.problem.defects))
         module.call("begin_at", start, room)
         for guess in descent.guesses:
-            z = _single(guess + NEARBY * rng.normal(size=guess.shape))
+            z = as_float32(guess + NEARBY * rng.normal(size=guess.shape))
             states, controls = _check_at(module, emulator, evaluator, z, room)
             _check_defects(module, emulator, states, controls)
             # The next ones begin where this one ended.
-            start = _single(states[-1])
+            start = as_float32(states[-1])
 
 
 def _check_at(
@@ -360,28 +353,18 @@ def _check_at(
     slope = np.zeros_like(z)
     curvature = np.zeros((len(z), len(z)), np.float32)
     cost = module.call("quadratic_model", z, curvature, slope, room)
-    model, nearby = evaluator.quadratic_models(np.stack([z, _rounded(z)]))
+    model, nearby = evaluator.quadratic_models(np.stack([z, rounded(z[None])[0]]))
     _compare("J", np.array([cost]), np.array([model.cost]))
     _compare("the curvature of J", curvature, model.curvature, nearby.curvature)
     _compare("the slope of J", slope, model.slope, nearby.slope)
     motion = evaluator.motion(z)
     controls = np.zeros(motion.controls.shape, np.float32)
-    latents = np.zeros((len(motion.states), _latent_size(emulator)), np.float32)
+    latents = np.zeros((len(motion.states), latent_size(emulator)), np.float32)
     states = np.zeros(motion.states.shape, np.float32)
     module.call("motion", z, controls, latents, states, room)
     _compare("controls", controls, motion.controls)
     _compare("states", states, motion.states)
     return motion.states, motion.controls
-
-
-def _single(numbers: ArrayLike) -> np.ndarray:
-    return np.ascontiguousarray(numbers, np.float32)
-
-
-def _rounded(z: Float[np.ndarray, " Z"]) -> Float[np.ndarray, " Z"]:
-    """Return `z` changed at random in its last places."""
-    changes = ROUNDING * np.random.default_rng(0).uniform(-1, 1, z.shape) * np.abs(z)
-    return _single(z + changes)
 
 
 def _check_defects(
@@ -392,8 +375,8 @@ def _check_defects(
 ) -> None:
     """Compare the defects along a motion that is nearly this one."""
     noise = np.random.default_rng(1).normal(size=states.shape)
-    states = _single(states + DEFECTIVE * noise)
-    controls = _single(controls)
+    states = as_float32(states + DEFECTIVE * noise)
+    controls = as_float32(controls)
     expected = find_defects(emulator, states, controls)
     defects = np.zeros(expected.shape, np.float32)
     module.call("defects_of", states, controls, defects)

@@ -25,7 +25,7 @@ from neuroanimator import (
     smoothness,
     stay_upright,
 )
-from neuroanimator.authoring import SHIPPED_SYSTEMS, MujocoSystem
+from neuroanimator.authoring import SHIPPED_SYSTEMS, MujocoSystem, emulator_name
 from neuroanimator.control import (
     EachStep,
     Goal,
@@ -46,11 +46,14 @@ from neuroanimator.learn.tasks import (
     TRUCK_AVOIDANCE,
     TRUCK_MARGIN,
     TRUCK_PROBES,
+    body_length,
     clearance,
     ends_upright,
+    gait_controls,
     is_soft_landing,
     landing_objective,
     lot_zones,
+    steps_of_a_period,
 )
 from neuroanimator_studio.descent_module import Movable, PageDescent, Write, entries_of
 from neuroanimator_studio.description import TARGET_WITHIN
@@ -101,8 +104,8 @@ def swim_to_a_place(system: System, emulator: Emulator) -> PageDescent:
     """Return the descent of a swimmer from rest to a place, back up."""
     swimming = SWIMMING[system.name]
     steps = round(swimming.seconds / emulator.dt)
-    length = body_length(system)
     assert system.gait is not None
+    length = body_length(system)
     start = np.array(system.rest, float)
     origin = read_pose(system.structure, start).position
     place = origin + length * np.array(swimming.target)
@@ -122,17 +125,11 @@ def swim_to_a_place(system: System, emulator: Emulator) -> PageDescent:
     )
     period = system.gait.period
     parametrisation = Steered.of(steps, emulator.dt, period, STEERING_KNOTS, system.bounds)
-    gait = system.gait.controls(steps, emulator.dt, system.bounds)
+    gait = gait_controls(system, steps, emulator.dt)
     guesses = parametrisation.guess(FIRST_STRENGTH * gait)[None]
     problem = pose_problem(emulator, objective, parametrisation, start)
     about = "Swims to the target, back up."
     return PageDescent("swim to a place", about, problem, guesses, movable)
-
-
-def body_length(system: System) -> float:
-    """Return the length of a swimmer at rest [m]."""
-    assert system.body_length is not None
-    return system.body_length
 
 
 def judge_swimming(
@@ -336,7 +333,7 @@ DESCENTS = {
 }
 
 
-WITH_DESCENT = tuple(f"{name}-{SHIPPED_SYSTEMS[name].substeps[0]}" for name in DESCENTS)
+WITH_DESCENT = tuple(emulator_name(name, SHIPPED_SYSTEMS[name].substeps[0]) for name in DESCENTS)
 """The emulators that ship as bundles with a goal to be reached in the page."""
 
 
@@ -357,13 +354,12 @@ def _judged(descent: PageDescent, system: System) -> dict[str, Any] | None:
     """Return what a page without a server judges a swimmer's motion by; None where only the server can."""
     if DESCENTS[system.name].judge is not judge_swimming:
         return None
-    assert system.gait is not None
     length = body_length(system)
     return {
         "length": length,
         "within": TARGET_WITHIN * length,
         "roll": ROLL_WITHIN,
-        "last": math.ceil(system.gait.period / descent.problem.emulator.dt),
+        "last": steps_of_a_period(system, descent.problem.emulator.dt),
     }
 
 

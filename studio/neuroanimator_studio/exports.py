@@ -16,13 +16,12 @@ from neuroanimator import (
     Clip,
     DivergedError,
     Emulator,
-    as_gauges,
     make_clip,
     write_clip,
     write_glb,
     write_usd,
 )
-from neuroanimator.authoring import clip_of, folder_until_exit, write_whole
+from neuroanimator.authoring import clip_of, drawable, folder_until_exit, write_whole
 from neuroanimator_studio.drive import checked_drive, checked_states
 from neuroanimator_studio.judge import replay_physics
 from neuroanimator_studio.library import Shown
@@ -156,6 +155,4 @@ def _physics_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
 
 def _drawable(shown: Shown, clip: Clip) -> Clip:
     """Return `clip`, or gauges of its numbers where there are no bodies to draw."""
-    if shown.emulator is None or clip.skeleton.bones:
-        return clip
-    return as_gauges(clip, shown.emulator)
+    return clip if shown.emulator is None else drawable(clip, shown.emulator)

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from neuroanimator import ArgumentError, BadFileError
-from neuroanimator.authoring import SHIPPED_SYSTEMS, first_fault, write_whole
+from neuroanimator.authoring import SHIPPED_SYSTEMS, SystemName, Table, first_fault, write_whole
 
 PLAN = "plan.json"
 """The file of a job's folder that says what it is to do."""
@@ -26,16 +26,10 @@ MIN_UPDATES = 250
 Size = Literal["sketch", "usual", "large"]
 
 
-class Table(BaseModel):
-    """What somebody else wrote: frozen, and unknown keys are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
 class Plan(Table):
     """What a training is to do."""
 
-    system: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
+    system: SystemName
     substeps: Annotated[int, Field(ge=1, le=1000)]
     size: Size = "usual"
     count: Annotated[int, Field(ge=MIN_COUNT, le=10_000_000)] | None = None

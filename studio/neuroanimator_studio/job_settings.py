@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from neuroanimator import DatasetConfig, System, TrainingConfig, load_system
-from neuroanimator.authoring import SHIPPED_SYSTEMS, Recipe
+from neuroanimator import DatasetConfig, System, TrainingConfig
+from neuroanimator.authoring import LARGE_RECIPES, RECIPES, Recipe, resolve
 from neuroanimator_studio.job_plan import MIN_COUNT, MIN_UPDATES, MODEL, Plan
 
 SHARES = {"sketch": 0.1, "usual": 1.0, "large": 2.0}
@@ -18,8 +18,8 @@ def data_of(plan: Plan, folder: Path) -> DatasetConfig:
     if _has_recipe(plan, folder):
         return _recipe(plan).data(plan.system, plan.substeps)
     toml = folder / MODEL
-    system = load_system(str(toml) if toml.is_file() else plan.system)
-    usual = DatasetConfig.usual(system.name, system.definition_text, plan.substeps)
+    name, definition, _ = resolve(str(toml) if toml.is_file() else plan.system)
+    usual = DatasetConfig.usual(name, definition, plan.substeps)
     return usual.model_copy(update={"count": _count(plan, usual.count)})
 
 
@@ -32,18 +32,13 @@ def training_of(plan: Plan, folder: Path, system: System) -> TrainingConfig:
 
 
 def _has_recipe(plan: Plan, folder: Path) -> bool:
-    shipped = SHIPPED_SYSTEMS.get(plan.system)
-    is_own = (folder / MODEL).is_file()
-    return not is_own and shipped is not None and bool(shipped.recipe) and not shipped.is_soft
+    return not (folder / MODEL).is_file() and plan.system in RECIPES
 
 
 def _recipe(plan: Plan) -> Recipe:
     """Return the recipe of what ships, of the plan's size."""
-    shipped = SHIPPED_SYSTEMS[plan.system]
-    usual = Recipe(**shipped.recipe)
-    widths = usual.widths
-    if plan.size == "large":
-        widths = shipped.large["widths"]
+    usual = RECIPES[plan.system]
+    widths = LARGE_RECIPES[plan.system].widths if plan.size == "large" else usual.widths
     return replace(
         usual,
         widths=widths,

@@ -5,7 +5,6 @@ It runs on without the page and without the server. Stopped at any moment, and s
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sys
@@ -13,7 +12,7 @@ import time
 from pathlib import Path
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.authoring import locked, write_whole
+from neuroanimator.authoring import canonical_json, locked, write_whole
 
 STATUS = "status.json"
 """The file of a job's folder that says how far it is."""
@@ -50,7 +49,7 @@ class Reporter:
         self._last = now
         self._phase = phase
         status = {"phase": phase, "done": done, "of": total, **more}
-        write_whole(self._path, json.dumps(status).encode())
+        write_whole(self._path, canonical_json(status).encode())
 
 
 def main(folder: Path, bundles: Path) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator import ArgumentError, BadFileError, DivergedError, System, read_pose
+from neuroanimator.authoring import short_number
 from neuroanimator.control import Goal, errors_over_tolerances, find_goal, judged_parts
 from neuroanimator_studio.descents import Verdict
 from neuroanimator_studio.description import TARGET, place_within, root_entry
@@ -106,7 +107,7 @@ def _judge_place(
         position = np.asarray(read_pose(shown.system.structure, state).position)
     gap = float(np.linalg.norm(position - np.array(target)))
     within = place_within(shown.spec, shown.system)
-    words = f"ends {_short(gap)} m from the target; within {_short(within)} m counts"
+    words = f"ends {short_number(gap)} m from the target; within {short_number(within)} m counts"
     return Verdict(gap <= within, gap, words)
 
 
@@ -117,11 +118,6 @@ def _moved(goal: Goal, place: int, target: tuple[float, float, float]) -> Goal:
         number = entry - place
         values.append((entry, target[number] if 0 <= number < 3 else value))
     return replace(goal, values=tuple(values))
-
-
-def _short(number: float) -> str:
-    """Return a number with three digits."""
-    return f"{float(f'{number:.3g}'):g}"
 
 
 def _judge_goal(
@@ -136,6 +132,6 @@ def _judge_goal(
     if place is not None and place in wanted:
         at = np.array([wanted.get(place + axis, state[place + axis]) for axis in range(3)])
         gap = float(np.linalg.norm(state[place : place + 3] - at))
-    off = _short(float(errors[worst]) * tolerance)
-    words = f"{part} is off by {off}; {_short(tolerance)} counts"
+    off = short_number(float(errors[worst]) * tolerance)
+    words = f"{part} is off by {off}; {short_number(tolerance)} counts"
     return Verdict(is_success, gap, words)

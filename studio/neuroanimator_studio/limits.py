@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from neuroanimator.authoring import SIZE_LIMIT
+
 
 @dataclass(frozen=True)
 class Limits:
     """All of them; tests shorten the times."""
 
-    upload_bytes: int = 64 << 20
+    upload_bytes: int = SIZE_LIMIT
     """The largest emulator file taken [bytes]: the loader reads no larger one."""
     body_bytes: int = 8 << 20
     """The largest other body of a request [bytes]: controls of an hour."""

@@ -6,14 +6,13 @@ import re
 import secrets
 import signal
 import subprocess
-import tomllib
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from neuroanimator import ArgumentError, BadFileError
-from neuroanimator.authoring import folder_until_exit, python_command
+from neuroanimator.authoring import folder_until_exit, python_command, read_toml
 
 KEPT = 8
 """Models that are kept until the server ends."""
@@ -107,7 +106,7 @@ def _looked_at(file: Path) -> dict[str, Any]:
     if looked.returncode != 0:
         faults = [line.removeprefix(FAULT) for line in lines if line.startswith(FAULT)]
         raise BadFileError(faults[-1] if faults else "The model made the simulator crash.")
-    values = tomllib.loads(file.with_suffix(".toml").read_text(encoding="utf-8"))
+    values = read_toml(file.with_suffix(".toml"))
     return {
         "system": values["name"],
         "substeps": values["substeps"],

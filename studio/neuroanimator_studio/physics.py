@@ -14,6 +14,7 @@ import numpy as np
 
 from neuroanimator import System, load_system
 from neuroanimator.authoring import (
+    USUAL_SECONDS,
     DeformableSystem,
     Drive,
     EmulatorSpec,
@@ -32,8 +33,6 @@ from neuroanimator_studio.springs_module import (
 SUPER_STEP = 0.02
 """Time of what the page calls a super step [s]: 50 a second, so that a bounce is seen where it happens."""
 
-SECONDS = 5.0
-"""Time for which a throw is shown [s]."""
 
 MODULE = "emulator"
 """How the names of its functions begin: the page calls it as it calls emulators."""
@@ -84,7 +83,7 @@ def thrown(system: DeformableSystem) -> Drive:
     cloud = system.structure.cloud
     assert cloud is not None
     start = throw_body(cloud, np.array(system.rest))
-    steps = round(SECONDS / SUPER_STEP)
+    steps = round(USUAL_SECONDS / SUPER_STEP)
     return Drive(start, np.repeat(system.bounds.middle[None], steps, axis=0))
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from neuroanimator import ArgumentError
-from neuroanimator.authoring import first_fault, parse_json_object, printable
-from neuroanimator_studio.job_plan import Size, Table
+from neuroanimator.authoring import Finite, Table, first_fault, parse_json_object, quoted
+from neuroanimator_studio.job_plan import Size
 
 MAX_STATE = 4096
 """Numbers a state or a control may have: as many as a layout read from a file."""
@@ -25,16 +25,14 @@ MAX_TEXT = 1 << 20
 MAX_MOTION = 7 << 20
 """Characters of the states of a whole motion in base64."""
 
-MAX_SHOWN = 60
-"""Characters of an unknown request in an error."""
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Number = Annotated[int, Field(ge=0, le=2**53)]
 """What a page counts its requests by: JavaScript's whole numbers."""
 
-Vector = Annotated[list[FiniteFloat], Field(min_length=1, max_length=MAX_STATE, fail_fast=True)]
+Vector = Annotated[list[Finite], Field(min_length=1, max_length=MAX_STATE, fail_fast=True)]
 Rows = Annotated[list[Vector], Field(min_length=1, max_length=MAX_ROWS, fail_fast=True)]
-Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Point = tuple[Finite, Finite, Finite]
 Pushes = Annotated[list[tuple[Number, Vector]], Field(max_length=MAX_ROWS, fail_fast=True)]
 """What somebody's mouse did to the state: before super step [0], so much was added to it [1]."""
 
@@ -137,7 +135,7 @@ def read_request(text: str, largest: int) -> Asked:
     values = parse_json_object(text, largest, MAX_TEXTS)
     if str(values.get("do")) not in DOES:
         raise ArgumentError(
-            f"do: no request called '{printable(str(values.get('do'))[:MAX_SHOWN])}'. Requests: {', '.join(DOES)}."
+            f"do: no request called {quoted(values.get('do'))}. Requests: {', '.join(DOES)}."
         )
     return _checked(REQUEST, values)
 

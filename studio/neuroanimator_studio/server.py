@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import shutil
 import socket
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
@@ -26,7 +25,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from neuroanimator import ArgumentError, NeuroAnimatorError, ResourceError
-from neuroanimator.authoring import folder_until_exit
+from neuroanimator.authoring import temporary_folder
 from neuroanimator_studio.catalogue import BUNDLE, PROGRAMS, catalogue
 from neuroanimator_studio.exports import described_drive
 from neuroanimator_studio.guard import Guard, refused
@@ -147,14 +146,11 @@ async def _take_emulator(request: Request) -> Response:
     def say(phase: str) -> None:
         loop.call_soon_threadsafe(studio.tell_pages, {"event": "emulator", "phase": phase})
 
-    folder = folder_until_exit()
-    try:
+    with temporary_folder() as folder:
         file = folder / "dropped.emulator.safetensors"
         with open(file, "wb") as target:
             await _receive(request, studio.limits.upload_bytes, target)
         bundle_id = await studio.in_making(lambda: studio.library.add(file, say))
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
     studio.tell_pages({"event": "catalogue"})
     return JSONResponse({"id": bundle_id})
 

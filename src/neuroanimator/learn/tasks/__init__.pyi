@@ -15,7 +15,10 @@ from neuroanimator.learn.tasks.rigid import lot_zones as lot_zones
 from neuroanimator.learn.tasks.solver import Solver as Solver
 from neuroanimator.learn.tasks.swimmers import ROLL_WITHIN as ROLL_WITHIN
 from neuroanimator.learn.tasks.swimmers import SWIMMER_TASKS as SWIMMER_TASKS
+from neuroanimator.learn.tasks.swimmers import body_length as body_length
 from neuroanimator.learn.tasks.swimmers import ends_upright as ends_upright
+from neuroanimator.learn.tasks.swimmers import gait_controls as gait_controls
+from neuroanimator.learn.tasks.swimmers import steps_of_a_period as steps_of_a_period
 from neuroanimator.learn.tasks.task import Aim as Aim
 from neuroanimator.learn.tasks.task import Task as Task
 from neuroanimator.learn.tasks.task import Trial as Trial
