@@ -6,6 +6,7 @@ Two sides are timed in turn by `neuroanimator.learn.evaluation.speed.interleaved
 from __future__ import annotations
 
 import argparse
+import csv
 import os
 import sys
 import time
@@ -14,7 +15,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neuroanimator.learn.evaluation.csv_table import SEPARATOR, cell_of, read_rows, write_csv
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neuroanimator.learn.evaluation.csv_table import SEPARATOR, cell_of, write_csv
 from neuroanimator.learn.evaluation.machine import describe_machine
 from neuroanimator.terminal import print_table
 
@@ -129,3 +133,16 @@ def seconds_of(function: Callable[[], Any], rounds: int) -> list[float]:
         function()
         spans.append(time.perf_counter() - began)
     return spans
+
+
+def quartiles(values: ArrayLike, digits: int = 3) -> str:
+    """Return the quartiles of `values` (N,) to `digits` significant digits, such as `92.1-96.3`."""
+    low, high = np.percentile(np.asarray(values), [25, 75])
+    return f"{low:.{digits}g}-{high:.{digits}g}"
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table as they were written; none where there is no file."""
+    if not path.exists():
+        return []
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()[1:]))

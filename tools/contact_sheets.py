@@ -21,7 +21,7 @@ import numpy as np
 import neuroanimator as na
 from benchmarks.harness import IMAGES, ROOT
 from neuroanimator.animation.clip import Clip
-from neuroanimator.animation.motion import default_motion
+from neuroanimator.animation.motion import default_drive
 from neuroanimator.film.options import read_film
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")
@@ -82,7 +82,7 @@ def clip_of(name: str) -> na.Clip:
             leap = runpy.run_path(str(LEAP))
         return na.make_clip(leap["emulator"], leap["controller"].outcome.physics_states)
     emulator = na.load_emulator(name)
-    return na.make_clip(emulator, default_motion(emulator), source="emulator")
+    return na.make_clip(emulator, default_drive(emulator).motion(emulator), source="emulator")
 
 
 def tile(film: Path, chosen: list[int], columns: int, rows: int, width: int, out: Path) -> None:

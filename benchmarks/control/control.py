@@ -17,12 +17,11 @@ import numpy as np
 
 from benchmarks.control.control_plot import draw_runs
 from benchmarks.control.control_table import DIGITS, QUICK, THOROUGH, measure_tasks
-from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
+from benchmarks.harness import Rows, keep_rows, parser_of, quartiles, show_rows
 from neuroanimator import DescentOptions, descend, load_emulator, load_system
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.synthesis.replay import replay
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.learn.evaluation.csv_table import quartiles
 from neuroanimator.learn.tasks.all_tasks import TASKS
 from neuroanimator.learn.tasks.solver import Solver
 from neuroanimator.learn.tasks.task import Task

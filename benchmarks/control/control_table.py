@@ -12,11 +12,11 @@ from benchmarks.control.baselines.ilqr import is_usable_on
 from benchmarks.control.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
 from benchmarks.control.control_plot import Panel
 from benchmarks.control.first_controller import cold_seconds
+from benchmarks.harness import quartiles
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import ALL_ALONG, Objective
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.learn.evaluation.csv_table import quartiles
 from neuroanimator.learn.planning.planner import Planner
 from neuroanimator.learn.planning.plants import PhysicsPlant, control_plant
 from neuroanimator.learn.tasks.solver import Solver

@@ -14,6 +14,7 @@ import numpy as np
 
 from benchmarks.equal_error.batch_players import BATCH_STEPS, c_batch_players, random_bodies
 from benchmarks.equal_error.plain_mass_spring import plain_player
+from benchmarks.harness import quartiles
 from neuroanimator.emulator.c_emulator import CEmulator
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.runner import program_of
@@ -22,7 +23,6 @@ from neuroanimator.learn.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.learn.data.generate import simulate_transitions
 from neuroanimator.learn.data.store import Transitions
 from neuroanimator.learn.evaluation.accuracy import one_step_error, root_mean_square
-from neuroanimator.learn.evaluation.csv_table import quartiles
 from neuroanimator.learn.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
 from neuroanimator.learn.evaluation.held_out import held_out_runs, system_of
 from neuroanimator.learn.evaluation.speed import (

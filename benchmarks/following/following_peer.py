@@ -36,7 +36,7 @@ from jaxtyping import Array, Float
 
 from benchmarks.following.following import UPDATES, curve_of, judged
 from benchmarks.following.following import learn as learn_ours
-from benchmarks.harness import HUMAN, Rows, keep_rows, parser_of, show_rows
+from benchmarks.harness import HUMAN, Rows, keep_rows, parser_of, read_rows, show_rows
 from neuroanimator.cli.policy import first_emulator
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.control.policies.state_policy import (
@@ -50,7 +50,6 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.gym.bodies import Bodies, returns_of
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy, task_to_learn
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
-from neuroanimator.learn.evaluation.csv_table import read_rows
 from neuroanimator.physics import load_system
 from neuroanimator.physics.loading import resolve
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem

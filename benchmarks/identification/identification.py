@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 import neuroanimator as na
-from benchmarks.harness import Clocks, Rows, keep_rows, parser_of, show_rows
+from benchmarks.harness import Clocks, Rows, keep_rows, parser_of, read_rows, show_rows
 from benchmarks.identification.accuracy import accuracy_rows
 from benchmarks.identification.emulators import LARGE_FAMILY, SYSTEMS, made
 from benchmarks.identification.recordings import Recording, record, write_recording
@@ -39,7 +39,6 @@ from benchmarks.identification.toolbox import (
     run_toolbox,
 )
 from neuroanimator import Emulator
-from neuroanimator.learn.evaluation.csv_table import read_rows
 from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.systems.system import Scheme, System
 

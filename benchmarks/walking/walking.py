@@ -25,11 +25,10 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from benchmarks.harness import IMAGES, PROGRAM, Rows, keep_rows, parser_of, show_rows
+from benchmarks.harness import IMAGES, PROGRAM, Rows, keep_rows, parser_of, read_rows, show_rows
 from neuroanimator.cli.policy import first_emulator
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.gym.policy_task import PolicyTask, task_to_learn
-from neuroanimator.learn.evaluation.csv_table import read_rows
 from neuroanimator.physics import load_system
 from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.systems.system import System

@@ -8,7 +8,7 @@ import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, load_system, make_clip
 from neuroanimator.animation.interpolate import interpolate_hermite, interpolate_linear
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import random_drive
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.rotation import rotation_matrices
 
@@ -46,7 +46,7 @@ def test_hermite_is_exact_for_a_cubic_and_its_velocity():
 
 @pytest.mark.parametrize("rate", [7.0, 24.0, 30.0, 60.0, 240.0])
 def test_a_clip_has_the_display_rate_asked_for(rate: float, shipped: Emulator):
-    clip = make_clip(shipped, random_motion(shipped, 2.0, seed=0), rate=rate)
+    clip = make_clip(shipped, random_drive(shipped, 2.0, seed=0).motion(shipped), rate=rate)
     assert clip.rate == pytest.approx(rate)
     assert len(clip.times) == round(2 * rate) + 1
     assert np.isfinite(clip.states).all()
@@ -71,15 +71,15 @@ def test_the_skeleton_stands_where_mujoco_puts_the_bodies(name: str):
 
 
 def test_links_stay_joined_and_of_their_length(shipped: Emulator):
-    positions, _ = shipped.skeleton.world_poses(random_motion(shipped, 5.0, seed=1))
+    positions, _ = shipped.skeleton.world_poses(random_drive(shipped, 5.0, seed=1).motion(shipped))
     np.testing.assert_allclose(np.linalg.norm(np.diff(positions, axis=1), axis=-1), 0.5, atol=1e-9)
 
 
 def test_bad_arguments_are_refused_by_name(shipped: Emulator):
-    motion = random_motion(shipped, 1.0, seed=0)
+    motion = random_drive(shipped, 1.0, seed=0).motion(shipped)
     with pytest.raises(NeuroAnimatorError, match="Interpolations: hermite, linear"):
         make_clip(shipped, motion, interpolation="spline")
     with pytest.raises(NeuroAnimatorError, match="rate: wanted between 0"):
         make_clip(shipped, motion, rate=0)
     with pytest.raises(NeuroAnimatorError, match="seconds"):
-        random_motion(shipped, 0.0, seed=0)
+        random_drive(shipped, 0.0, seed=0).motion(shipped)

@@ -18,7 +18,7 @@ from neuroanimator import (
     read_transitions,
     train,
 )
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import random_drive
 from neuroanimator.physics.loading import resolve
 from neuroanimator.scaffold.write_toml import write_definition
 
@@ -75,6 +75,6 @@ def test_what_names_no_rates_is_animated(write, tmp_path: Path):
     train(read_transitions(tmp_path / "data"), TrainingConfig(updates=250, widths=(8,)), path)
     emulator = Emulator.load(path)
     assert emulator.rates == ()
-    clip = make_clip(emulator, random_motion(emulator, 2.0, seed=1))
+    clip = make_clip(emulator, random_drive(emulator, 2.0, seed=1).motion(emulator))
     assert np.isfinite(clip.states).all()
     assert clip.times[-1] == pytest.approx(2.0)

@@ -16,7 +16,7 @@ from npz_file import write_npz
 
 import neuroanimator as na
 from neuroanimator.animation.interpolate import interpolate_hermite
-from neuroanimator.animation.motion import default_motion, named_start, random_motion
+from neuroanimator.animation.motion import default_drive, named_start, random_drive
 from neuroanimator.animation.push_out import push_out
 from neuroanimator.appearance.colour import linear_of
 from neuroanimator.export.morphs import CLOTH_RGBA, surface_normals
@@ -44,7 +44,7 @@ def poses() -> ModuleType:
 def test_states_become_the_same_poses_in_blender(name: str, poses: ModuleType, tmp_path: Path):
     emulator = na.load_emulator(name)
     write_npz(emulator, tmp_path / "creature.npz")
-    states = random_motion(emulator, 2.0, 3)
+    states = random_drive(emulator, 2.0, 3).motion(emulator)
     body = numpy_runtime.load(tmp_path / "creature.npz").body
     times = np.arange(40) / 24
     frames = poses.between(states, emulator.dt, times, body["rates"], body["orientations"])
@@ -69,7 +69,7 @@ def write_soft_bodies(folder: Path) -> dict[str, np.ndarray]:
     expected = {"cloth_light": linear_of(CLOTH_RGBA[:3])}
     for name in SOFT:
         emulator = na.load_emulator(name)
-        states = default_motion(emulator)[:40]
+        states = default_drive(emulator).motion(emulator)[:40]
         clip = push_out(na.make_clip(emulator, states), emulator)
         na.write_glb(clip, folder / f"{name}.glb")
         na.write_usd(clip, folder / f"{name}.usda")
@@ -105,7 +105,7 @@ def test_a_person_in_blender(tmp_path: Path):
         clip = na.make_clip(emulator, np.array(states), rate=24)
         expected[name] = emulator.spec.skeleton.world_poses(clip.states)[0]
     truck = na.load_emulator("truck")
-    clip = na.make_clip(truck, random_motion(truck, 2.0, 3), rate=24)
+    clip = na.make_clip(truck, random_drive(truck, 2.0, 3).motion(truck), rate=24)
     na.write_glb(clip, tmp_path / "truck.glb")
     na.write_usd(clip, tmp_path / "truck.usda")
     bones = [bone.name for bone in clip.skeleton.bones]

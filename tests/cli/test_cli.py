@@ -17,8 +17,7 @@ from conftest import Cli
 from neuroanimator.cli import doctor, info
 from neuroanimator.cli.verbs import VERBS
 from neuroanimator.control.synthesis.summary import gap_in_words
-from neuroanimator.files.zoo import shipped_policy
-from neuroanimator.systems import SYSTEMS
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS, shipped_policy
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
@@ -180,7 +179,7 @@ def test_info_and_list_and_doctor_answer(cli: Cli):
     assert "pendulum-passive-100" in listed
     names = [line.split()[0] for line in listed.splitlines() if line.startswith("  ")]
     assert names[0] == "dolphin"
-    assert names[len(SYSTEMS) - 1] == "cube"  # nothing ships for it
+    assert names[len(SHIPPED_SYSTEMS) - 1] == "cube"  # nothing ships for it
     assert "swims by commands, speed and turn, through dolphin-50" in listed
     assert "video rendered by" in cli("doctor").stdout
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator import load_emulator, load_system, make_clip
 from neuroanimator.animation.clip import Clip
-from neuroanimator.animation.motion import default_motion
+from neuroanimator.animation.motion import default_drive
 from neuroanimator.control.policies.school import school_clips
 from neuroanimator.film.bounding_boxes import BoundingBoxes, bounding_boxes, fixed_boxes
 from neuroanimator.film.camera import FIELD_OF_VIEW, MAX_HIDDEN, Shots, hidden_share, take_shots
@@ -40,7 +40,7 @@ def middle_of(clip: Clip) -> Float[np.ndarray, "F 3"]:
 
 def test_the_beat_of_a_fishs_tail_is_seen():
     emulator = load_emulator("fish")
-    clip = make_clip(emulator, default_motion(emulator))
+    clip = make_clip(emulator, default_drive(emulator).motion(emulator))
     positions, _ = clip.skeleton.world_poses(clip.states)
     tail = int(positions[0, :, 0].argmin())
     shots = take_shots(Take((clip,)), FILM)
@@ -51,7 +51,7 @@ def test_the_beat_of_a_fishs_tail_is_seen():
 
 def test_a_dolphin_that_leaps_is_seen_from_its_side():
     emulator = load_emulator("dolphin")
-    clip = make_clip(emulator, default_motion(emulator))
+    clip = make_clip(emulator, default_drive(emulator).motion(emulator))
     azimuth, _, _ = take_shots(Take((clip,)), FILM, surface=0.0).angles(0)
     assert abs(azimuth) > 45
 
@@ -59,7 +59,7 @@ def test_a_dolphin_that_leaps_is_seen_from_its_side():
 @pytest.mark.parametrize("system", ["truck", "lander"])
 def test_nothing_fixed_stands_before_what_is_filmed(system: str):
     emulator = load_emulator(system)
-    clip = make_clip(emulator, default_motion(emulator))
+    clip = make_clip(emulator, default_drive(emulator).motion(emulator))
     obstacles = fixed_boxes(clip)
     assert len(obstacles.low)
     shots = take_shots(Take((clip,)), FILM)
@@ -83,7 +83,7 @@ def test_a_school_is_followed_and_stays_in_the_middle_of_the_picture():
 @pytest.mark.parametrize("name", ["dolphin", "fish", "lander", "pendulum", "truck"])
 def test_all_of_a_body_is_in_every_picture(name: str):
     emulator = load_emulator(name)
-    clip = make_clip(emulator, default_motion(emulator))
+    clip = make_clip(emulator, default_drive(emulator).motion(emulator))
     surface = load_system(name).water_surface
     shots = take_shots(Take((clip,)), FILM, surface)
     boxes = bounding_boxes([clip])

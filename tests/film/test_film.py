@@ -11,7 +11,7 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import Clip, Emulator, load_emulator, load_system, make_clip, write_video
-from neuroanimator.animation.motion import default_motion, random_motion
+from neuroanimator.animation.motion import default_drive, random_drive
 from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.errors import ArgumentError
 from neuroanimator.film.bounding_boxes import bounding_boxes
@@ -190,7 +190,8 @@ def centres_of(system: System, states: np.ndarray) -> np.ndarray:
 
 
 def test_a_default_swim_stays_level():
-    states = random_motion(load_emulator("dolphin"), 5.0, seed=0)
+    dolphin = load_emulator("dolphin")
+    states = random_drive(dolphin, 5.0, seed=0).motion(dolphin)
     centres = centres_of(load_system("dolphin"), states)
     assert centres[:, 2].min() > -2.2
     assert centres[:, 2].max() < -1.0
@@ -200,7 +201,7 @@ def test_a_default_swim_stays_level():
 def test_a_soft_body_on_the_ground_is_thrown(untrained_cube: Emulator):
     system = load_system("cube")
     dt = untrained_cube.dt
-    thrown = random_motion(untrained_cube, dt, seed=0)[0]
+    thrown = random_drive(untrained_cube, dt, seed=0).motion(untrained_cube)[0]
     left_alone = np.zeros((1, round(5.0 / dt), system.control.size))
     states = system.simulate(thrown[None], left_alone, dt, scheme=system.scheme).states[0]
     centres = centres_of(system, states)
@@ -214,13 +215,14 @@ def test_a_soft_body_on_the_ground_is_thrown(untrained_cube: Emulator):
 )
 def test_a_machine_shows_how_it_reaches_a_goal(name: str, goal: str):
     emulator = load_emulator(name)
-    states = default_motion(emulator)
+    states = default_drive(emulator).motion(emulator)
     assert is_reached(load_system(emulator.system), goal, states[-1])
 
 
 def test_a_dolphin_shows_a_leap_at_every_super_step():
     for name in ("dolphin-25", "dolphin-50", "dolphin-100"):
-        heights = default_motion(load_emulator(name))[:, 2 : 3 * 23 : 3]
+        emulator = load_emulator(name)
+        heights = default_drive(emulator).motion(emulator)[:, 2 : 3 * 23 : 3]
         assert heights.min(axis=1).max() > 0, name  # all of it is out of the water
         assert heights.mean(axis=1)[-1] < 0.2, name
 

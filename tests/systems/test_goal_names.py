@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.systems import SYSTEMS, goal_names
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
+from neuroanimator.systems import goal_names
 
 
-@pytest.mark.parametrize("name", sorted(SYSTEMS))
+@pytest.mark.parametrize("name", sorted(SHIPPED_SYSTEMS))
 def test_goals_are_listed_as_the_system_has_them(name: str):
     assert goal_names(name) == tuple(load_system(name).goals)

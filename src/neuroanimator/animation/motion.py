@@ -58,16 +58,11 @@ class Drive(NamedTuple):
         return np.asarray(states, float), scores
 
 
-def default_motion(emulator: Emulator) -> Float[np.ndarray, "K S"]:
-    """Return the trajectory (K = T+1 states) that is shown by default: a truck parks, a dolphin leaps.
-
-    It follows `shipped_drive` for a system that ships, and is `random_motion` with seed 0 for any other.
-    """
-    return default_drive(emulator).motion(emulator)
-
-
 def default_drive(emulator: Emulator, system: System | None = None) -> Drive:
-    """Return the drive of `default_motion`; see `random_drive` for the `system`."""
+    """Return the drive that is shown by default: a truck parks, a dolphin leaps; see `random_drive` for the `system`.
+
+    It is `shipped_drive` for a system that ships, and `random_drive` with seed 0 for any other.
+    """
     return shipped_drive(emulator) or random_drive(emulator, None, 0, system=system)
 
 
@@ -85,13 +80,6 @@ def shipped_drive(emulator: Emulator) -> Drive | None:
     times = (np.arange(steps) + 0.5) * emulator.dt
     columns = [np.interp(times, middles, column) for column in found.T]
     return Drive(np.array(motion["start"], float), np.stack(columns, axis=1))
-
-
-def random_motion(
-    emulator: Emulator, seconds: float | None, seed: int, start: ArrayLike | None = None
-) -> Float[np.ndarray, "K S"]:
-    """Return the trajectory (K = T+1 states) that follows from `random_drive`."""
-    return random_drive(emulator, seconds, seed, start).motion(emulator)
 
 
 def random_drive(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
-from neuroanimator.cli.formats import emulator_for, export_clip, is_clip
+from neuroanimator.cli.formats import emulator_for, export_clip
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.export.programs.formats import POLICY_ENDING, export_programs
@@ -53,7 +53,7 @@ def run(
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
 ) -> None:
     """Export an emulator or a policy as a program that needs no Python, checked against JAX; a clip as GLB or MP4."""
-    if is_clip(source):
+    if Path(source).suffix == ".csv":
         _export_clip(Path(source), emulator, out, size, camera)
     else:
         _export_programs(source, out, what or ("policy" if policy else None))

@@ -19,14 +19,6 @@ from neuroanimator.film.options import Film
 FORMATS = (".csv", ".glb", ".mp4", ".usda", ".usdc", ".usdz")
 """Suffixes of the files that can be written."""
 
-DEFAULT_FILM = Film()
-"""Default options of videos."""
-
-
-def is_clip(reference: str) -> bool:
-    """Return whether `reference` means a stored clip: a CSV file."""
-    return Path(reference).suffix == ".csv"
-
 
 def emulator_for(outs: list[Path], name: str) -> Emulator:
     """Return the emulator called `name`; refuse file names no clip can be exported to, before any work is done."""
@@ -38,7 +30,7 @@ def export_clip(
     clip: Clip,
     emulator: Emulator,
     outs: list[Path],
-    film: Film = DEFAULT_FILM,
+    film: Film,
     *,
     is_pushed_out: bool = True,
 ) -> None:
@@ -58,7 +50,7 @@ def export_clip(
             _draw(drawn, path, film)
 
 
-def export_school(clips: Sequence[Clip], outs: list[Path], film: Film = DEFAULT_FILM) -> None:
+def export_school(clips: Sequence[Clip], outs: list[Path], film: Film) -> None:
     """Write `clips` together to each path as .glb, USD or .mp4; a table holds only one body."""
     _check_formats(outs)
     for path in outs:

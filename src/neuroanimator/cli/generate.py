@@ -12,6 +12,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.executor import Executor
 from neuroanimator.files.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
 from neuroanimator.files.sources import refuse_source
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.learn.data.config import DatasetConfig
 from neuroanimator.learn.data.diverged_runs import PATTERN
 from neuroanimator.learn.data.generate import generate
@@ -19,7 +20,6 @@ from neuroanimator.learn.data.recorded_segments import limited_to_recordings
 from neuroanimator.learn.data.shortcomings import shortcomings_of
 from neuroanimator.physics import carried_system
 from neuroanimator.physics.loading import resolve, trust_files
-from neuroanimator.systems import SYSTEMS
 from neuroanimator.terminal import phase, print_rows, progress_bar, warn_once
 
 EXAMPLE = (
@@ -125,10 +125,10 @@ def ensure_data(reference: str, emulator: Path, executor: Executor | None = None
         return place_of(reference)
     if Path(reference).is_dir():
         return Path(reference)
-    if reference not in SYSTEMS and not reference.endswith(".toml"):
+    if reference not in SHIPPED_SYSTEMS and not reference.endswith(".toml"):
         refuse_source(reference, "dataset, system or TOML file")
         raise BadFileError(
-            f"{reference} is not a dataset folder, nor a system ({', '.join(SYSTEMS)}), nor a TOML file. "
+            f"{reference} is not a dataset folder, nor a system ({', '.join(SHIPPED_SYSTEMS)}), nor a TOML file. "
             "Make a dataset with 'generate'."
         )
     if reference.endswith(".toml"):

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems import SYSTEMS
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.text import did_you_mean, quoted
 
 if TYPE_CHECKING:  # names do not wait for physics
@@ -48,9 +48,10 @@ def carried_system(name: str, definition: str = "") -> System:
                 f"The definition is of the system {quoted(system.name)}, not of {quoted(name)}."
             )
         return system
-    if name not in SYSTEMS:
+    if name not in SHIPPED_SYSTEMS:
+        names = sorted(SHIPPED_SYSTEMS)
         raise ArgumentError(
-            f"No system called {quoted(name)}. {did_you_mean(name, SYSTEMS)}Systems: {', '.join(sorted(SYSTEMS))}."
+            f"No system called {quoted(name)}. {did_you_mean(name, names)}Systems: {', '.join(names)}."
         )
     pendulums = {
         "pendulum": pendulum.active_pendulum,
@@ -59,17 +60,15 @@ def carried_system(name: str, definition: str = "") -> System:
     return pendulums[name]() if name in pendulums else loading.packaged(name)
 
 
+# A missing system is looked for again the next time.
+_kept_system = lru_cache(SYSTEMS_KEPT)(carried_system)
+
+
 def tied_system(spec: EmulatorSpec) -> System | None:
     """Return the system of an emulator, if it ties its parts together; None if it does not, or if its model is missing."""
     if not spec.is_tied:
         return None
     try:
-        return _tied(spec.system, spec.definition)
+        return _kept_system(spec.system, spec.definition)
     except (BadFileError, ImportError):
         return None
-
-
-@lru_cache(SYSTEMS_KEPT)
-def _tied(name: str, definition: str) -> System:
-    """Return the system; a missing one is looked for again the next time."""
-    return carried_system(name, definition)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from neuroanimator.systems import SYSTEMS
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 
 MAX_USUAL_NAME = 30
 """Maximum number of characters of a name from a file: with `my-` before it, it must be a valid system name."""
@@ -64,6 +64,6 @@ def rounded(value: float, digits: int) -> float:
 def usual_name(path: Path) -> str:
     """Return a system's name from its file's: of valid characters only, and not that of a shipped system."""
     name = re.sub("[^a-z0-9_-]+", "-", path.stem.lower()).strip("-_")[:MAX_USUAL_NAME]
-    if not name or not name[0].isalpha() or name in SYSTEMS:
+    if not name or not name[0].isalpha() or name in SHIPPED_SYSTEMS:
         name = f"my-{name}".rstrip("-")
     return name

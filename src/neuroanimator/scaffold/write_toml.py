@@ -18,13 +18,13 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.names import SYSTEM_PATTERN
 from neuroanimator.files.tables import check_table
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.function import propose_function
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.proposal import Proposal, as_toml
 from neuroanimator.scaffold.recording import propose_recording
 from neuroanimator.scaffold.soft import propose_soft
-from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.trusted_files import trust_file
 from neuroanimator.text import listed, quoted
 
@@ -113,7 +113,7 @@ def _check_name(name: str) -> None:
         raise ArgumentError(
             f"name: wanted letters, digits, _ and -, at most 40, got {quoted(name)}."
         )
-    if name in SYSTEMS:
+    if name in SHIPPED_SYSTEMS:
         raise ArgumentError(f"name: '{name}' is a system of the package. Choose another.")
 
 

@@ -7,9 +7,6 @@ from importlib import resources
 
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 
-SYSTEMS = {name: system.about for name, system in SHIPPED_SYSTEMS.items()}
-"""Descriptions of the shipped systems, by name."""
-
 
 def goal_names(name: str) -> tuple[str, ...]:
     """Return the goals of the shipped system called `name`, without making its physics."""

@@ -12,7 +12,7 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator.animation.interpolate import interpolate_hermite
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import random_drive
 
 FOLDER = Path(__file__).parent
 
@@ -27,7 +27,7 @@ def main() -> None:
     """Write one small file per system."""
     for system in SYSTEMS:
         emulator = na.load_emulator(f"{system}-50")
-        states = random_motion(emulator, seconds=0.5, seed=3)[-2:]
+        states = random_drive(emulator, seconds=0.5, seed=3).motion(emulator)[-2:]
         orientations = emulator.state_structure.orientations
         times = np.array([0.0, 0.3, 0.8]) * emulator.dt
         between = interpolate_hermite(states, emulator.dt, times, emulator.rates, orientations)

@@ -19,7 +19,7 @@ from neuroanimator import (
     write_glb,
     write_video,
 )
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import random_drive
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
 from neuroanimator.export.csv_file import read_controls, write_table
@@ -30,7 +30,7 @@ from neuroanimator.state.rotation import continuous, rotation_matrices
 
 @pytest.fixture(scope="module")
 def clip(shipped: Emulator) -> Clip:
-    return make_clip(shipped, random_motion(shipped, 1.0, seed=3))
+    return make_clip(shipped, random_drive(shipped, 1.0, seed=3).motion(shipped))
 
 
 @pytest.mark.parametrize("name", ["pendulum", "truck", "lander"])

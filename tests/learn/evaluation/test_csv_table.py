@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.harness import merge_csv
+from benchmarks.harness import merge_csv, read_rows
 from neuroanimator.learn.evaluation import csv_table
-from neuroanimator.learn.evaluation.csv_table import read_rows, write_csv
+from neuroanimator.learn.evaluation.csv_table import write_csv
 
 ROWS = [
     {"body": "a", "seed": 0, "error": 0.123456789},

@@ -98,7 +98,7 @@ def test_a_diverged_run_is_detected_and_not_reset():
 
 
 def test_the_motors_can_hold_the_arm_level_and_weak_ones_cannot():
-    from neuroanimator.physics.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
+    from neuroanimator.physics.rigid.pendulum import MOTOR_TORQUE
 
     system = pendulum()
     data = mujoco.MjData(system.model)
@@ -106,7 +106,8 @@ def test_the_motors_can_hold_the_arm_level_and_weak_ones_cannot():
     mujoco.mj_forward(system.model, data)
     needed = np.abs(data.qfrc_bias)
     assert (needed < MOTOR_TORQUE).all()
-    assert (needed > WEAK_MOTOR_TORQUE).all()
+    weak = (10.0, 5.0, 1.5)  # pumps like a child on a swing
+    assert (needed > weak).all()
 
 
 def test_bad_numbers_are_refused_by_name():

@@ -50,10 +50,8 @@ class PilotFrame(NamedTuple):
 class Estimator(Protocol):
     """What estimates a body's parameters from its motion, such as `ParameterEstimator`."""
 
-    @property
-    def emulator(self) -> Emulator:
-        """An emulator of the body's family."""
-        ...
+    emulator: Emulator
+    """An emulator of the body's family."""
 
     def observe(
         self,

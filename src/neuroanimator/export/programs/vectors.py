@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import random_drive
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
@@ -296,7 +296,9 @@ def _within(bounds: Bounds, rng: np.random.Generator) -> Float[np.ndarray, "N C"
 def _states(emulator: Emulator) -> Float[np.ndarray, "N S"]:
     """Return states of random motions: half unchanged, a quarter moved to the border of training, a quarter beyond."""
     seconds = STEPS * emulator.dt
-    motions = [random_motion(emulator, seconds, seed) for seed in range(1, MOTIONS + 1)]
+    motions = [
+        random_drive(emulator, seconds, seed).motion(emulator) for seed in range(1, MOTIONS + 1)
+    ]
     states = np.concatenate(motions)
     to_border = _way_to_border(emulator, states)
     which = np.arange(len(states)) % 4

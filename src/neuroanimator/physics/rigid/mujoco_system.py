@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from importlib import resources
 from typing import get_args
 
 import mujoco
@@ -17,6 +16,7 @@ from neuroanimator.emulator.spec import MAX_GAIN, Engine
 from neuroanimator.errors import BadFileError
 from neuroanimator.physics.rigid.model_parameters import Family
 from neuroanimator.physics.rigid.warnings import warnings_counted
+from neuroanimator.systems.named_files import shipped_folder
 from neuroanimator.systems.system import Scheme, System
 
 INTEGRATORS = {
@@ -45,7 +45,7 @@ PARTS = 4
 
 def load_model(file_name: str) -> mujoco.MjModel:
     """Return the model of a shipped MJCF file."""
-    with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
+    with shipped_folder() as folder:
         return mujoco.MjModel.from_xml_path(str(folder / file_name))
 
 

@@ -21,10 +21,6 @@ MOTOR_TORQUE = (30.0, 14.0, 4.0)
 """Largest torques of the motors [N·m], about 1.4 times those that hold the arm level (22.1, 9.8, 2.5): the arm can lift
 itself, slowly."""
 
-WEAK_MOTOR_TORQUE = (10.0, 5.0, 1.5)
-"""Largest torques of weak motors [N·m], about half of those that hold the arm level: they must pump like a child on a
-swing."""
-
 MOTOR_DAMPING = (1.5, 0.75, 0.2)
 """Damping by motors [N·m·s/rad], of friction and back-EMF: the largest torque over it is a motor's no-load speed, 20
 rad/s."""
