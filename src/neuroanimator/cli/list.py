@@ -28,16 +28,13 @@ def run() -> None:
     )
     print("\nReady-made emulators")
     emulator_rows = []
-    for system, substeps in sorted([*SHIPPED, *SOFT]):
-        sizes = {
-            "": f"leaps {substeps} physics steps at a time",
-            "large": "the same, slower and more accurate",
-        }
-        emulator_rows += [
-            (f"  {emulator_name(system, substeps, size)}", text)
-            for size, text in sizes.items()
-            if shipped_path(system, substeps, size).is_file()
-        ]
+    for system, substeps in sorted(SHIPPED + SOFT):
+        for size, text in (
+            ("", f"leaps {substeps} physics steps at a time"),
+            ("large", "the same, slower and more accurate"),
+        ):
+            if shipped_path(system, substeps, size).is_file():
+                emulator_rows.append((f"  {emulator_name(system, substeps, size)}", text))
     emulator_rows += [
         (f"  {system}", "none: stepping its physics costs less; 'train' makes one")
         for system in WITHOUT_EMULATOR

@@ -95,10 +95,10 @@ class GatedNetwork(Network):
         return any(layer.gates_even for layer in self.layers)
 
     def gated_units(
-        self, odd: Float[Array, " O"], even: Float[Array, " E"], count: int | None = None
+        self, odd: Float[Array, " O"], even: Float[Array, " E"]
     ) -> tuple[Float[Array, " H"], Float[Array, " H"]]:
-        """Return the odd and the even units after `count` layers, or after all; the streams themselves without layers."""
-        for layer in self.layers[:count]:
+        """Return the odd and the even units of the last layer; the streams themselves without layers."""
+        for layer in self.layers:
             odd, even = layer(odd, even)
         return odd, even
 
@@ -135,8 +135,10 @@ class Gated(GatedNetwork):
 
     def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
         no_units = even[:0]  # every answer is odd
+        for layer in self.layers[:-1]:
+            odd, even = layer(odd, even)
         if self.layers:
-            odd = self.layers[-1].odd_units(*self.gated_units(odd, even, -1))
+            odd = self.layers[-1].odd_units(odd, even)
         return Units(odd, no_units)
 
     def answers(
