@@ -17,8 +17,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from benchmarks.equal_error.chunk_time import time_chunk
 from benchmarks.equal_error.paper_table import TableRow, measure_row
-from benchmarks.equal_error.training_time import time_chunk
 from benchmarks.equal_error.work_precision import draw_work_precision
 from benchmarks.harness import keep_rows, parser_of, show_rows
 from neuroanimator.emulator.emulator import Emulator

@@ -13,7 +13,7 @@ import pytest
 from brief import BRIEF
 from executor_tasks import PackedHere
 
-from benchmarks.equal_error import table1, training_time
+from benchmarks.equal_error import chunk_time, table1
 from benchmarks.equal_error.table1 import chosen_rows
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.files.zoo import SHIPPED, shipped_path
@@ -28,7 +28,7 @@ def test_a_row_of_the_table_is_complete(
 ):
     monkeypatch.setenv("NEUROANIMATOR_BACKEND", "auto")
     monkeypatch.setattr(table1, "QUICK", replace(BRIEF, runs=4))
-    monkeypatch.setattr(training_time, "CHUNKS", 2)
+    monkeypatch.setattr(chunk_time, "CHUNKS", 2)
     plot = tmp_path / "work-precision.png"
     table1.main(
         [

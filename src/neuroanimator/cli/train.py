@@ -61,13 +61,13 @@ def run(
         str | None, typer.Option(help="Units in each layer: 96,64; for a hierarchy 64,0,24.")
     ] = None,
     optimizer: Annotated[
-        str | None, typer.Option(help="muon (default), adam, or momentum as in 1998.")
+        str | None, typer.Option(help="soap (default), adam, or momentum as in 1998.")
     ] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Maximum learning rate.")] = None,
     updates: Annotated[
         int | None,
         typer.Option(
-            help="Weight updates (default 40000, half a minute; with contacts 16000, a few minutes)."
+            help="Weight updates (default 20000, half a minute; with contacts 12000, a few minutes)."
         ),
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,

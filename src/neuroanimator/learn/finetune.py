@@ -32,7 +32,7 @@ REFINING_UPDATES = 5_000
 """Number of weight updates of a refinement: seconds, and enough for the neighbourhood of one motion."""
 
 REFINING_RATE = 1e-3
-"""Maximum learning rate of a refinement: a fifth of training's, since the weights are nearly right."""
+"""Maximum learning rate of a refinement: a tenth of training's, since the weights are nearly right."""
 
 UNROLLED_SHARE = 0.5
 """Share of a refinement's updates that are unrolled over several super steps."""

@@ -8,18 +8,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, TrainingConfig
-from neuroanimator.emulator.networks import make_network
 from neuroanimator.learn.data.store import Transitions
-from neuroanimator.learn.training.optimizer import make_optimizer
 from neuroanimator.learn.training.survey import validation_mask
 from neuroanimator.learn.training.train import Report, read_metrics, run_folder, train
 
@@ -74,19 +69,6 @@ def test_each_network_and_optimiser_learns(
     assert read_metrics(run_folder(tmp_path / "e.safetensors") / "metrics.jsonl") == reports
     assert reports[-1].error < least_error
     assert reports[-1].error < reports[0].error
-
-
-def test_muon_leaves_matrices_without_rows_alone():
-    """Networks without a mirror have no even inputs, whose weights are a matrix without rows."""
-    network: Any = make_network("classic", 12, 0, 6, (5,), jax.random.key(0))
-    optimizer = make_optimizer(TrainingConfig(network="classic", widths=(5,)))
-    gradient = jax.tree.map(jnp.ones_like, network)
-    update = jax.jit(optimizer.update)
-    _, state = update(gradient, jax.jit(optimizer.init)(network), network)
-    step: Any = update(gradient, state, network)[0]
-    assert step.even_in.shape == (0, 5)
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(step))
-    assert np.abs(step.odd_in).max() > 0
 
 
 def test_validation_runs_are_whole_and_unseen(transitions: Transitions):

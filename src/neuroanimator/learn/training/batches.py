@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,16 +31,18 @@ RARE = 0.1
 
 
 def rare_rows(emulator: Emulator, data: Transitions) -> Int[np.ndarray, " M"]:
-    """Return the tenth of the rows of `data` with the most unusual change in any of its numbers.
+    """Return the tenth of the rows of `data` with the most unusual change in any super step, in any of its numbers.
 
     A number is unusual by its distance from the mean, in standard deviations.
     """
     normaliser = emulator.normaliser
-    change = emulator.frame.remainder(data.states[:, 0], data.states[:, 1])
     scale = np.asarray(normaliser.change_scale)
     moves = scale > 0
-    deviation = (change - np.asarray(normaliser.change_mean))[:, moves]
-    unusual = np.abs(deviation / scale[moves]).max(axis=1)
+    unusual = np.zeros(len(data.states))
+    for before, after in pairwise(np.moveaxis(data.states, 1, 0)):
+        deviation = emulator.frame.remainder(before, after) - np.asarray(normaliser.change_mean)
+        deviation = np.abs(deviation[:, moves] / scale[moves])
+        unusual = np.maximum(unusual, deviation.max(axis=1))
     count = max(1, round(RARE * len(unusual)))
     return np.sort(np.argpartition(unusual, -count)[-count:]).astype(np.int32)
 
@@ -71,7 +75,7 @@ def parts_of(
     rows: Int[Array, " B"],
     unroll: int,
 ) -> tuple[Float[Array, "B F S"], Float[Array, "B U C"]]:
-    """Return `unroll` super steps of each window in `rows`, from a random one on: more examples of expensive physics."""
+    """Return `unroll` super steps of each window in `rows`, from a random one on: more examples of the same physics."""
     latest = controls.shape[1] - unroll
     first = jax.random.randint(key, (len(rows), 1), 0, latest + 1)
     steps = first + jnp.arange(unroll + 1)

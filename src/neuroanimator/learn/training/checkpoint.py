@@ -102,7 +102,8 @@ def read_tree(
     tensors, metadata = read_tensors(path, "checkpoint", largest=largest)
     if metadata.get("identity") != identity:
         raise BadFileError(
-            f"{folder} holds a run with other data or settings. Choose another --out, or remove that folder."
+            f"{folder} holds a run with other data or settings, or of another version. Choose another --out, or "
+            "remove that folder."
         )
     try:
         arrays = checked_arrays(_leaves_by_path(fresh), tensors)

@@ -85,12 +85,8 @@ def train_chunk(
         if weights is not None:
             row_weights = weights[rows]
         fold_key = jax.random.fold_in(key, rows[0])
-        if problem.structure.shape_contacts is None:
-            states = windows.states[rows, : unroll + 1]
-            controls = windows.controls[rows, :unroll]
-        else:
-            part_key = jax.random.fold_in(fold_key, 2)
-            states, controls = parts_of(part_key, windows.states, windows.controls, rows, unroll)
+        part_key = jax.random.fold_in(fold_key, 2)
+        states, controls = parts_of(part_key, windows.states, windows.controls, rows, unroll)
         return _batch_loss(problem, network, fold_key, states, controls, row_weights)
 
     optimizer = make_optimizer(config)

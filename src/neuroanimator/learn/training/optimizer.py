@@ -1,14 +1,11 @@
-"""The optimisers of training: Muon, Adam, and gradient descent with momentum."""
+"""The optimisers of training: SOAP, Adam, and gradient descent with momentum."""
 
 from __future__ import annotations
 
-from typing import Any
-
-import jax
 import optax
-from optax import contrib
 
 from neuroanimator.learn.training.config import TrainingConfig
+from neuroanimator.learn.training.soap import scale_by_soap
 
 MAX_GRADIENT = 1.0
 """Norm to which gradients are clipped: a rare wild batch must not undo hours of training."""
@@ -29,25 +26,8 @@ def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
     warmup = min(MAX_WARMUP, total // 10)
     rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, warmup, total)
     optimizers = {
-        "muon": contrib.muon(
-            rate,
-            ns_steps=config.orthogonalisation_steps,
-            adam_learning_rate=rate,
-            muon_weight_dimension_numbers=matrices_of,
-        ),
+        "soap": optax.chain(scale_by_soap(), optax.scale_by_learning_rate(rate)),
         "adam": optax.adam(rate, b2=ADAM_DECAY),
         "momentum": optax.sgd(rate, momentum=MOMENTUM),
     }
     return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optimizers[config.optimizer])
-
-
-def matrices_of(network: Any) -> Any:
-    """Return which of a network's weights Muon orthogonalises: its matrices, except those without rows."""
-
-    # Without a mirror a network has no even inputs, and Muon would divide by their number.
-    def dimensions(weights: Any) -> contrib.MuonDimensionNumbers | None:
-        if weights.ndim != 2 or not weights.size:
-            return None
-        return contrib.MuonDimensionNumbers()
-
-    return jax.tree.map(dimensions, network)

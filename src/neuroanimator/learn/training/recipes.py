@@ -1,4 +1,4 @@
-"""The recipes of the shipped emulators: same data, same seeds, same weights on one machine."""
+"""The recipes of the shipped emulators; the file of each says which optimiser it was made by."""
 
 from __future__ import annotations
 
