@@ -38,7 +38,7 @@ SOFT: dict[str, Any] = {
     "network": "linear-glu",
     "widths": (256, 256),
     "batch": LARGE_BATCH,
-    "updates": 8_000,
+    "updates": 5_000,
     "unroll": LONG_WINDOW,
     "unroll_share": 0.6,
     "error_growth": 1.0,
