@@ -15,6 +15,22 @@ AS_EMULATOR = ("step", "rollout", "encode", "advance_batch", "covers", "rest")
 AS_REPLAY = ("rollout", "rollout_usual")
 """What replays motions, by the truth and as a user would run it."""
 
+EXPONENTIAL = """static double exponential(double exponent) {
+    if (exponent < -1) {
+        const double half = exponential(exponent / 2);
+        return half * half;
+    }
+    double sum = 1;
+    for (int n = 20; n > 0; n--) sum = 1 + exponent * sum / n;
+    return sum;
+}
+#define exp exponential
+"""
+"""e to the power of a negative number, by which muscles relax.
+
+WebAssembly has no instruction for it, and the library that has it takes Zig most of a minute to build.
+"""
+
 
 def physics_module(
     system: DeformableSystem, dt: float, name: str, exports: tuple[str, ...]
@@ -35,10 +51,8 @@ def physics_module(
             f"#define {prefix}STEPS {scheme.steps(dt)}",
             f"#define {prefix}DT {scheme.dt!r}",
         ]
-    if not body.time_constant:
-        # Only muscles relax by it. WebAssembly has no instruction for it, and Zig builds no library in vain.
-        lines.append("#define exp(exponent) 0.0")
     lines += [
+        EXPONENTIAL,
         c_source(body, "double", 1),
         f"const float {name}_rest[] = {{{numbers}}};",
         CALLS.read_text(encoding="utf-8"),
