@@ -219,8 +219,8 @@ def descent_text(descent: PageDescent) -> str:
     constants = SharedConstants()
     maps = {}
     for name, definition in definitions.items():
-        # So that none is called as one of the functions that call it.
-        maps[name] = c_map(f"{NAME}_{name}", definition, sizes[name], constants)
+        # So that none is called as one of the functions that call it. Those never called are not compiled.
+        maps[name] = c_map(f"{NAME}_{name}", definition, sizes[name], constants, is_public=False)
     structs = {}
     for name, definition in definitions.items():
         # Of whole states, where latent ones are observed, only the start is looked at, which does not change.

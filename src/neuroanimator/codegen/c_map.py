@@ -104,8 +104,14 @@ def _arrays_of(traced: Any) -> Iterator[np.ndarray]:
                     yield from _arrays_of(nested)
 
 
-def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constants) -> CFunction:
-    """Return C text of a map with `numbers` numbers.
+def c_map(
+    name: str,
+    definition: MapDefinition,
+    numbers: int,
+    constants: Constants,
+    is_public: bool = True,
+) -> CFunction:
+    """Return C text of a map with `numbers` numbers; if `is_public`, its functions can be called from outside the program.
 
     - `name_forward(k, numbers, x, t, tv, y)` writes the tape `t` for the next three,
     - `name_backward(k, t, tv, cotangents of y, cotangents of x)` has sixteen lanes of cotangents,
@@ -135,10 +141,10 @@ def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constan
     ]
     late = [LatePart("backward", 1, 1), LatePart("push", 1, 1), LatePart("slope", 1, 1)]
     differentiated = c_function(
-        name, in_every_way, module, arguments, constants, late=late, is_public=True
+        name, in_every_way, module, arguments, constants, late=late, is_public=is_public
     )
     wide = [Input((numbers,)), Input((inputs,), is_wide=True)]
-    in_lanes = c_function(f"{name}_lanes", function, module, wide, constants, is_public=True)
+    in_lanes = c_function(f"{name}_lanes", function, module, wide, constants, is_public=is_public)
     return CFunction(differentiated.text + in_lanes.text, tape=differentiated.tape)
 
 
