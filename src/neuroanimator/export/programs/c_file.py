@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from neuroanimator.codegen.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler, obstacle
+from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import BORDERLINE
@@ -108,10 +109,10 @@ def check_gradients(call: Call, vectors: Vectors) -> float:
 
 def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
     """Check trust scores against JAX; one at the edge may be rounded to either side."""
-    rows = list(zip(vectors.inputs["state"], vectors.inputs["control"], strict=True))
-    inputs = [as_jax(vectors.inputs[name]) for name in ("state", "control")]
+    inputs = [vectors.inputs[name] for name in ("state", "control")]
+    rows = list(zip(*inputs, strict=True))
     # Compiled as a whole: operation by operation it takes longer than the rest of the check.
-    scores = np.asarray(jax.jit(jax.vmap(partial(trust, emulator)))(*inputs))
+    scores = np.asarray(compiled_quickly(jax.vmap(partial(trust, emulator)))(*map(as_jax, inputs)))
     next_state = _room(emulator.state.size)
     trusted = np.array([call("step_trusted", *row, next_state) for row in rows])
     is_covered = np.array([call("covers", *row) == 1 for row in rows])

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from neuroanimator.animation.motion import random_drive
+from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
@@ -218,7 +219,7 @@ def _steady_vectors(
     of a clip, the larger of two) JAX' slope is that of one side or the other, and at the kink itself their mean.
     Programs have the same conditions from JAX, but round the compared numbers in another order.
     """
-    run = jax.jit(jax.vmap(function))
+    run = compiled_quickly(jax.vmap(function))
     outputs = _as_numpy(run(*inputs.values()))
     others = []
     for draw in range(DRAWS):
