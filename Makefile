@@ -15,9 +15,10 @@ STAMP := .venv/.ready
 DOCS_STAMP := .venv/.ready-docs
 PAGE := studio/neuroanimator_studio/page/index.html
 PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*' -not -path 'studio/neuroanimator_studio/*')
-BUNDLES := $(foreach name,dolphin-50 fish-50 fishes-50 truck-50 lander-50 pendulum-50 pendulum-passive-50 cape-40 flag-40 jelly-40 cube human,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
+# What takes longest comes first.
+BUNDLES := $(foreach name,human dolphin-50 fish-50 truck-50 lander-50 fishes-50 pendulum-50 pendulum-passive-50 cape-40 flag-40 jelly-40 cube,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
 
-.PHONY: setup studio demo test numerics page docs wheel wheels blender endurance fuzz lint check bench lock clean
+.PHONY: setup studio demo test numerics page bundles docs wheel wheels blender endurance fuzz lint check bench lock clean
 
 demo: $(CORE_STAMP)
 	$(BIN)/neuroanimator demo --out out
@@ -69,22 +70,26 @@ setup: $(STAMP)
 
 # Without the page everything but the studio works, so that a machine without npm's registry is set up all the same.
 studio: $(STAMP)
-	@$(MAKE) --no-print-directory -j2 page || echo "The studio's page was not built; everything else works. Try again: make page"
+	@$(MAKE) --no-print-directory page || echo "The studio's page was not built; everything else works. Try again: make page"
 
 # The page, by the machine's Node if that is new enough, or else by the one that PyPI has; and what it shows.
-page: $(STAMP) $(PAGE) $(BUNDLES)
-	@:
+page: $(STAMP)
+	@$(MAKE) --no-print-directory -j2 $(PAGE) bundles
+
+# One process makes all that are out of date: what they share is imported and compiled once.
+bundles: $(BUNDLES)
+	@$(if $(STALE),$(BIN)/python -m neuroanimator_studio.ship $(STALE),:)
 
 studio/neuroanimator_studio/bundles/%/bundle.json: src/neuroanimator/emulators/%.emulator.safetensors | $(STAMP)
-	@$(BIN)/python -m neuroanimator_studio.ship $*
+	$(eval STALE += $*)
 
 # No emulator of the cube ships: the page runs its physics.
 studio/neuroanimator_studio/bundles/cube/bundle.json: src/neuroanimator/systems/assets/cube.toml | $(STAMP)
-	@$(BIN)/python -m neuroanimator_studio.ship cube
+	$(eval STALE += cube)
 
 # What was learnt in the examples.
 studio/neuroanimator_studio/bundles/human/bundle.json: examples/human/human.policy.safetensors examples/human/falls.safetensors | $(STAMP)
-	@$(BIN)/python -m neuroanimator_studio.ship human
+	$(eval STALE += human)
 
 $(PAGE): $(PAGE_SOURCES) | $(STAMP)
 	@$(BIN)/python studio/build.py

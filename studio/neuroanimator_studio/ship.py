@@ -6,6 +6,7 @@ With `--facts` only what they say is made anew, and programs stay as they are.
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -40,24 +41,29 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def ship(names: list[str]) -> None:
-    """Make the bundles `names` anew."""
-    for name in names:
-        folder = shipped_folder() / name
-        if name in PHYSICS_BUNDLES:
-            folder.mkdir(parents=True, exist_ok=True)
-            write_physics_module(name, folder)
-            write_facts(physics_facts(name, folder), folder)
-        elif name in EXAMPLE_BUNDLES:
-            folder.mkdir(parents=True, exist_ok=True)
-            # Made where its model is not beside: nobody who installs the studio has that.
-            source = CHECKOUT / EXAMPLE_BUNDLES[name].file
-            write_whole(folder / EMULATOR, source.read_bytes())
-            make_bundle(str(folder / EMULATOR), folder, name)
-            ship_facts([name])
-        else:
-            make_bundle(name, folder)
-        for path in sorted(folder.iterdir()):
-            print_line(f"{path.relative_to(shipped_folder())}: {path.stat().st_size:,} bytes")
+    """Make the bundles `names` anew, two at a time: while one waits for a compiler, the other is traced."""
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        for folder in pool.map(_ship_one, names):
+            for path in sorted(folder.iterdir()):
+                print_line(f"{path.relative_to(shipped_folder())}: {path.stat().st_size:,} bytes")
+
+
+def _ship_one(name: str) -> Path:
+    """Make the bundle `name` anew, and return its folder."""
+    folder = shipped_folder() / name
+    folder.mkdir(parents=True, exist_ok=True)
+    if name in PHYSICS_BUNDLES:
+        write_physics_module(name, folder)
+        write_facts(physics_facts(name, folder), folder)
+    elif name in EXAMPLE_BUNDLES:
+        # Made where its model is not beside: nobody who installs the studio has that.
+        source = CHECKOUT / EXAMPLE_BUNDLES[name].file
+        write_whole(folder / EMULATOR, source.read_bytes())
+        make_bundle(str(folder / EMULATOR), folder, name)
+        ship_facts([name])
+    else:
+        make_bundle(name, folder)
+    return folder
 
 
 def ship_facts(names: list[str]) -> None:
