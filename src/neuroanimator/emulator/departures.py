@@ -96,13 +96,16 @@ def find_departures(
     held = held_controls(emulator.bounds).astype(np.float32)
     names = _judged_names(emulator)
     states = np.repeat(np.asarray(emulator.rest, np.float32)[None], len(held), axis=0)
-    keeps_still = _from_rest(emulator, emulator.step(states[-1], held[-1])[None])[0] <= STILL
+    keeps_still = False
     furthest = np.zeros((len(held), len(names)))
     left_at = np.full(furthest.shape, np.inf)
     for done in range(0, steps, BLOCK):
         length = min(BLOCK, steps - done)
         controls = np.repeat(held[:, None], length, axis=1)
         path = np.asarray(emulator.rollout(states, controls, may_diverge=True))
+        if not done:
+            # Not by a step of its own, which would be another program.
+            keeps_still = _from_rest(emulator, path[-1, 1:2])[0] <= STILL
         looked_at = np.append(np.arange(EVERY, length, EVERY), length)
         excess = _excess(emulator, path[:, looked_at], controls[:, looked_at - 1])
         if keeps_still:
