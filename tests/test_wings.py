@@ -25,6 +25,7 @@ MAKERS = (
 
 PLAYERS_AMONG_THEM = (
     "film/options", "cli/main", "cli/verbs", "cli/formats", "cli/animate", "cli/control", "cli/export", "cli/list", "cli/doctor",
+    "cli/motion_sources",
 )  # fmt: skip
 """The verbs of players."""
 

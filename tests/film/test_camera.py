@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from neuroanimator import load_emulator, load_system, make_clip
+from neuroanimator import load_emulator, load_policy, load_system, make_clip
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.motion import default_drive
-from neuroanimator.control.policies.school import school_clips
+from neuroanimator.control.policies.school import school_motion
 from neuroanimator.film.bounding_boxes import BoundingBoxes, bounding_boxes, fixed_boxes
 from neuroanimator.film.camera import FIELD_OF_VIEW, MAX_HIDDEN, Shots, hidden_share, take_shots
 from neuroanimator.film.options import Film, Take
@@ -74,7 +74,8 @@ def test_a_wall_hides_what_is_behind_it_and_nothing_before_it():
 
 
 def test_a_school_is_followed_and_stays_in_the_middle_of_the_picture():
-    clips = school_clips(load_emulator("fish"), 12)
+    policy = load_policy("fish")
+    clips = [make_clip(policy.emulator, states) for states in school_motion(policy, 12)]
     shots = take_shots(Take(tuple(clips)), FILM)
     middle = np.mean([middle_of(clip) for clip in clips], axis=0)
     assert np.abs(seen_at(shots, middle)).max() < 0.05

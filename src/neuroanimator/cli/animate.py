@@ -3,36 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import numpy as np
 import typer
-from jaxtyping import Float
 
-from neuroanimator.animation.clip import Clip, make_clip
-from neuroanimator.animation.motion import (
-    controlled_drive,
-    default_drive,
-    named_start,
-    random_drive,
-)
-from neuroanimator.animation.path_drive import path_drive
-from neuroanimator.cli.formats import emulator_for, export_clip, export_school
-from neuroanimator.cli.usage import refuse_given
-from neuroanimator.control.policies.school import school_clips
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
-from neuroanimator.errors import ArgumentError
-from neuroanimator.export.csv_file import read_controls
-from neuroanimator.export.programs.formats import POLICY_ENDING
+from neuroanimator.animation.clip import make_clip
+from neuroanimator.cli.formats import export_clips
+from neuroanimator.cli.motion_sources import MotionOptions, motion_of
 from neuroanimator.film.options import CAMERAS, DEFAULT_SIZE, read_film
-from neuroanimator.physics import tied_system
-from neuroanimator.state.start import read_starts
 from neuroanimator.terminal import phase, print_rows
-from neuroanimator.text import print_line, quoted
-
-if TYPE_CHECKING:
-    from neuroanimator.learn.evaluation.hybrid_shares import HybridGain
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -137,151 +116,38 @@ def run(
 ) -> None:
     """Animate a system's showcase motion, one found by 'control', or a random one, without running the physics."""
     film = read_film(size, camera)
-    if emulator.endswith(POLICY_ENDING) and school is None:
-        refuse_given(
-            {"controls": controls, "path": path, "start": start, "hybrid": hybrid, "trust": trust},
-            "a policy determines its own start and motion. Leave it out.",
+    motion = motion_of(
+        MotionOptions(
+            emulator=emulator,
+            out=out,
+            seconds=seconds,
+            seed=seed,
+            controls=controls,
+            path=path,
+            path_speed=path_speed,
+            start=start,
+            command=command,
+            in_emulator=in_emulator,
+            school=school,
+            trust=trust,
+            hybrid=hybrid,
+            threshold=threshold,
+            system=system,
         )
-        model, states = _moved_by_policy(
-            Path(emulator), system, command, seconds, seed, is_inside=in_emulator
-        )
-        source = "emulator" if in_emulator else "physics"
-        clip = make_clip(model, states, rate=rate, interpolation=interpolation, source=source)
-        with phase("drawing"):
-            export_clip(clip, model, out, film)
-        return print_rows(_rows(clip, out))
-    refuse_given(
-        {"command": command, "in-emulator": in_emulator},
-        "applies to policy files only. Leave it out.",
     )
-    if not hybrid:
-        refuse_given(
-            {"threshold": threshold, "system": system},
-            "applies to --hybrid only. Give --hybrid, too.",
+    clips = [
+        make_clip(
+            motion.emulator,
+            states,
+            rate=rate,
+            interpolation=interpolation,
+            source=motion.made_by,
+            trust=motion.scores,
         )
-    _check_path(path, path_speed, {"controls": controls, "start": start, "seed": seed})
-    with phase("loading"):
-        model = emulator_for(out, emulator)
-    if school is not None:
-        others = {
-            "controls": controls,
-            "path": path,
-            "start": start,
-            "trust": trust,
-            "hybrid": hybrid,
-            "interpolation": interpolation != "hermite",
-        }
-        refuse_given(others, "a school is steered by its policy. Leave it out, or --school.")
-        with phase("emulating"):
-            clips = school_clips(model, school, seconds=seconds, seed=seed or 0, rate=rate)
-        with phase("drawing"):
-            export_school(clips, out, film)
-        return print_rows(_rows(clips[0], out))
-    with phase("emulating"):
-        tied = tied_system(model.spec)
-        start_state = None
-        if start:
-            start_state = named_start(model, read_starts(start), tied)
-        if path:
-            drive = path_drive(
-                model,
-                _paths(path),
-                speed=1.0 if path_speed is None else path_speed,
-                seconds=seconds,
-            )
-        elif controls:
-            drive = controlled_drive(model, read_controls(controls, model), start_state)
-        elif seconds is None and seed is None and start_state is None:
-            drive = default_drive(model, tied)
-        else:
-            drive = random_drive(model, seconds, seed or 0, start_state, tied)
-        gain = None
-        if hybrid:
-            from neuroanimator.cli.in_turns import motion_in_turns  # with it comes MuJoCo
-
-            motion, gain = motion_in_turns(model, drive, threshold, system)
-            states = motion.states
-            scores = motion.scores
-        else:
-            states, scores = drive.trusted_motion(model)
-    for remark in drive.remarks:
-        print_line(f"neuroanimator: {remark}", to_stderr=True)
-    clip = make_clip(
-        model,
-        states,
-        rate=rate,
-        interpolation=interpolation,
-        source="hybrid" if hybrid else "emulator",
-        trust=scores if trust else None,
-    )
-    with phase("drawing"):
-        export_clip(clip, model, out, film, is_pushed_out=push_out)
-    return print_rows(_rows(clip, out, summary_of(model, scores), gain))
-
-
-def _rows(
-    clip: Clip,
-    out: list[Path],
-    trust: TrustSummary | None = None,
-    gain: HybridGain | None = None,
-) -> list[tuple[str, object]]:
-    """Return the rows that the verb prints."""
-    rows: list[tuple[str, object]] = [
-        ("frames", len(clip.times)),
-        ("seconds", f"{clip.times[-1]:.2f}"),
+        for states in motion.states
     ]
-    if trust is not None:
-        rows.append(("trust", trust))
-    if gain is not None:
-        rows.append(("hybrid", gain))
-    return [*rows, *(("file", path) for path in out)]
-
-
-def _moved_by_policy(
-    policy: Path,
-    system: Path | None,
-    command: list[str] | None,
-    seconds: float | None,
-    seed: int | None,
-    *,
-    is_inside: bool,
-) -> tuple[Emulator, Float[np.ndarray, "K S"]]:
-    """Return (the policy's emulator, states of a motion): on command, or of an episode as in learning."""
-    with phase("loading"):
-        from neuroanimator.cli.policy_returns import commanded_motion, policy_motion  # with MuJoCo
-
-    if not command:
-        return policy_motion(policy, system, seconds, seed or 0, is_inside=is_inside)
-    refuse_given(
-        {"seconds": seconds, "seed": seed},
-        "commands already determine the motion. Leave one of them out.",
-    )
-    return commanded_motion(policy, system, command, is_inside=is_inside)
-
-
-def _check_path(
-    path: list[str] | None, path_speed: float | None, others: dict[str, object]
-) -> None:
-    """Refuse the `others` beside a path, and a speed without a path."""
-    if path:
-        refuse_given(
-            others,
-            "a motion along a path begins and moves as the path does. Leave it out, or --path.",
-        )
-    elif path_speed is not None:
-        raise ArgumentError("path-speed: applies to --path only. Give --path, too.")
-
-
-def _paths(texts: list[str]) -> dict[str, str]:
-    """Return the source of each mover's path, by the mover's name."""
-    paths: dict[str, str] = {}
-    for text in texts:
-        name, equals, source = text.partition("=")
-        if not equals or not name or not source:
-            raise ArgumentError(
-                f"path: wanted MOVER=FILE such as torso=walk.csv, got {quoted(text)}."
-            )
-        if name in paths:
-            raise ArgumentError(f"path: {quoted(name)} has two paths. Give one.")
-        paths[name] = source
-    return paths
+    with phase("drawing"):
+        export_clips(clips, motion.emulator, out, film, is_pushed_out=push_out)
+    shown = clips[0].times
+    files = [("file", path) for path in out]
+    print_rows([("frames", len(shown)), ("seconds", f"{shown[-1]:.2f}"), *motion.rows, *files])

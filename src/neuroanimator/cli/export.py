@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
-from neuroanimator.cli.formats import emulator_for, export_clip
+from neuroanimator.cli.formats import emulator_for, export_clips
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.export.programs.formats import POLICY_ENDING, export_programs
@@ -81,7 +81,7 @@ def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, c
         model = emulator_for(out, emulator)
         motion = read_clip(clip, model)
     with phase("drawing"):
-        export_clip(motion, model, out, film)
+        export_clips([motion], model, out, film)
     rows: list[tuple[str, object]] = [("frames", len(motion.times))]
     rows += [("file", path) for path in out]
     print_rows(rows)

@@ -26,43 +26,36 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
     return Emulator.load(find_emulator(name))
 
 
-def export_clip(
-    clip: Clip,
+def export_clips(
+    clips: Sequence[Clip],
     emulator: Emulator,
     outs: list[Path],
     film: Film,
     *,
     is_pushed_out: bool = True,
 ) -> None:
-    """Write `clip` to each path as .csv, .glb, USD or .mp4 (a `film`); nothing is written if one of them is refused.
+    """Write `clips` together to each path as .csv, .glb, USD or .mp4 (a `film`); nothing is written if one is refused.
 
     A system without bodies is drawn as gauges: see `drawable`. The surface of a soft body is drawn outside its
-    colliders if it `is_pushed_out`: see `push_out`.
+    colliders if it `is_pushed_out`: see `push_out`. A table holds only one body.
     """
     _check_formats(outs)
-    drawn = drawable(clip, emulator)
-    if is_pushed_out and any(path.suffix != ".csv" for path in outs):
-        drawn = push_out(drawn, emulator)
+    tables = [path for path in outs if path.suffix == ".csv"]
+    if tables and len(clips) > 1:
+        raise ArgumentError(
+            f"out: '{tables[0].name}': a .csv holds one body, and a school has more. Choose another format."
+        )
+    drawn = [drawable(clip, emulator) for clip in clips]
+    if is_pushed_out and len(tables) < len(outs):
+        drawn = [push_out(clip, emulator) for clip in drawn]
     for path in outs:
-        if path.suffix == ".csv":
-            write_clip(clip, path, emulator.state)
+        if path in tables:
+            write_clip(clips[0], path, emulator.state)
         else:
             _draw(drawn, path, film)
 
 
-def export_school(clips: Sequence[Clip], outs: list[Path], film: Film) -> None:
-    """Write `clips` together to each path as .glb, USD or .mp4; a table holds only one body."""
-    _check_formats(outs)
-    for path in outs:
-        if path.suffix == ".csv":
-            raise ArgumentError(
-                f"out: '{path.name}': a .csv holds one body, and a school has more. Choose another format."
-            )
-    for path in outs:
-        _draw(clips, path, film)
-
-
-def _draw(clips: Clip | Sequence[Clip], path: Path, film: Film) -> None:
+def _draw(clips: Sequence[Clip], path: Path, film: Film) -> None:
     if path.suffix == ".glb":
         write_glb(clips, path)
     elif path.suffix == ".mp4":

@@ -34,7 +34,12 @@ def usage_in_one_line() -> Iterator[None]:
 
 
 def refuse_given(options: Mapping[str, object], reason: str) -> None:
-    """Refuse the first of `options` that is given, i.e. not None, off or empty; the error states its name and `reason`."""
+    """Refuse the first of `options` that is given; the error states its name and `reason`."""
     for name, value in options.items():
-        if value is not None and value is not False and value != []:
+        if is_given(value):
             raise ArgumentError(f"{name}: {reason}")
+
+
+def is_given(value: object) -> bool:
+    """Return whether an option has a `value`: it is not None, off or empty."""
+    return value is not None and value is not False and value != []

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.motion import checked_steps
 from neuroanimator.animation.showcase import dive, swims_under_a_surface
 from neuroanimator.control.policies.behaviours import Behaviour, limit_angles, steer_along
@@ -46,18 +45,12 @@ SWAY_PERIOD = 7.0
 """Period of this sway [s]."""
 
 
-def school_clips(
-    emulator: Emulator,
-    count: int,
-    *,
-    seconds: float | None = None,
-    seed: int = 0,
-    rate: float | None = None,
-) -> list[Clip]:
-    """Return the clips of `count` bodies of the emulator's system that swim together, by the policy that ships for it.
+def school_of(
+    emulator: Emulator, count: int, seconds: float | None = None, seed: int = 0
+) -> tuple[Emulator, Float[np.ndarray, "{count} K S"]]:
+    """Return (the emulator inside the policy that ships for the emulator's system, motions of `count` bodies by it).
 
-    They are motions of the policy's own emulator. Raises ArgumentError if no policy ships, and for a count
-    or a time [s] out of range.
+    They swim together. Raises ArgumentError if no policy ships, and for a count or a time [s] out of range.
     """
     if emulator.definition or emulator.system not in POLICIES:
         raise ArgumentError(
@@ -66,14 +59,13 @@ def school_clips(
     if not 1 <= count <= MAX_SCHOOL:
         raise ArgumentError(f"school: wanted 1 to {MAX_SCHOOL} bodies, got {count}.")
     policy = load_policy(emulator.system)
-    motions = school_motion(policy, count, seconds, seed)
-    return [make_clip(policy.emulator, one, rate=rate, source="emulator") for one in motions]
+    return policy.emulator, school_motion(policy, count, seconds, seed)
 
 
 def school_motion(
-    policy: Policy, count: int, seconds: float | None, seed: int = 0
+    policy: Policy, count: int, seconds: float | None = None, seed: int = 0
 ) -> Float[np.ndarray, "{count} K S"]:
-    """Return the trajectories (K = T+1 states) of a school of `count` bodies; see `school_clips`."""
+    """Return the trajectories (K = T+1 states) of a school of `count` bodies; see `school_of`."""
     steps = checked_steps(seconds, seed, policy.dt)
     starts, behaviour = school_start(policy, count, seed)
     return np.asarray(rollout_on_emulator(policy, behaviour, starts, steps, seed=seed), float)

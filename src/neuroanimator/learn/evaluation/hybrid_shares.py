@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.learn.evaluation.accuracy import emulate, rollout_error, root_mean_square
-from neuroanimator.learn.evaluation.held_out import HeldOut
+from neuroanimator.learn.evaluation.held_out import HeldOut, system_of
 from neuroanimator.physics.hybrid import HybridMotion, hybrid_rollout
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
@@ -62,6 +63,19 @@ def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> dict[float, 
         error = float(rollout_error(test.frame, states, truth)[-1])
         found[threshold] = HybridGain(share, error, emulator_error)
     return found
+
+
+def motion_in_turns(
+    emulator: Emulator,
+    start: Float[np.ndarray, " S"],
+    controls: Float[np.ndarray, "T C"],
+    threshold: float | None,
+) -> tuple[HybridMotion, HybridGain]:
+    """Return the motion that emulator and physics simulate in turns, and the gain from the physics."""
+    physics = system_of(emulator)
+    edge = EDGE if threshold is None else threshold
+    motion = hybrid_rollout(emulator, physics, start, controls, threshold=edge)
+    return motion, hybrid_gain(emulator, physics, motion, controls)
 
 
 def hybrid_gain(
