@@ -17,7 +17,8 @@ import pytest
 from neuroanimator import Emulator, TrainingConfig, load_system
 from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.emulator.mode_fitting import fit_modes
-from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part, check_parts
+from neuroanimator.emulator.networks.hierarchy import Hierarchy, check_parts
+from neuroanimator.emulator.networks.network import NetworkShape, Part
 from neuroanimator.emulator.pca import reflection
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.data.config import DatasetConfig
@@ -263,7 +264,7 @@ def test_repeated_parts_share_weights():
         Part("right", (2,), (), (2,), hears=(0,), like=0),
     ]
     key = jax.random.key(0)
-    network = Hierarchy.of(3, 0, 3, (4, 0, 4), key=key, even_out=(), parts=(upper, *legs))
+    network = Hierarchy.of(NetworkShape(3, 0, 3, (4, 0, 4), parts=(upper, *legs)), key=key)
     assert network.children.linear.shape[0] == 1
     answer = eqx.filter_jit(network)
     answers = np.asarray(answer(np.float32([0.3, 0.7, 0.7]), np.zeros(0, np.float32)))

@@ -13,8 +13,8 @@ import pytest
 from neuroanimator import Emulator, load_emulator, load_policy
 from neuroanimator.control.policies.policy import policy_leaves
 from neuroanimator.emulator.networks import NETWORKS, make_network
-from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
-from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.networks.hierarchy import Hierarchy
+from neuroanimator.emulator.networks.network import Network, Part
 from neuroanimator.emulator.tensors import emulator_tensors
 
 FORMAT = Path(__file__).parents[2] / "docs" / "format.md"

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.cli.formats import export_clips
+from neuroanimator.cli.formats import FORMATS, export_clips
 from neuroanimator.cli.motion_sources import MotionOptions, motion_of
 from neuroanimator.film.options import CAMERAS, DEFAULT_SIZE, read_film
 from neuroanimator.terminal import phase, print_rows
@@ -78,7 +78,7 @@ def run(
     out: Annotated[
         list[Path],
         typer.Option(
-            help="File ending in .glb, .usda, .usdc, .usdz, .mp4 or .csv; may be given several times."
+            help=f"File ending in one of {', '.join(FORMATS)}; may be given several times."
         ),
     ],
     seconds: Annotated[

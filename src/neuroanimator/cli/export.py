@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
-from neuroanimator.cli.formats import emulator_for, export_clips
+from neuroanimator.cli.formats import FORMATS, emulator_for, export_clips
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.export.programs.formats import POLICY_ENDING, export_programs
@@ -33,7 +33,7 @@ def run(
         list[Path],
         typer.Option(
             help="File ending in .h, .wasm or .onnx (the latter two need the extras wasm and onnx); "
-            "for a clip in .glb, .usda, .usdz, .mp4 or .csv. May be repeated."
+            f"for a clip in one of {', '.join(FORMATS)}. May be repeated."
         ),
     ],
     policy: Annotated[

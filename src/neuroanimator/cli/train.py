@@ -15,6 +15,7 @@ from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.departures import departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
+from neuroanimator.emulator.networks import NETWORKS
 from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, GOOD, IN_WORDS, NO_CHANGE, Verdict
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.formats import POLICY_ENDING
@@ -31,6 +32,9 @@ from neuroanimator.learn.training.train import METRICS, Report, run_folder, trai
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
+
+NETWORK_HELP = f"One of {', '.join(NETWORKS)}; the first is the default, classic that of 1998."
+"""The help of `--network`."""
 
 EPISODES = 100
 """Number of episodes that judge a policy inside an emulator trained on its motions."""
@@ -54,9 +58,7 @@ def run(
     config: Annotated[
         Path | None, typer.Option(help="TOML file with any of the settings below.")
     ] = None,
-    network: Annotated[
-        str | None, typer.Option(help="gated (default), classic (1998), hierarchy, glu.")
-    ] = None,
+    network: Annotated[str | None, typer.Option(help=NETWORK_HELP)] = None,
     widths: Annotated[
         str | None, typer.Option(help="Units in each layer: 96,64; for a hierarchy 64,0,24.")
     ] = None,

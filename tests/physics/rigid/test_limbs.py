@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, TrainingConfig, load_system
-from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
+from neuroanimator.emulator.networks.hierarchy import Hierarchy
+from neuroanimator.emulator.networks.network import Part
 from neuroanimator.learn.data.config import DatasetConfig
 from neuroanimator.learn.data.generate import simulate_transitions
 from neuroanimator.learn.data.store import Transitions

@@ -13,24 +13,26 @@ from neuroanimator.emulator.networks.gated import Gated
 from neuroanimator.emulator.networks.glu import Glu, LinearGlu
 from neuroanimator.emulator.networks.hierarchy import (
     Hierarchy,
-    Part,
     parts_from_json,
     parts_to_json,
 )
 from neuroanimator.emulator.networks.mirrored import Mirrored
-from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.networks.network import Network, NetworkShape, Part
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.numbers import flag, listed, whole
 from neuroanimator.text import quoted
 
 NETWORKS: dict[str, type[Network]] = {
-    "classic": Classic, "gated": Gated, "glu": Glu, "linear-glu": LinearGlu, "hierarchy": Hierarchy,
+    "gated": Gated,
+    "classic": Classic,
+    "glu": Glu,
+    "linear-glu": LinearGlu,
     "mirrored": Mirrored,
-}  # fmt: skip
-DEFAULT_WIDTHS = {
-    "classic": (40,), "gated": (96, 64), "glu": (96, 64), "linear-glu": (96, 64), "hierarchy": (48, 0, 24),
-    "mirrored": (96, 64),
-}  # fmt: skip
+    "hierarchy": Hierarchy,
+}
+"""Every network by its name in files and settings, the default first."""
+
+DEFAULT_WIDTHS = {kind: network.usual_widths for kind, network in NETWORKS.items()}
 
 MAX_LAYERS = 32
 """Maximum number of hidden layers, in total for a hierarchy; each is traced one by one."""
@@ -65,24 +67,12 @@ def make_network(
     *,
     gates_even: bool = False,
 ) -> Network:
-    """Return a fresh network of `kind` with hidden layers of `widths` units; without a `key` its weights are zeros.
-
-    `even_out` lists the answers that are unchanged in the mirror; for `mirrored` and `hierarchy` only.
-    `parts` gives the inputs and answers of each part; for `hierarchy` only. `gates_even`: see `GatedLayer`; for
-    `gated` and `mirrored` only.
-    """
+    """Return a fresh network of `kind`, see `NetworkShape`; without a `key` its weights are zeros."""
     check_widths(kind, widths)
     if kind not in NETWORKS:
         raise ArgumentError(f"No network called '{kind}'. Networks: {', '.join(sorted(NETWORKS))}.")
-    if kind == "hierarchy":
-        return Hierarchy.of(odd, even, out, widths, key=key, even_out=even_out, parts=parts)
-    if kind == "mirrored":
-        return Mirrored.of(
-            odd, even, out, widths, key=key, even_out=even_out, gates_even=gates_even
-        )
-    if kind == "gated":
-        return Gated.of(odd, even, out, widths, key=key, gates_even=gates_even)
-    return NETWORKS[kind].of(odd, even, out, widths, key=key)  # pyright: ignore[reportCallIssue]
+    shape = NetworkShape(odd, even, out, widths, even_out, parts, gates_even)
+    return NETWORKS[kind].of(shape, key=key)
 
 
 def network_to_json(network: Network) -> dict[str, Any]:

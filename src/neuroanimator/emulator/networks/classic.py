@@ -8,7 +8,13 @@ import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import zeros
-from neuroanimator.emulator.networks.network import Network, Units, random_weights, split_key
+from neuroanimator.emulator.networks.network import (
+    Network,
+    NetworkShape,
+    Units,
+    random_weights,
+    split_key,
+)
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 
@@ -19,26 +25,26 @@ class Classic(Network):
     σ(e + o) - σ(e - o) is odd in o; it is the network of 1998 minus its mirror image.
     """
 
+    usual_widths = (40,)
+
     odd_in: Float[AnyArray, "O H"]
     even_in: Float[AnyArray, "E H"]
     bias: Float[AnyArray, " H"]
     out: Float[AnyArray, "H S"]
 
     @classmethod
-    def of(
-        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
-    ) -> Classic:
-        """Return a fresh network; without a key its weights are zeros."""
+    def of(cls, shape: NetworkShape, *, key: PRNGKeyArray | None) -> Classic:
+        widths = shape.widths
         if len(widths) != 1:
             raise ArgumentError(
                 f"widths: the classic network has one hidden layer, got {list(widths)}."
             )
         keys = split_key(key, 3)
         return cls(
-            odd_in=random_weights(keys[0], odd, widths[0]),
-            even_in=random_weights(keys[1], even, widths[0]),
+            odd_in=random_weights(keys[0], shape.odd, widths[0]),
+            even_in=random_weights(keys[1], shape.even, widths[0]),
             bias=zeros(widths[0]),
-            out=random_weights(keys[2], widths[0], out),
+            out=random_weights(keys[2], widths[0], shape.out),
         )
 
     def leaves(self) -> dict[str, Any]:

@@ -11,12 +11,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.networks.network import (
     Network,
+    NetworkShape,
     Units,
-    check_halves,
     prefixed,
     random_weights,
     split_key,
 )
+from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 
 
@@ -109,22 +110,11 @@ class Gated(GatedNetwork):
     out: Float[AnyArray, "H S"]
 
     @classmethod
-    def of(
-        cls,
-        odd: int,
-        even: int,
-        out: int,
-        widths: tuple[int, ...],
-        *,
-        key: PRNGKeyArray | None,
-        gates_even: bool = False,
-    ) -> Gated:
-        """Return a fresh network; without a key its weights are zeros."""
-        check_halves(widths)
-        keys = split_key(key, len(widths) + 1)
-        layers = gated_layers(odd, even, widths, keys[1:], gates_even=gates_even)
-        units = layers[-1].half if layers else odd
-        return cls(layers, random_weights(keys[0], units, out, scale=0.1))
+    def of(cls, shape: NetworkShape, *, key: PRNGKeyArray | None) -> Gated:
+        keys = split_key(key, len(shape.widths) + 1)
+        layers = gated_layers(shape, keys[1:])
+        units = layers[-1].half if layers else shape.odd
+        return cls(layers, random_weights(keys[0], units, shape.out, scale=0.1))
 
     def leaves(self) -> dict[str, Any]:
         return {**layer_leaves(self.layers), "out.weight": self.out}
@@ -147,13 +137,18 @@ class Gated(GatedNetwork):
         return units.odd @ self.out
 
 
-def gated_layers(
-    odd: int, even: int, widths: tuple[int, ...], keys: Any, *, gates_even: bool
-) -> tuple[GatedLayer, ...]:
-    """Return fresh layers of `widths` units, one after another, for streams of `odd` and `even` features."""
+def gated_layers(shape: NetworkShape, keys: Any) -> tuple[GatedLayer, ...]:
+    """Return fresh layers, one after another, for the streams of `shape`; ArgumentError for odd widths."""
+    if any(width % 2 for width in shape.widths):
+        raise ArgumentError(
+            "widths: wanted even numbers, since gated layers are half odd, half even units; got "
+            f"{list(shape.widths)}."
+        )
+    odd = shape.odd
+    even = shape.even
     layers = []
-    for width, key in zip(widths, keys, strict=True):
-        layers.append(GatedLayer.of(odd, even, width // 2, key=key, gates_even=gates_even))
+    for width, key in zip(shape.widths, keys, strict=True):
+        layers.append(GatedLayer.of(odd, even, width // 2, key=key, gates_even=shape.gates_even))
         odd = even = width // 2
     return tuple(layers)
 

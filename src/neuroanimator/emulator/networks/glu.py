@@ -9,7 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import zeros
-from neuroanimator.emulator.networks.network import Network, Units, random_weights, split_key
+from neuroanimator.emulator.networks.network import (
+    Network,
+    NetworkShape,
+    Units,
+    random_weights,
+    split_key,
+)
 from neuroanimator.state.arrays import AnyArray
 
 
@@ -22,18 +28,17 @@ class Glu(Network):
     out: Float[AnyArray, "H S"]
 
     @classmethod
-    def of(
-        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
-    ) -> Glu:
-        """Return a fresh network; without a key its weights are zeros."""
-        keys = split_key(key, len(widths) + 1)
-        sizes = [odd + even, *widths]
+    def of(cls, shape: NetworkShape, *, key: PRNGKeyArray | None) -> Glu:
+        keys = split_key(key, len(shape.widths) + 1)
+        sizes = [shape.odd + shape.even, *shape.widths]
         layers = []
         biases = []
-        for layer_key, rows, width in zip(keys[1:], sizes, widths, strict=False):
+        for layer_key, rows, width in zip(keys[1:], sizes, shape.widths, strict=False):
             layers.append(random_weights(layer_key, rows, 2 * width))
             biases.append(np.repeat(np.array([0, 1], np.float32), width))
-        return cls(tuple(layers), tuple(biases), random_weights(keys[0], sizes[-1], out, scale=0.1))
+        return cls(
+            tuple(layers), tuple(biases), random_weights(keys[0], sizes[-1], shape.out, scale=0.1)
+        )
 
     def leaves(self) -> dict[str, Any]:
         tensors = {}
@@ -70,11 +75,9 @@ class LinearGlu(Network):
     linear: Float[AnyArray, "I S"]
 
     @classmethod
-    def of(
-        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
-    ) -> LinearGlu:
+    def of(cls, shape: NetworkShape, *, key: PRNGKeyArray | None) -> LinearGlu:
         """Return a fresh network with a zero linear map; without a key all weights are zeros."""
-        return cls(Glu.of(odd, even, out, widths, key=key), zeros(odd + even, out))
+        return cls(Glu.of(shape, key=key), zeros(shape.odd + shape.even, shape.out))
 
     def leaves(self) -> dict[str, Any]:
         return {**self.glu.leaves(), "linear.weight": self.linear}

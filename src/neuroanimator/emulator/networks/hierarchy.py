@@ -21,7 +21,15 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks.glu import LinearGlu
 from neuroanimator.emulator.networks.mirrored import Mirrored
-from neuroanimator.emulator.networks.network import Network, Units, prefixed, split_key
+from neuroanimator.emulator.networks.network import (
+    Entries,
+    Network,
+    NetworkShape,
+    Part,
+    Units,
+    prefixed,
+    split_key,
+)
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import check_label
 from neuroanimator.files.numbers import entries, whole
@@ -29,30 +37,11 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.text import quoted
 
-Entries = tuple[int, ...]
-
 MAX_PARTS = 200
 """Maximum number of parts, a model's maximum of freedoms: a file may come from a stranger, and each part is traced."""
 
 ENTRY_KEYS = ("odd", "even", "answers", "hears")
 """Keys of a part in JSON."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """Inputs and answers of one network of the hierarchy."""
-
-    name: str
-    odd: Entries
-    """Entries of the odd stream it sees."""
-    even: Entries
-    """Entries of the even stream it sees."""
-    answers: Entries
-    """Numbers of the change it predicts."""
-    hears: Entries = ()
-    """Answers of the upper network that it sees too, as numbers of the change; empty for the upper network."""
-    like: int = -1
-    """Number of the earlier child whose weights it uses; -1 for its own."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +77,10 @@ class _Family:
         odd_out = max(len(odd) for odd, _ in answers)
         even_out = max(len(even) for _, even in answers)
         if not self.even:
-            return LinearGlu.of(odd_in, even_in, odd_out, widths, key=key)
+            return LinearGlu.of(NetworkShape(odd_in, even_in, odd_out, widths), key=key)
         out = odd_out + even_out
         even_last = tuple(range(odd_out, out))
-        return Mirrored.of(odd_in, even_in, out, widths, key=key, even_out=even_last)
+        return Mirrored.of(NetworkShape(odd_in, even_in, out, widths, even_last), key=key)
 
 
 def _stacked(*leaves: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
@@ -107,6 +96,8 @@ def _repeated(count: int, leaf: Float[np.ndarray, " ..."]) -> Float[np.ndarray, 
 class Hierarchy(Network):
     """An upper network, and children in one batched computation, each padded to the largest."""
 
+    usual_widths = (48, 0, 24)
+
     upper: LinearGlu | Mirrored
     children: LinearGlu | Mirrored
     """Networks of the children; arrays have a leading axis with an entry per child that has its own weights."""
@@ -116,23 +107,15 @@ class Hierarchy(Network):
     """Answers that are even in the mirror; none without a mirror."""
 
     @classmethod
-    def of(
-        cls,
-        odd: int,
-        even: int,
-        out: int,
-        widths: tuple[int, ...],
-        *,
-        key: PRNGKeyArray | None,
-        even_out: Entries,
-        parts: tuple[Part, ...],
-    ) -> Hierarchy:
+    def of(cls, shape: NetworkShape, *, key: PRNGKeyArray | None) -> Hierarchy:
         """Return a fresh network; without a key its weights are zeros.
 
-        `widths` are the upper network's hidden layers, then a 0, then those of every child.
+        Its widths are the upper network's hidden layers, then a 0, then those of every child.
         """
-        check_parts(parts, odd, even, out, widths)
-        family = _Family(parts, tuple(even_out))
+        widths = shape.widths
+        parts = shape.parts
+        check_parts(parts, shape.odd, shape.even, shape.out, widths)
+        family = _Family(parts, tuple(shape.even_out))
         upper_key, children_key = split_key(key, 2)
         middle = widths.index(0)
         upper = family.network(parts[:1], widths[:middle], upper_key)

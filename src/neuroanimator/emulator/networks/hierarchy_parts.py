@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.group_modes import GroupedModes, Owner
-from neuroanimator.emulator.networks.hierarchy import Part
+from neuroanimator.emulator.networks.network import Part
 from neuroanimator.emulator.pca import mixing
 from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.errors import ArgumentError

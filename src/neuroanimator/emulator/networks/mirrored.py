@@ -12,8 +12,8 @@ from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks.gated import GatedNetwork, gated_layers, layer_leaves
 from neuroanimator.emulator.networks.network import (
+    NetworkShape,
     Units,
-    check_halves,
     random_weights,
     split_key,
 )
@@ -36,34 +36,21 @@ class Mirrored(GatedNetwork):
     """Answers that are even."""
 
     @classmethod
-    def of(
-        cls,
-        odd: int,
-        even: int,
-        out: int,
-        widths: tuple[int, ...],
-        *,
-        key: PRNGKeyArray | None,
-        even_out: tuple[int, ...],
-        gates_even: bool = False,
-    ) -> Mirrored:
+    def of(cls, shape: NetworkShape, *, key: PRNGKeyArray | None) -> Mirrored:
         """Return a fresh network with a zero linear map; without a key all weights are zeros."""
-        check_halves(widths)
-        keys = split_key(key, len(widths) + 2)
-        even_answers = len(even_out)
-        odd_answers = out - even_answers
-        odd_linear = zeros(odd, odd_answers)
-        even_linear = zeros(even, even_answers)
-        layers = gated_layers(odd, even, widths, keys[2:], gates_even=gates_even)
-        if layers:
-            odd = even = layers[-1].half
+        keys = split_key(key, len(shape.widths) + 2)
+        even_answers = len(shape.even_out)
+        odd_answers = shape.out - even_answers
+        layers = gated_layers(shape, keys[2:])
+        odd = layers[-1].half if layers else shape.odd
+        even = layers[-1].half if layers else shape.even
         return cls(
             layers=layers,
             odd_out=random_weights(keys[0], odd, odd_answers, scale=0.1),
             even_out=random_weights(keys[1], even, even_answers, scale=0.1),
-            odd_linear=odd_linear,
-            even_linear=even_linear,
-            even=tuple(even_out),
+            odd_linear=zeros(shape.odd, odd_answers),
+            even_linear=zeros(shape.even, even_answers),
+            even=tuple(shape.even_out),
         )
 
     def leaves(self) -> dict[str, Any]:

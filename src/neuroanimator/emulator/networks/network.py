@@ -8,7 +8,8 @@ and at no cost: a mirrored motion is emulated by the mirrored numbers. `Mirrored
 from __future__ import annotations
 
 import abc
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -16,8 +17,44 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.arrays import as_jax, zeros
-from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
+
+Entries = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Inputs and answers of one network of the hierarchy."""
+
+    name: str
+    odd: Entries
+    """Entries of the odd stream it sees."""
+    even: Entries
+    """Entries of the even stream it sees."""
+    answers: Entries
+    """Numbers of the change it predicts."""
+    hears: Entries = ()
+    """Answers of the upper network that it sees too, as numbers of the change; empty for the upper network."""
+    like: int = -1
+    """Number of the earlier child whose weights it uses; -1 for its own."""
+
+
+class NetworkShape(NamedTuple):
+    """Inputs, hidden layers and answers of a network."""
+
+    odd: int
+    """Size of the odd stream."""
+    even: int
+    out: int
+    """Number of answers."""
+    widths: tuple[int, ...]
+    """Number of units in each hidden layer."""
+    even_out: Entries = ()
+    """Answers that are unchanged in the mirror; for `mirrored` and `hierarchy` only."""
+    parts: tuple[Part, ...] = ()
+    """Inputs and answers of each part; for `hierarchy` only."""
+    gates_even: bool = False
+    """See `GatedLayer`; for `gated` and `mirrored` only."""
 
 
 class Units(NamedTuple):
@@ -30,6 +67,14 @@ class Units(NamedTuple):
 
 class Network(eqx.Module):
     """A map (odd, even) → normalised change of state."""
+
+    usual_widths: ClassVar[tuple[int, ...]] = (96, 64)
+    """Default `widths`."""
+
+    @classmethod
+    @abc.abstractmethod
+    def of(cls, shape: NetworkShape, *, key: PRNGKeyArray | None) -> Self:
+        """Return a fresh network; without a key its weights are zeros."""
 
     @property
     @abc.abstractmethod
@@ -63,14 +108,6 @@ class Network(eqx.Module):
 def prefixed(prefix: str, leaves: dict[str, Any]) -> dict[str, Any]:
     """Return `leaves` with `prefix` and a dot before their names."""
     return {f"{prefix}.{name}": tensor for name, tensor in leaves.items()}
-
-
-def check_halves(widths: tuple[int, ...]) -> None:
-    """Refuse odd widths of gated layers; ArgumentError names them."""
-    if any(width % 2 for width in widths):
-        raise ArgumentError(
-            f"widths: wanted even numbers, since gated layers are half odd, half even units; got {list(widths)}."
-        )
 
 
 def split_key(key: PRNGKeyArray | None, count: int) -> Any:

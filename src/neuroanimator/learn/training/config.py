@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, field_validator
 
-from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
+from neuroanimator.emulator.networks import DEFAULT_WIDTHS, NETWORKS, check_widths
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import canonical_json
 from neuroanimator.files.tables import Settings
@@ -58,6 +58,12 @@ SIZE = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,6})?) ?(kB|MB|GB|TB)", re.ASCII)
 DEFAULT_RATES = {"soap": 1e-2, "adam": 5e-3, "momentum": 2e-2}
 
 
+if TYPE_CHECKING:  # type checkers want the names written out
+    NetworkName = str
+else:
+    NetworkName = Literal[tuple(NETWORKS)]
+
+
 def _suited(structure: Structure) -> dict[str, Any]:
     """Return the settings for states of this `structure` that differ from the defaults."""
     if structure.shape_contacts is not None:
@@ -73,7 +79,7 @@ class TrainingConfig(Settings):
     Raises ArgumentError naming the field at fault.
     """
 
-    network: Literal["gated", "classic", "glu", "linear-glu", "mirrored", "hierarchy"] = "gated"
+    network: NetworkName = "gated"
     widths: tuple[int, ...] = Field(default=(), validate_default=True)
     """Number of units in each hidden layer; the network's default if empty."""
     optimizer: Literal["soap", "adam", "momentum"] = "soap"
