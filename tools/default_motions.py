@@ -22,7 +22,7 @@ from neuroanimator.control.objective.goals import goal_start
 from neuroanimator.control.objective.obstacles import Zone
 from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.files.atomic import write_whole
-from neuroanimator.files.zoo import default_motion_path
+from neuroanimator.files.zoo import DEFAULT_MOTIONS
 from neuroanimator.learn.tasks import TRUCK_PROBES, lot_zones
 from neuroanimator.learn.tasks.rigid import landing_objective
 from neuroanimator_studio.description import short_numbers
@@ -161,18 +161,25 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("names", nargs="*", metavar="SYSTEM", help=", ".join(MOTIONS))
+    motions = json.loads(DEFAULT_MOTIONS.read_text(encoding="ascii"))
     for name in parser.parse_args().names or MOTIONS:
         emulator = na.load_emulator(name)
         drive = MOTIONS[name](emulator, na.load_system(name))
-        motion = {
+        motions[name] = {
             "dt": emulator.dt,
             "start": short_numbers(drive.start),
             "controls": short_numbers(drive.controls),
         }
-        text = json.dumps(motion, allow_nan=False, separators=(",", ":"))
-        write_whole(default_motion_path(name), text.encode("ascii"))
+        lines = [f'"{key}":{_line_of(motions[key])}' for key in sorted(motions)]
+        text = "{\n" + ",\n".join(lines) + "\n}\n"
+        write_whole(DEFAULT_MOTIONS, text.encode("ascii"))
         _, scores = drive.trusted_motion(emulator)
-        print(f"{name}: {len(text) / 1e3:.1f} kB, {summary_of(emulator, scores)}", flush=True)
+        size = len(_line_of(motions[name]))
+        print(f"{name}: {size / 1e3:.1f} kB, {summary_of(emulator, scores)}", flush=True)
+
+
+def _line_of(motion: dict[str, object]) -> str:
+    return json.dumps(motion, allow_nan=False, separators=(",", ":"))
 
 
 if __name__ == "__main__":

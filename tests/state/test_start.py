@@ -11,7 +11,7 @@ from conftest import Cli
 from neuroanimator import Emulator, load_emulator, load_system, read_pose
 from neuroanimator.animation.motion import named_start
 from neuroanimator.control.objective.goals import goal_start, is_reached
-from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parts import GoalTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.start import read_starts
 

@@ -19,7 +19,7 @@ from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.physics import carried_system, tied_system
 from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.physics.rigid.model_system import ModelSystem
-from neuroanimator.systems.closed_starts import closed_starts
+from neuroanimator.systems.system import closed_starts
 
 TOML = """name = "linkage"
 model = "linkage.xml"

@@ -18,12 +18,11 @@ from neuroanimator.animation.showcase import (
 )
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.zoo import SHIPPED, SOFT, default_motion_path
+from neuroanimator.files.zoo import DEFAULT_MOTIONS
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import Start, start_state
-from neuroanimator.systems.closed_starts import closed_starts
 from neuroanimator.systems.random_controls import sample_controls
-from neuroanimator.systems.system import System
+from neuroanimator.systems.system import System, closed_starts
 
 MAX_SECONDS = 3600.0
 """Maximum duration of a random motion [s]: an hour; longer for a slow system."""
@@ -71,9 +70,9 @@ def shipped_drive(emulator: Emulator) -> Drive | None:
 
     It was found for one super step; at others its controls are interpolated.
     """
-    if emulator.definition or emulator.system not in dict([*SHIPPED, *SOFT]):
+    motion = json.loads(DEFAULT_MOTIONS.read_text(encoding="ascii")).get(emulator.system)
+    if emulator.definition or motion is None:
         return None
-    motion = json.loads(default_motion_path(emulator.system).read_text(encoding="ascii"))
     found = np.array(motion["controls"], float)
     middles = (np.arange(len(found)) + 0.5) * motion["dt"]
     steps = round(len(found) * motion["dt"] / emulator.dt)

@@ -21,8 +21,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.appearance.skin import SkinTable
-from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.definitions.parameter import Parameters
+from neuroanimator.definitions.parts import GoalTable, Parameters
 from neuroanimator.files.names import PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Share, Step, Table
 

@@ -17,7 +17,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from neuroanimator.appearance.shapes import MAX_SHAPES
-from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parts import GoalTable
 from neuroanimator.definitions.soft import MotionTable, NotNegative, SoftPhysics
 from neuroanimator.files.names import ModelPath, PartName, SystemName
 from neuroanimator.files.tables import Table

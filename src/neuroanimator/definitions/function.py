@@ -6,9 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.definitions.parameter import Parameters
-from neuroanimator.definitions.parts import ControlPart, StatePart
+from neuroanimator.definitions.parts import ControlPart, GoalTable, Parameters, StatePart
 from neuroanimator.files.names import FileName, SystemName
 from neuroanimator.files.numbers import MIN_STEP
 from neuroanimator.files.tables import Share, Table

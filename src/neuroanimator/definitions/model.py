@@ -18,8 +18,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.definitions.follow import FollowTable
-from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.definitions.parameter import Parameters
+from neuroanimator.definitions.parts import GoalTable, Parameters
 from neuroanimator.definitions.task import TaskTable
 from neuroanimator.files.names import ModelPath, PartName, SystemName
 from neuroanimator.files.tables import Finite, Share, Step, Table

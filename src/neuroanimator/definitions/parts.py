@@ -1,13 +1,22 @@
-"""The TOML tables of the parts of state and control, for systems without a model file."""
+"""TOML tables that several kinds of systems share: parts of states and controls, goals, and parameters of a family."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, field_validator
 
 from neuroanimator.files.names import PartName
-from neuroanimator.files.tables import Finite, Table
+from neuroanimator.files.tables import Finite, Positive, Table
+
+MAX_SECONDS = 1e6
+"""Maximum duration of a motion to a goal [s]: twelve days, for something slow."""
+
+MAX_PARAMETERS = 64
+"""Maximum number of parameters of a family."""
+
+MAX_TARGET = 200
+"""Maximum number of characters of a parameter's target."""
 
 
 class StatePart(Table):
@@ -39,3 +48,48 @@ class ControlPart(Table):
     """Minimum value of each of its numbers."""
     high: tuple[Finite, ...] = Field(min_length=1, max_length=256)
     """Maximum value of each of its numbers."""
+
+
+class GoalTable(Table):
+    """A state, or part of one, worth reaching."""
+
+    seconds: Annotated[float, Field(gt=0, le=MAX_SECONDS)] = 2.0
+    """Time in which to get there [s]; its maximum depends on the super step."""
+    site: str = ""
+    """Site of the model whose position and orientation a free root should reach, at rest."""
+    reach: dict[str, tuple[Finite, ...]] = Field(default={})
+    """Parts of the state and their values at the end."""
+    start: dict[str, tuple[Finite, ...]] = Field(default={})
+    """Parts of the default start of a motion to this goal; all others are as at rest."""
+    within: dict[str, Positive] = Field(default={})
+    """Maximum error of each of these parts, in its unit; 0.1 by default."""
+
+
+class ParameterTable(Table):
+    """One parameter: its target, and the range in which bodies of the family differ."""
+
+    sets: Annotated[str, Field(min_length=1, max_length=MAX_TARGET)]
+    """Attribute of an element of the model, such as `body/forearm/mass`; or the name of a step function's argument."""
+    range: tuple[Finite, Finite]
+    """Minimum and maximum value."""
+    nominal: Finite | None = None
+    """Default value; if left out, the model's own, or the middle of the range."""
+    unit: str = ""
+    """Unit of a step function's argument; the units of a model's attributes are known."""
+
+    @field_validator("range")
+    @classmethod
+    def _rises(cls, ends: tuple[float, float]) -> tuple[float, float]:
+        if not ends[0] < ends[1]:
+            raise ValueError("wanted a least value below the largest")
+        return ends
+
+
+def _in_order(tables: dict[str, ParameterTable]) -> dict[str, ParameterTable]:
+    return dict(sorted(tables.items()))
+
+
+Parameters = Annotated[
+    dict[PartName, ParameterTable], Field(max_length=MAX_PARAMETERS), AfterValidator(_in_order)
+]
+"""Table of parameters by name; in a state they are sorted by name."""

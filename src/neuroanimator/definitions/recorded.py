@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.definitions.parts import ControlPart, StatePart
+from neuroanimator.definitions.parts import ControlPart, GoalTable, StatePart
 from neuroanimator.files.names import FileName, SystemName
 from neuroanimator.files.numbers import MIN_STEP
 from neuroanimator.files.tables import Table

@@ -20,8 +20,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from neuroanimator.appearance.shapes import MAX_NODES, MAX_SHAPES
-from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.definitions.parameter import Parameters
+from neuroanimator.definitions.parts import GoalTable, Parameters
 from neuroanimator.files.names import FileName, PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Step, Table
 

@@ -6,6 +6,7 @@ file, since a single cell cannot tell: 1,234 may be a thousand or a little more 
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from array import array
@@ -19,8 +20,8 @@ from jaxtyping import Float, Int
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import one_line
-from neuroanimator.files.csv_text import csv_rows
 from neuroanimator.files.numbers import MAX_MAGNITUDE, number_in
+from neuroanimator.files.text_lines import text_lines
 from neuroanimator.text import quoted
 
 DELIMITERS = (",", ";", "\t")
@@ -219,3 +220,21 @@ def _marks(content: bytes, header: Header, columns: Sequence[int], file: str) ->
             if marks[0] != marks[-1]:
                 seen.thousands.setdefault(marks[0], place)
     return seen
+
+
+def csv_rows(content: bytes, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:
+    """Yield (line number from 1, cells) of every line of `content`, in UTF-8; a line without text has no cells.
+
+    Raises ValueError naming the line. A cell cannot continue in the next line.
+    """
+    for number, line in text_lines(content):
+        try:
+            yield number, _cells(line, delimiter)
+        except csv.Error as error:
+            raise ValueError(f"line {number}: {error}") from error
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    if not line.strip():
+        return []
+    return next(csv.reader([line], delimiter=delimiter), [])

@@ -63,6 +63,9 @@ SHIPPED = [
 ]
 """(system, substeps) of each emulator of usual size, except of soft bodies."""
 
+DEFAULT_MOTIONS = EMULATORS / "motions.json"
+"""File of the motions that show the systems with an emulator, by name (tools/default_motions.py)."""
+
 SOFT = [(name, system.substeps[0]) for name, system in SHIPPED_SYSTEMS.items() if system.is_soft]
 """(system, substeps) of each emulator of a soft body."""
 
@@ -86,11 +89,6 @@ def emulator_name(system: str, substeps: int, size: str = "") -> str:
     """Return the name an emulator ships under: `pendulum-50` or `pendulum-50-large`."""
     name = f"{system}-{substeps}"
     return f"{name}-{size}" if size else name
-
-
-def default_motion_path(system: str) -> Path:
-    """Return the path of the motion that shows a shipped `system` (tools/default_motions.py)."""
-    return shipped_path(system).with_name(f"{system}.motion.json")
 
 
 def shipped_emulators() -> dict[str, Path]:

@@ -17,7 +17,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.physics import tied_system
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.systems.closed_starts import closed_starts
+from neuroanimator.systems.system import closed_starts
 
 RowReward = Callable[
     [Float[np.ndarray, "B S"], Float[np.ndarray, "B C"], Float[np.ndarray, "B S"], float],

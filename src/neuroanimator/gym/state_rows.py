@@ -20,8 +20,7 @@ from neuroanimator.gym.rules import EpisodeRules, drawn_starts
 from neuroanimator.gym.vector_env import EpisodeRows, StepResults
 from neuroanimator.physics import tied_system
 from neuroanimator.state.slowness import slowness
-from neuroanimator.systems.closed_starts import closed_starts
-from neuroanimator.systems.system import Scheme, System
+from neuroanimator.systems.system import Scheme, System, closed_starts
 
 SECONDS = 10.0
 """Default length of an episode [s]; longer for a slow system."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,16 +12,38 @@ from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from jax._src import xla_bridge
 from jaxtyping import Bool, Float, Shaped, UInt8
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.film.live import LiveCamera, checked_render_mode
-from neuroanimator.gym.forked import refuse_forked
 
 MASK = "reset_mask"
 """Gymnasium's name of the option of `reset` that says which rows begin anew."""
+
+_forked: list[int] = []
+"""This process, if it is such a one."""
+
+
+def _note() -> None:
+    if xla_bridge.backends_are_initialized():
+        _forked[:] = [os.getpid()]
+
+
+def refuse_forked() -> None:
+    """Raise ResourceError in a process that was forked after JAX had started."""
+    if _forked:
+        raise ResourceError(
+            "This process was forked from one in which JAX runs, and would wait for ever. Start workers anew: "
+            "make_vec(..., 'async', vector_kwargs={'context': 'spawn'}). Or leave vectorization_mode out: all "
+            "environments are then stepped at once in one process, which is faster."
+        )
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_note)
 
 
 class StepResults(NamedTuple):

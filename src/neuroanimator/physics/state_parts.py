@@ -1,4 +1,4 @@
-"""Layouts, bounds and structure from the parts of state and control in a definition."""
+"""Layouts, bounds, structure and parameters from the tables of a definition."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.parts import ControlPart, StatePart
+from neuroanimator.definitions.parts import ControlPart, ParameterTable, StatePart
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds, Layout, Slice
+from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.segments import Constant, Plain
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.units import known_unit
@@ -158,3 +159,18 @@ def _refuse_clash(vector: str, names: list[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ArgumentError(f"{vector}: two parts are called '{name}'. Rename one of them.")
+
+
+def parameter_from_table(name: str, table: ParameterTable, unit: str, own: float) -> Parameter:
+    """Return the parameter that a table describes, with the value `own` if the table gives none.
+
+    Raises ArgumentError for a nominal value outside the range.
+    """
+    low, high = table.range
+    nominal = own if table.nominal is None else table.nominal
+    if not low <= nominal <= high:
+        raise ArgumentError(
+            f"parameters.{name}.range: wanted one around the body's own value, {nominal:g} {unit}, got {low:g} to {high:g}. "
+            "Widen it, or give nominal = … within it."
+        )
+    return Parameter(name, unit, low, high, nominal)

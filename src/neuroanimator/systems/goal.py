@@ -11,7 +11,7 @@ from neuroanimator.state.layout import Layout
 from neuroanimator.text import listed
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
-    from neuroanimator.definitions.goal import GoalTable
+    from neuroanimator.definitions.parts import GoalTable
 
 GOAL_TOLERANCE = 0.1
 """Default tolerance of a part of a goal, in the part's own unit."""

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.codegen.cores import core_count
-from neuroanimator.emulator.spec import Engine
+from neuroanimator.emulator.spec import EmulatorSpec, Engine
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
@@ -25,7 +25,8 @@ from neuroanimator.systems.goal import Goal, goal_in_layout
 from neuroanimator.systems.recording_file import RecordingFile
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
-    from neuroanimator.definitions.goal import GoalTable
+    from neuroanimator.definitions.parts import GoalTable
+
 
 TIME_RESOLUTION = 1e-9
 """Difference below which times are the same [s]; two steps never differ by less."""
@@ -331,3 +332,16 @@ class SystemWithoutPhysics(System):
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         raise self.reason
+
+
+def closed_starts(
+    spec: EmulatorSpec, states: Float[np.ndarray, "N S"], system: System | None
+) -> Float[np.ndarray, "N S"]:
+    """Return `states` with parts that are tied together meeting; rest for those that cannot, and without the `system`."""
+    if not spec.is_tied:
+        return states
+    rest = np.tile(spec.rest, (len(states), 1))
+    if system is None:
+        return rest
+    closed, is_closed = system.closed(np.asarray(states, float))
+    return np.where(is_closed[:, None], closed, rest)

@@ -14,8 +14,8 @@ from neuroanimator.definitions.body import MAX_NODES, MAX_SPRINGS, BodyDefinitio
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.tables import check_table
 from neuroanimator.physics.deformable.build import group_numbers
+from neuroanimator.physics.deformable.checks import largest_stable_step
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
-from neuroanimator.physics.deformable.stability import largest_stable_step
 
 NODES = {
     "nose": [0.2, 0.0, 0.0, 0.1],

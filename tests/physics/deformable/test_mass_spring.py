@@ -16,6 +16,7 @@ from jax import Array
 
 from neuroanimator import load_system
 from neuroanimator.physics.deformable.body import Body, Ground, Water
+from neuroanimator.physics.deformable.checks import largest_stable_step
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.physics.deformable.mass_spring import (
     GRAVITY,
@@ -30,7 +31,6 @@ from neuroanimator.physics.deformable.mass_spring import (
     strains,
     trajectory,
 )
-from neuroanimator.physics.deformable.stability import largest_stable_step
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Scheme
 

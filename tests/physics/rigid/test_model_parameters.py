@@ -10,7 +10,7 @@ import pytest
 from families import RANGES, TARGETS, parameter_lines, write_arm
 
 from neuroanimator import NeuroAnimatorError, load_system
-from neuroanimator.definitions.parameter import ParameterTable
+from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.physics.rigid.model_parameters import ATTRIBUTES, Family
 from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.systems.system import System

@@ -16,7 +16,7 @@ from neuroanimator.control.objective.objective import (
     Objective,
     TimedTerm,
 )
-from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parts import GoalTable
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray

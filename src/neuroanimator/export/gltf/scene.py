@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.part_names import identifier, unique
 from neuroanimator.appearance.skeleton import Bone, Shape
 from neuroanimator.export.bodies import (
@@ -27,7 +28,6 @@ from neuroanimator.export.bodies import (
     bodies_of,
 )
 from neuroanimator.export.gltf.buffers import Buffer, as_float32, glb_bytes
-from neuroanimator.export.gltf.materials import material
 from neuroanimator.export.gltf.meshes import (
     inverse_bind_matrices,
     shape_primitive,
@@ -54,6 +54,9 @@ QUANTISED = "KHR_mesh_quantization"
 
 GHOST_PREFIX = "ghost "
 """Beginning of the names of a ghost's meshes."""
+
+SURFACES = {"dry": (0.1, 0.6), "ghost": (0.0, 0.5), "wet": (0.0, 0.45)}
+"""Metallic and roughness factors of surfaces: wet ones are smoother than dry ones."""
 
 
 def write_glb(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | None = None) -> None:
@@ -247,3 +250,26 @@ class _Scene:
         target = {"node": node, "path": path}
         animation["channels"].append({"sampler": sampler, "target": target})
         animation["samplers"].append({"input": times, "output": output, "interpolation": "LINEAR"})
+
+
+def material(paint: Paint) -> dict[str, Any]:
+    """Return the glTF object of a material; where points have colours of their own it is white."""
+    surface = "dry" if paint.colour else "wet"
+    if paint.colour == GHOST.colour:
+        surface = "ghost"
+    *colour, opacity = paint.colour or (1.0, 1.0, 1.0, 1.0)
+    light = [round(float(amount), 6) for amount in linear_of(colour)]
+    metallic, roughness = SURFACES[surface]
+    described: dict[str, Any] = {
+        "name": paint.name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [*light, opacity],
+            "metallicFactor": metallic,
+            "roughnessFactor": roughness,
+        },
+    }
+    if opacity < 1:
+        described["alphaMode"] = "BLEND"
+    if paint.is_thin:
+        described["doubleSided"] = True
+    return described

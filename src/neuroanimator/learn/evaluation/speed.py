@@ -38,16 +38,13 @@ from neuroanimator.learn.evaluation.speed_mass_spring import (
     deformable_schemes,
     twin_error,
 )
-from neuroanimator.learn.evaluation.speed_soft import (
-    SOFT_FRAMES,
-    SOFT_NAMES,
-    soft_player,
-    soft_schemes,
-)
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.physics.functions.function_system import FUNCTION, PythonSystem
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.physics.rigid.warnings import warnings_counted
+from neuroanimator.physics.soft.flex_scene import FlexScene
+from neuroanimator.physics.soft.scene import Scene
+from neuroanimator.physics.soft.soft_scene import Motion
 from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.systems.system import Scheme
 
@@ -74,6 +71,15 @@ PIECES = 40
 
 OPPONENT_DIVISIONS = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 40, 50)
 """Numbers of physics steps per super step tried for each integrator, besides the system's own."""
+
+SOFT_NAMES = {Scene.integrator: "C", FlexScene.integrator: "MuJoCo"}
+"""Names in reports of the body's physics, by its integrator."""
+
+SOFT_FRAMES = 4
+"""Number of super steps in one timed run: each takes milliseconds for a body of thousands of nodes."""
+
+SOFT_DIVISIONS = (2, 4, 5, 8, 10, 16, 20, 25, 40, 50, 80)
+"""Numbers of small steps in a super step that are tried."""
 
 
 @dataclass(frozen=True)
@@ -283,3 +289,24 @@ def physics_player(system: MujocoSystem, test: HeldOut, integrator: str) -> Call
                 mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // PIECES)
 
     return play
+
+
+def soft_player(system: SoftSystem, test: HeldOut) -> Callable[[], None]:
+    """Return a function that takes `SOFT_FRAMES` super steps of the system's own small steps from an unseen state."""
+    starts, controls = test.moments(1)
+    start = system.motion(starts)
+    motion = Motion(start.positions[..., 0], start.velocities[..., 0], start.origin[..., 0])
+    ends = np.arange(SOFT_FRAMES + 1)[:, None] * test.dt * controls
+    paths = starts[:, : system.control.size] + ends
+    steps = system.scheme.steps(test.dt)
+
+    def play() -> None:
+        system.scene.play(motion, paths, test.dt, steps)
+
+    return play
+
+
+def soft_schemes(system: SoftSystem, dt: float) -> set[Scheme]:
+    """Return the ways to step the body through `dt` [s]; the reference is among them, as it has no error."""
+    schemes = {Scheme(system.scheme.integrator, dt / parts) for parts in SOFT_DIVISIONS}
+    return schemes | {system.scheme, system.truth, system.fine}

@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.definitions.body import BodyDefinition
-from neuroanimator.definitions.parameter import ParameterTable
+from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.physics.deformable.body import Body
 from neuroanimator.physics.deformable.checks import check_steps
 from neuroanimator.physics.deformable.mirror import mirror_of
-from neuroanimator.physics.parameter_tables import parameter_from_table
+from neuroanimator.physics.state_parts import parameter_from_table
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.parameters import Parameter, nominal_values
 from neuroanimator.text import did_you_mean, listed, quoted

@@ -9,15 +9,15 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.function import PythonDefinition
-from neuroanimator.definitions.parameter import ParameterTable
+from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.numbers import MAX_MAGNITUDE
 from neuroanimator.physics.functions.step_file import StepFunction, call_step, run_file
-from neuroanimator.physics.parameter_tables import parameter_from_table
 from neuroanimator.physics.state_parts import (
     layout_of_control,
     layout_of_state,
     numbers_of,
+    parameter_from_table,
     structure_of_parts,
     with_parameters,
     wrapping_entries,

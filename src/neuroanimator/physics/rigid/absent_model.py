@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator.definitions.carried import read_definition_text
-from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parts import GoalTable
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import BadFileError
 from neuroanimator.physics.rigid.model_system import model_goal

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,11 +12,14 @@ from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.random import (  # by name: the process that tries a model cannot open files later
+    Generator,
+    default_rng,
+)
 
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.executor.limited import LimitError, ProcessLimits, call_limited
 from neuroanimator.physics.rigid.model_safety import MEMORY_LIMIT, check_model
-from neuroanimator.physics.rigid.model_trial import try_model
 from neuroanimator.physics.rigid.urdf import add_what_moves
 from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.systems.model_files import ModelFiles
@@ -45,6 +49,18 @@ ADVICE = {
     "mujocoinclude": "It is a part of other models: name one that includes it",
 }
 """Advice on some of MuJoCo's refusals, by a part of its message."""
+
+STARTS = 8
+"""Number of states from which a model is tried: its reference pose, then random ones."""
+
+STEPS = 50
+"""Number of physics steps from each state."""
+
+HOLD = 10
+"""Number of steps for which each random control is held."""
+
+LONGEST = 1.0
+"""Processor time after which a trial ends [s]: one step of some models takes a tenth of a second."""
 
 
 class ModelRequest(NamedTuple):
@@ -160,3 +176,32 @@ def quiet() -> Iterator[None]:
         yield
     finally:
         mujoco.MjLogConfig.set(before)
+
+
+def try_model(model: mujoco.MjModel) -> None:
+    """Simulate a model from its reference pose and from random states, by random controls; raises mujoco.FatalError."""
+    rng = default_rng(0)
+    data = mujoco.MjData(model)
+    until = time.process_time() + LONGEST
+    starts = STARTS
+    if model.nflex:
+        starts = 1  # a soft body with scattered nodes is none
+    for start in range(starts):
+        mujoco.mj_resetData(model, data)
+        if start:
+            # In the space of velocities, so that orientations stay unit quaternions.
+            mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
+            data.qvel[:] = rng.normal(size=model.nv)
+        for step in range(STEPS):
+            if step % HOLD == 0:
+                data.ctrl[:] = _random_controls(model, rng)
+            mujoco.mj_step(model, data)
+            if time.process_time() > until:
+                return
+
+
+def _random_controls(model: mujoco.MjModel, rng: Generator) -> np.ndarray:
+    """Return random controls in their ranges, or about 0 without a range."""
+    low, high = model.actuator_ctrlrange.T
+    is_limited = model.actuator_ctrllimited.astype(bool)
+    return np.where(is_limited, rng.uniform(low, high), rng.normal(size=model.nu))

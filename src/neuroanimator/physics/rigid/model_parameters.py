@@ -17,10 +17,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.parameter import ParameterTable
+from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import model_name
-from neuroanimator.physics.parameter_tables import parameter_from_table
+from neuroanimator.physics.state_parts import parameter_from_table
 from neuroanimator.state.parameters import (
     Parameter,
     nominal_values,

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.model import Definition
+from neuroanimator.definitions.parts import GoalTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.names import model_name
 from neuroanimator.physics.rigid.actuators import bounds_of_controls, layout_of_controls

@@ -7,7 +7,6 @@ from jaxtyping import Float, Int
 
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.physics.parameter_tables import parameter_from_table
 from neuroanimator.physics.soft.mesh import Mesh
 from neuroanimator.physics.soft.meshes import cloth_body, solid_body
 from neuroanimator.physics.soft.program import LANES, SoftProgram
@@ -20,6 +19,7 @@ from neuroanimator.physics.soft.soft_body import (
     SoftBody,
 )
 from neuroanimator.physics.soft.soft_scene import Motion, Parameters, Paths, SoftScene
+from neuroanimator.physics.state_parts import parameter_from_table
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
 from neuroanimator.systems.movers import Movers

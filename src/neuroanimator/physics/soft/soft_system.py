@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -14,8 +15,9 @@ from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import refuse_twins
+from neuroanimator.physics.rigid.bones import is_drawn, shape_of_geom
 from neuroanimator.physics.soft.find_shapes import RestingShapes
-from neuroanimator.physics.soft.flex_bones import scenery, shapes_below
+from neuroanimator.physics.soft.flex_model import geoms_below
 from neuroanimator.physics.soft.flex_scene import FlexScene
 from neuroanimator.physics.soft.own_frame import ManyPoints
 from neuroanimator.physics.soft.scene import Scene
@@ -349,3 +351,33 @@ def _spread_nodes(positions: Float[np.ndarray, "N 3"], count: int, apart: float)
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
     return tuple(sorted(chosen))
+
+
+def scenery(model: mujoco.MjModel, data: mujoco.MjData) -> list[Bone]:
+    """Return the bone of the world, if any part of it is drawn."""
+    shapes = shapes_below(model, data, 0)
+    if not shapes:
+        return []
+    return [Bone("world", -1, (0.0, 0.0, 0.0), NO_ROTATION, (), shapes)]
+
+
+def shapes_below(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> tuple[Shape, ...]:
+    """Return the shapes of a mocap body, or of the world for 0, along the world's axes, in the pose of rest in `data`."""
+    shapes = []
+    for geom in geoms_below(model, root):
+        if not is_drawn(model, geom):
+            continue
+        shape = shape_of_geom(model, geom)
+        body = int(model.geom_bodyid[geom])
+        axes = np.reshape(data.xmat[body], (3, 3))
+        position = data.xpos[body] + axes @ shape.position - data.xpos[root]
+        orientation = np.empty(4)
+        mujoco.mju_mulQuat(orientation, data.xquat[body], np.array(shape.orientation))
+        shapes.append(
+            replace(
+                shape,
+                position=tuple(position.tolist()),
+                orientation=tuple(orientation.tolist()),
+            )
+        )
+    return tuple(shapes)
