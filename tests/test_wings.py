@@ -25,7 +25,7 @@ MAKERS = (
 
 PLAYERS_AMONG_THEM = (
     "film/options", "cli/main", "cli/verbs", "cli/formats", "cli/animate", "cli/control", "cli/export", "cli/list", "cli/doctor",
-    "cli/motion_sources",
+    "cli/motion_sources", "cli/shared_options",
 )  # fmt: skip
 """The verbs of players."""
 

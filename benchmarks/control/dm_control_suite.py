@@ -138,8 +138,7 @@ def emulator_of(name: str, task: DmTask, suite: Any) -> tuple[na.Emulator, int]:
     )
     if not path.exists():
         with progress_bar(f"{name}: simulating", config.shards) as bar:
-            done = iter(range(1, config.shards + 1))
-            na.generate(config, folder / "data", on_shard=lambda: bar.advance_to(next(done)))
+            na.generate(config, folder / "data", on_shard=bar.advance)
         training = na.TrainingConfig()
         with progress_bar(f"{name}: training", training.updates) as bar:
             data = na.read_transitions(folder / "data")

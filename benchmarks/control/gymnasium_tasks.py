@@ -176,8 +176,7 @@ def learn_by_defaults(name: str, folder: Path) -> Learnt:
     path = folder / "round-0.emulator.safetensors"
     if not path.exists():
         with progress_bar(f"{name}: simulating", config.shards) as bar:
-            done = iter(range(1, config.shards + 1))
-            na.generate(config, folder / "data", on_shard=lambda: bar.advance_to(next(done)))
+            na.generate(config, folder / "data", on_shard=bar.advance)
         data = na.read_transitions(folder / "data")
         training = na.TrainingConfig.usual(data.system.structure)
         with progress_bar(f"{name}: training", training.updates) as bar:

@@ -47,6 +47,7 @@ class Bar:
     ):
         """`total` is None if the length is unknown."""
         self._progress = progress
+        self._done = 0
         self._task: TaskID | None = None
         if progress is not None:
             self._task = progress.add_task(
@@ -55,8 +56,13 @@ class Bar:
 
     def advance_to(self, done: int, note: str = "") -> None:
         """Show `done` of the total, with a short note behind the bar."""
+        self._done = done
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=done, note=printable(note))
+
+    def advance(self) -> None:
+        """Show that one more is done."""
+        self.advance_to(self._done + 1)
 
     def show(self) -> None:
         """Make it visible."""

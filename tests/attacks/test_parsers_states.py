@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, reach_position
-from neuroanimator.cli.numbers import whole_numbers
+from neuroanimator.cli.usage import whole_numbers
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.systems.system import Scheme

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.recorded_path import read_path
-from neuroanimator.cli.numbers import whole_numbers
+from neuroanimator.cli.usage import whole_numbers
 from neuroanimator.control.synthesis.objective_file import read_objective
 from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.emulator import load_emulator

@@ -10,21 +10,11 @@ import typer
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.cli.formats import FORMATS, export_clips
 from neuroanimator.cli.motion_sources import MotionOptions, motion_of
-from neuroanimator.film.options import CAMERAS, DEFAULT_SIZE, read_film
+from neuroanimator.cli.shared_options import SIZE, START_HELP, Camera, Size
+from neuroanimator.film.options import read_film
 from neuroanimator.terminal import phase, print_rows
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
-
-SIZE = "{}x{}".format(*DEFAULT_SIZE)
-"""Default size of a film [pixels], as on the command line."""
-
-SIZE_HELP = "Width x height of a film [pixels]."
-"""The help of `--size`, here and in `export`."""
-
-CAMERA_HELP = (
-    "For films: " + "; ".join(f"{name} ({camera.about})" for name, camera in CAMERAS.items()) + "."
-)
-"""The help of `--camera`, here and in `export`."""
 
 TRUST_HELP = (
     "Show in films how far to trust the emulator: a curve, and a glow where it leaves its training."
@@ -65,8 +55,6 @@ COMMAND_HELP = (
 )
 """The help of `--command`."""
 
-START_HELP = "Part of the initial state, such as root.position=3,-2,8; may be given several times."
-
 
 def run(
     emulator: Annotated[
@@ -105,8 +93,8 @@ def run(
         float | None,
         typer.Option(help="Frames per second, such as 60; default 30, fewer for slow systems."),
     ] = None,
-    size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
-    camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
+    size: Size = SIZE,
+    camera: Camera = "follow",
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
     trust: Annotated[bool, typer.Option("--trust", help=TRUST_HELP)] = False,
     hybrid: Annotated[bool, typer.Option("--hybrid", help=HYBRID_HELP)] = False,

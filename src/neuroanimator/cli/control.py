@@ -15,6 +15,7 @@ import typer
 from neuroanimator.cli.closed_loop import run_closed_loop
 from neuroanimator.cli.control_output import start_in_words, time_rows
 from neuroanimator.cli.formats import emulator_for
+from neuroanimator.cli.shared_options import START_HELP, OneEmulator
 from neuroanimator.cli.usage import refuse_given
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.objective.goals import find_goal, goal_start, is_reached, usual_goal
@@ -37,10 +38,6 @@ from neuroanimator.terminal import phase, print_rows
 from neuroanimator.text import print_line
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
-START_HELP = (
-    "Part of the initial state, such as root.position=3,-2,8; may be given several times. "
-    "The goal's own if not given."
-)
 CLOSED_LOOP_HELP = (
     "Replan at every super step, from the actual state of the physics, to hold the goal. "
     "If that alone misses it, a motion to it is searched for first."
@@ -54,7 +51,7 @@ METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
 
 def run(
-    emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
+    emulator: OneEmulator,
     out: Annotated[Path, typer.Option(help="CSV file for the controls.")],
     goal: Annotated[
         str | None,
@@ -69,7 +66,9 @@ def run(
         float | None,
         typer.Option(help="Length of a motion to a goal [s]; the goal's own if not given."),
     ] = None,
-    start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
+    start: Annotated[
+        list[str] | None, typer.Option(help=f"{START_HELP} The goal's own if not given.")
+    ] = None,
     method: Annotated[str, typer.Option(help=METHOD_HELP)] = "gauss-newton",
     iterations: Annotated[
         int,

@@ -10,7 +10,8 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from neuroanimator.cli.inspection_output import print_weak_spots
-from neuroanimator.cli.numbers import whole_numbers
+from neuroanimator.cli.shared_options import OwnPhysics
+from neuroanimator.cli.usage import whole_numbers
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -56,10 +57,7 @@ def run(
         str | None,
         typer.Option(help="Dataset folder or URL, to compare with cheap predictors, too."),
     ] = None,
-    system: Annotated[
-        Path | None,
-        typer.Option(help="Your TOML file, whose model or step function is then used; see 'new'."),
-    ] = None,
+    system: OwnPhysics = None,
     report: Annotated[Path | None, typer.Option(help="HTML file with plots.")] = None,
     worst: Annotated[
         Path | None,
@@ -135,7 +133,7 @@ def _evaluate(
     with progress_bar("emulators", len(loaded)) as bar:
         for emulator in loaded:
             evaluations.append(evaluate(emulator, data=transitions))
-            bar.advance_to(len(evaluations))
+            bar.advance()
     _write(loaded, paths, evaluations, files)
     if files.card:
         write_card(loaded[0], paths[0], evaluations[0], files.card)
@@ -161,7 +159,7 @@ def _write(
             for number, emulator in enumerate(by_system.values()):
                 motion = (f"How the {emulator.system} moves", motion_html(emulator))
                 extra.insert(number, motion)
-                bar.advance_to(number + 1)
+                bar.advance()
         for emulator, path in zip(emulators, paths, strict=True):
             title = f"How it was trained: {emulator.system}, n = {emulator.substeps}"
             extra.append((title, training_html(path)))
@@ -199,14 +197,7 @@ def _sweep(
             f"evaluate --sweep: wanted one system or TOML file, got {len(systems)}."
         )
     counts = whole_numbers("substeps", substeps)
-    done = 0
     with progress_bar("n", len(counts)) as bar:
-
-        def on_row() -> None:
-            nonlocal done
-            done += 1
-            bar.advance_to(done)
-
         rows = sweep(
             systems[0],
             counts,
@@ -215,7 +206,7 @@ def _sweep(
             transitions=budget.transitions,
             updates=budget.updates,
             executor=executor,
-            on_row=on_row,
+            on_row=bar.advance,
         )
     best = largest_within(rows, budget.tolerance)
     table = []

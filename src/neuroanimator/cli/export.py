@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
 from neuroanimator.cli.formats import FORMATS, emulator_for, export_clips
+from neuroanimator.cli.shared_options import SIZE, Camera, Size
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.export.programs.formats import POLICY_ENDING, export_programs
@@ -49,8 +49,8 @@ def run(
     emulator: Annotated[
         str | None, typer.Option(help="For a clip: file or name of the emulator it belongs to.")
     ] = None,
-    size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
-    camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
+    size: Size = SIZE,
+    camera: Camera = "follow",
 ) -> None:
     """Export an emulator or a policy as a program that needs no Python, checked against JAX; a clip as GLB or MP4."""
     if Path(source).suffix == ".csv":

@@ -108,15 +108,8 @@ def generate_with_bar(
     executor: Executor | None = None,
 ) -> int:
     """Fill `out` with the dataset under a progress bar; return the number of runs that diverged, which are left out."""
-    done = 0
     with progress_bar("shards", config.shards) as bar:
-
-        def on_shard() -> None:
-            nonlocal done
-            done += 1
-            bar.advance_to(done)
-
-        return generate(config, out, executor=executor, on_shard=on_shard)
+        return generate(config, out, executor=executor, on_shard=bar.advance)
 
 
 def ensure_data(reference: str, emulator: Path, executor: Executor | None = None) -> Place:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.cli.shared_options import OwnPhysics, Resample
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.emulator.trust_summary import UNJUDGED
 from neuroanimator.learn.identification.identify import Identification, identify
@@ -38,16 +39,8 @@ def run(
     window: Annotated[
         float | None, typer.Option(help="Length of windows [s]; 16 super steps if not given.")
     ] = None,
-    resample: Annotated[
-        bool,
-        typer.Option(
-            "--resample", help="Interpolate recordings whose samples are not evenly spaced."
-        ),
-    ] = False,
-    system: Annotated[
-        Path | None,
-        typer.Option(help="Your TOML file, whose model or step function is then used; see 'new'."),
-    ] = None,
+    resample: Resample = False,
+    system: OwnPhysics = None,
     no_physics: Annotated[
         bool,
         typer.Option("--no-physics", help="Do not correct or verify the result on the physics."),

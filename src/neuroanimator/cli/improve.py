@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from neuroanimator.animation.motion import named_start
-from neuroanimator.cli.animate import START_HELP
+from neuroanimator.cli.shared_options import START_HELP, OneEmulator, OwnPhysics
 from neuroanimator.cli.usage import refuse_given
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
@@ -31,7 +31,7 @@ EXAMPLE = (
 
 
 def run(
-    emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
+    emulator: OneEmulator,
     out: Annotated[Path, typer.Option(help="File for the improved emulator.")],
     controls: Annotated[
         list[Path] | None,
@@ -60,10 +60,7 @@ def run(
             help="Folder or URL of the dataset it was trained on; if not given, part of it is simulated anew."
         ),
     ] = None,
-    system: Annotated[
-        Path | None,
-        typer.Option(help="Your TOML file, whose model or step function is then used; see 'new'."),
-    ] = None,
+    system: OwnPhysics = None,
     tolerance: Annotated[
         float | None,
         typer.Option(

@@ -95,8 +95,7 @@ def _timed(title: str, work: Any) -> tuple[Any, float]:
 def _generate(folder: Path) -> Transitions:
     config = DatasetConfig(system=SYSTEM, substeps=SUBSTEPS, count=TRANSITIONS, seed=0)
     with progress_bar("shards", config.shards) as bar:
-        done = iter(range(1, config.shards + 1))
-        generate(config, folder, on_shard=lambda: bar.advance_to(next(done)))
+        generate(config, folder, on_shard=bar.advance)
     return read_transitions(folder)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.cli.shared_options import Resample
 from neuroanimator.definitions.model import Definition
 from neuroanimator.learn.data.config import SOFT_COUNT, USUAL_COUNT
 from neuroanimator.scaffold.teacher import affordable_count
@@ -59,12 +60,7 @@ def run(
     keep: Annotated[
         str, typer.Option(help="Pieces of a mesh: all (default), or only the largest.")
     ] = "",
-    resample: Annotated[
-        bool,
-        typer.Option(
-            "--resample", help="Interpolate recordings whose samples are not evenly spaced."
-        ),
-    ] = False,
+    resample: Resample = False,
     velocities: Annotated[
         bool,
         typer.Option("--velocities", help="Estimate velocities that recordings do not hold."),

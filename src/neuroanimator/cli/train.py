@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from neuroanimator.cli.generate import ensure_data, tell_shortcomings
-from neuroanimator.cli.numbers import whole_numbers
+from neuroanimator.cli.usage import whole_numbers
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.departures import departures_in_words, find_departures
@@ -275,23 +275,15 @@ def train_fleet_file(
             f"{file} is a fleet: set {names} in its sizes, not on the command line."
         )
     fleet = read_fleet(file)
-    done = 0
     with (
         chosen_executor(executor, workers) as spread,
         progress_bar("emulators", len(fleet.members)) as bar,
     ):
 
         def on_start(count: int) -> None:
-            nonlocal done
-            done = len(fleet.members) - count
-            bar.advance_to(done)
+            bar.advance_to(len(fleet.members) - count)
 
-        def on_member() -> None:
-            nonlocal done
-            done += 1
-            bar.advance_to(done)
-
-        rows = train_fleet(fleet, out, spread, on_start=on_start, on_member=on_member)
+        rows = train_fleet(fleet, out, spread, on_start=on_start, on_member=bar.advance)
     table: list[dict[str, object]] = []
     for row in rows:
         figures = asdict(row)

@@ -1,4 +1,4 @@
-"""Errors of a wrong command line, one line each."""
+"""The command line as users write it: lists of numbers, and errors of one line each."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from contextlib import contextmanager
 import typer
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.numbers import whole_in
 
 UsageError: type[Exception] = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "UsageError"
 )
 """Exception that typer raises for a wrong command line; typer gives it no public name."""
+
+MAX_SHOWN = 40
+"""Maximum number of characters of a wrong text shown in an error."""
 
 
 @contextmanager
@@ -43,3 +47,13 @@ def refuse_given(options: Mapping[str, object], reason: str) -> None:
 def is_given(value: object) -> bool:
     """Return whether an option has a `value`: it is not None, off or empty."""
     return value is not None and value is not False and value != []
+
+
+def whole_numbers(name: str, text: str) -> tuple[int, ...]:
+    """Return the numbers in a text such as `96,64`; ArgumentError names the option."""
+    try:
+        return tuple(whole_in(part) for part in text.split(","))
+    except ValueError as error:
+        raise ArgumentError(
+            f"{name}: wanted numbers such as 96,64, got {text[:MAX_SHOWN]!r}."
+        ) from error

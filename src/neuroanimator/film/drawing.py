@@ -115,7 +115,6 @@ def scene_of(take: Take, film: Film) -> tuple[FilmScene, Shots]:
 
 def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[Picture]:
     """Yield the images of the takes, one after another."""
-    done = 0
     for take in takes:
         footer = Footer(take, film.size)
         scene, shots = scene_of(take, film)
@@ -128,8 +127,7 @@ def draw_takes(takes: Sequence[Take], film: Film, bar: Bar) -> Iterator[Picture]
                 image = canvas.draw(shots.lookat[frame], shots.angles(frame))
                 footer.write(image, frame)
                 yield image
-                done += 1
-                bar.advance_to(done)
+                bar.advance()
 
 
 @contextmanager
