@@ -14,8 +14,11 @@ from brief import BRIEF
 from executor_tasks import PackedHere
 
 from benchmarks.equal_error import chunk_time, table1
+from benchmarks.equal_error.paper_table import nominal_against_plain_c
+from benchmarks.equal_error.plain_mass_spring import plain_player
 from benchmarks.equal_error.table1 import chosen_rows
-from neuroanimator import NeuroAnimatorError
+from neuroanimator import Emulator, NeuroAnimatorError, load_system
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.files.zoo import SHIPPED, shipped_path
 from neuroanimator.learn.evaluation.fleets.sweep import SweepRow, largest_within, sweep
 from neuroanimator.learn.training.batches import draw_batches
@@ -100,3 +103,27 @@ def test_drawing_rare_rows_more_often_does_not_change_the_mean():
     spread = np.std(means) / np.sqrt(len(means))
     assert abs(np.mean(means) - float(values.mean())) < 4 * spread
     assert float(jnp.isin(rows, rare).mean()) > 0.5
+
+
+@pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])
+def test_plain_c_equals_the_physics(name: str):
+    system = load_system(name)
+    rng = np.random.default_rng(0)
+    starts = system.sample_starts(rng, 5)
+    controls = rng.uniform(-1, 1, (5, system.control.size))
+    play = plain_player(system.body, starts, controls, system.physics_dt, 20)
+    if find_compiler() is None:
+        assert play is None
+        return
+    same = system.simulate(
+        starts, controls[:, None], 20 * system.physics_dt, scheme=system.scheme
+    ).states[:, 1]
+    found = play()
+    assert np.abs(found - same).max() < 1e-4 * np.abs(same).max()
+    assert np.abs(found - starts).max() > 100 * np.abs(found - same).max()
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+def test_bodies_alone_are_timed_against_plain_c():
+    assert float(nominal_against_plain_c(Emulator.load("fish-50"), 1)) > 1
+    assert nominal_against_plain_c(Emulator.load("pendulum-50"), 1) == ""

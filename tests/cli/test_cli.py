@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Cli
+from waiting import PATIENCE
 
 from neuroanimator.cli import doctor, info
 from neuroanimator.cli.verbs import VERBS
@@ -23,6 +25,14 @@ PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 MODULES = {"neuroanimator-studio": "neuroanimator_studio", "usd-core": "pxr"}
 """What packages are imported as, where that is not their name."""
+
+RUN = "from neuroanimator.cli.main import main; main()"
+
+TOLD = f"import jax; jax.config.update('jax_log_compiles', True); {RUN}"
+"""JAX tells on stderr what it traces and compiles."""
+
+TRACED = "Finished tracing"
+"""Beginning of the line on a function that was traced."""
 
 
 def test_help_names_every_verb_without_a_heavy_import():
@@ -241,3 +251,46 @@ def test_a_motion_that_replays_repaired_is_no_better_prediction():
     told = gap_in_words(1143.0, 357.0, is_reached=True, is_corrected=True)
     assert "replays on the physics repaired the motion" in told
     assert "predicted" not in told
+
+
+def written(words: tuple[str, ...], folder: Path, cache: Path) -> tuple[dict[str, bytes], bool]:
+    """Return (the files that a command line leaves in `folder`, by name, whether JAX traced anything)."""
+    environment = os.environ | {"XDG_CACHE_HOME": str(cache), "NEUROANIMATOR_BACKEND": "auto"}
+    folder.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", TOLD, *words],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env=environment,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == 0, done.stderr
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    return files, TRACED in done.stderr
+
+
+def check_next_time(words: tuple[str, ...], folder: Path) -> None:
+    """Run a command line with nothing kept, then again."""
+    cache = folder / "cache"
+    first, has_traced = written(words, folder / "first", cache)
+    assert first
+    assert has_traced
+    assert written(words, folder / "next", cache) == (first, False)
+
+
+def test_the_next_motion_is_not_traced(tmp_path: Path):
+    check_next_time(("animate", "pendulum", "--out", "swing.glb"), tmp_path)
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("animate", "fish", "--out", "fish.glb", "--out", "fish.csv"),
+        ("control", "lander", "--goal", "pad", "--out", "landing.csv", "--glb", "landing.glb"),
+    ],
+    ids=" ".join,
+)
+def test_the_next_command_is_not_traced(words: tuple[str, ...], tmp_path: Path):
+    check_next_time(words, tmp_path)

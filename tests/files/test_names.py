@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from swing_up import stand_upright
 
 import neuroanimator as na
+from neuroanimator import terminal
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.policies.policy import load_policy
+from neuroanimator.files.atomic import write_whole
 from neuroanimator.files.zoo import find_policy
 
 
@@ -65,3 +68,18 @@ def test_an_unknown_name_lists_the_shipped_ones_and_a_path_is_never_a_name(tmp_p
         with pytest.raises(na.NeuroAnimatorError) as caught:
             na.Emulator.load(path)
         assert "Shipped" not in str(caught.value)
+
+
+@pytest.mark.parametrize("is_command", [True, False])
+def test_a_command_tells_of_a_folder_it_made_and_only_once(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    is_command: bool,
+):
+    monkeypatch.setattr(terminal._screen, "shows_phases", is_command)
+    for name in ("a.csv", "b.csv"):
+        write_whole(tmp_path / "new" / "er" / name, b"")
+    told = capsys.readouterr().err.splitlines()
+    folder = tmp_path / "new" / "er"
+    assert told == [f"neuroanimator: The folder {folder} was not there: it was made."] * is_command

@@ -5,11 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from soft_bodies import soft_clip, wavy_shapes
 
 from neuroanimator import Clip, load_system
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.film.bounding_boxes import bounding_boxes
 from neuroanimator.film.camera import take_shots
+from neuroanimator.film.graphics import graphics_backend
 from neuroanimator.film.options import Film, Take
 from neuroanimator.film.rigid_scene import STAND_COLOUR, RigidScene, lacks_ground
 from neuroanimator.film.skeleton_scene import SkeletonScene
@@ -118,3 +120,33 @@ def test_a_ghost_is_the_body_in_another_place_and_colour():
     assert len(bodies) == len(ghosts) == 3
     for body, ghost in zip(bodies, ghosts, strict=True):
         assert np.abs(np.array(body.pos) - ghost.pos).max() > 0.05
+
+
+def test_both_sides_of_a_surface_are_filmed_in_its_colour():
+    if graphics_backend() is None:
+        pytest.skip("no OpenGL here")
+    from neuroanimator.film.drawing import Canvas
+
+    clip = soft_clip(wavy_shapes(), frames=2)
+    take = Take((clip,))
+    film = Film((160, 90), "front")
+    shots = take_shots(take, film)
+    scene = SkeletonScene(take, shots, None)
+    scene.pose([clip.states[0]])
+    canvas = Canvas(scene, film.size)
+    azimuth, elevation, distance = shots.angles(0)
+    for turn in (90, 270):
+        angles = (azimuth + turn, elevation, distance)
+        image = canvas.draw(shots.lookat[0], angles).astype(float)
+        is_red = (image[..., 0] > 60) & (image[..., 0] > 2 * image[..., 1])
+        assert 0.04 < is_red.mean() < 0.7
+    canvas.close()
+
+
+def test_the_camera_has_all_nodes_in_the_picture():
+    clip = soft_clip(wavy_shapes())
+    assert clip.skeleton.shapes is not None
+    nodes = clip.skeleton.shapes.decode(clip.states)
+    boxes = bounding_boxes([clip])
+    assert (boxes.low[:, None] <= nodes + 1e-9).all()
+    assert (boxes.high[:, None] >= nodes - 1e-9).all()

@@ -6,8 +6,11 @@ import copy
 import multiprocessing
 import os
 import pickle
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,6 +18,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from waiting import PATIENCE
 
 import neuroanimator.gym
 from neuroanimator import Emulator, NeuroAnimatorError
@@ -28,6 +32,23 @@ MODES = list(AutoresetMode)
 
 Pair = tuple[Callable[[], gymnasium.Env], Callable[[AutoresetMode], RowsVectorEnv]]
 """(makes a single environment, makes the vector environment of `ROWS` in an autoreset mode)."""
+
+PROGRAM = """
+import sys
+import gymnasium
+import neuroanimator.gym
+
+if __name__ == "__main__":
+    context = sys.argv[1]
+    envs = gymnasium.make_vec(
+        "neuroanimator/pendulum-v0",
+        num_envs=1,
+        vectorization_mode="async",
+        vector_kwargs={"context": context},
+    )
+    print(envs.reset(seed=0)[0].shape)
+    envs.close()
+"""
 
 
 @pytest.fixture(params=["emulator", "physics", "task"])
@@ -192,3 +213,24 @@ def _tell_refusals(uses: list[Callable[[], Any]], sender: Any) -> None:
         except neuroanimator.errors.ResourceError as error:
             told.append(str(error))
     sender.send(told)
+
+
+@pytest.mark.parametrize(
+    ("context", "said"),
+    [
+        ("fork", "in which JAX runs"),
+        pytest.param("spawn", "(1, ", marks=pytest.mark.endurance),  # as any new process
+    ],
+)
+def test_forked_workers_are_refused_and_spawned_ones_work(context: str, said: str, tmp_path: Path):
+    """They hung for ever: JAX's threads are not there after a fork."""
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    run = subprocess.run(
+        [sys.executable, program, context],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert said in run.stdout + run.stderr
+    assert (run.returncode == 0) == (context == "spawn")

@@ -8,17 +8,20 @@ import jax
 import numpy as np
 import pytest
 from swing_up import stand_upright
-from test_few_programs import compiled_names
 
-from neuroanimator import Emulator
+from neuroanimator import DescentOptions, Emulator, descend
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.objective.objective_cost import objective_cost
+from neuroanimator.emulator.arrays import as_jax
 
 STEPS = 6
 REST = np.zeros(6)
 ELSEWHERE = np.array([0.3, -0.2, 0.1, 1.0, 0.0, -1.0])
+
+FEW = 5
+"""Of a descent: the objective alone, its quadratic model, J of several z, the controls; and one to spare."""
 
 
 def evaluator_of(emulator: Emulator, start: np.ndarray, effort_weight: float = 1.0) -> JaxEvaluator:
@@ -77,3 +80,33 @@ def test_another_start_and_other_weights_compile_nothing(
     (expected,) = evaluator_of(shipped, ELSEWHERE).quadratic_models(zs[:1])
     np.testing.assert_allclose(from_elsewhere.curvature, expected.curvature)
     assert dearer.cost > from_elsewhere.cost
+
+
+def compiled_names(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [
+        record.message
+        for record in caplog.records
+        if record.message.startswith("Finished XLA compilation")
+    ]
+
+
+def test_a_first_descent_compiles_few_programs(shipped: Emulator, caplog: pytest.LogCaptureFixture):
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        descend(
+            shipped, stand_upright(), np.zeros(6), steps=7, options=DescentOptions(iterations=2)
+        )
+    assert 1 <= len(compiled_names(caplog)) <= FEW, compiled_names(caplog)
+
+
+def test_loading_an_emulator_compiles_nothing(caplog: pytest.LogCaptureFixture):
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        Emulator.load("truck-25")
+    assert not compiled_names(caplog)
+
+
+def test_numbers_enter_jax_as_they_are_and_as_a_copy():
+    numbers = np.array([1.0, 1e300, -2.5])
+    found = as_jax(numbers)
+    numbers[:] = 0
+    np.testing.assert_array_equal(found, np.array([1.0, np.inf, -2.5], np.float32))
+    assert as_jax(found) is found or np.array_equal(as_jax(found), found)

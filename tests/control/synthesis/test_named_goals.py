@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from neuroanimator import control, load_emulator, load_system
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
+from neuroanimator.systems import goal_names
 
 
 @pytest.mark.parametrize(
@@ -21,3 +23,8 @@ def test_every_named_goal_is_reached_from_its_own_start(name: str):
     for goal in system.goals:
         found = control.synthesise_goal(emulator, system, goal)
         assert found.is_reached, goal
+
+
+@pytest.mark.parametrize("name", sorted(SHIPPED_SYSTEMS))
+def test_goals_are_listed_as_the_system_has_them(name: str):
+    assert goal_names(name) == tuple(load_system(name).goals)
