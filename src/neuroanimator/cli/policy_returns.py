@@ -16,7 +16,13 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.definition import commands_of
 from neuroanimator.files.numbers import number_in
-from neuroanimator.gym.bodies import environment_returns, episodes_of, motion_of, returns_of
+from neuroanimator.gym.bodies import (
+    WholeEpisodes,
+    environment_returns,
+    episodes_of,
+    motion_of,
+    returns_of,
+)
 from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
 from neuroanimator.gym.state_rows import EmulatorStepper, physics_stepper
@@ -137,11 +143,8 @@ def evaluate_policy(
     policy, system, task = loaded_policy(path, toml)
     if task.motion is not None and report is not None:
         raise ArgumentError("report: a policy that follows a motion has none yet. Leave it out.")
-    if task.motion is not None:
-        _evaluate_following(policy, path, system, task, episodes, seed, as_json=as_json)
-        return
     returns = _returns(policy, system, task, episodes, seed)
-    rows = _rows(path, task, returns)
+    rows = _rows(path, task, returns, policy.dt)
     if report:
         with phase("drawing"):
             # Imports Matplotlib.
@@ -149,7 +152,8 @@ def evaluate_policy(
 
             told = read_reports(run_folder(path) / METRICS, LearningReport)
             curve = [(point.steps, point.mean_return) for point in told]
-            write_policy_report(report, rows, curve, returns.outside, returns.inside)
+            outside, inside, _ = returns
+            write_policy_report(report, rows, curve, outside.returns, inside.returns)
     if as_json:
         print(dumps(_as_json(task, returns), indent=2))
         return
@@ -159,12 +163,12 @@ def evaluate_policy(
 
 
 class _Returns(NamedTuple):
-    """Returns of episodes without noise."""
+    """Whole episodes without noise."""
 
-    outside: Float[np.ndarray, " E"]
-    """Returns in the environment, or on the physics if there is none."""
-    inside: Float[np.ndarray, " E"]
-    """Returns inside the policy's emulator."""
+    outside: WholeEpisodes
+    """Episodes in the environment, or on the physics if there is none."""
+    inside: WholeEpisodes
+    """Episodes inside the policy's emulator."""
     of_family: Float[np.ndarray, " E"] | None
     """Returns of random bodies on the physics, if the environment's body is one of a family."""
 
@@ -176,29 +180,40 @@ def _returns(
     of_family = None
     with phase(f"{episodes} episodes in {task.environment or 'the physics'}"):
         if task.environment:
-            outside = environment_returns(policy, task.environment, episodes, seed)
+            returns = environment_returns(policy, task.environment, episodes, seed)
+            outside = WholeEpisodes(returns, np.zeros(episodes, bool))
         else:
-            outside = returns_of(policy, stepper, task.rules, episodes, seed)
+            outside = episodes_of(policy, stepper, task.rules, episodes, seed)
     if task.environment and system.parameters:
         with phase(f"{episodes} episodes of random bodies"):
             of_family = returns_of(policy, stepper, task.rules, episodes, seed)
     with phase(f"{episodes} episodes in the emulator"):
         leaps = EmulatorStepper(policy.emulator, np.inf, 0.0)
-        inside = returns_of(policy, leaps, task.rules, episodes, seed)
+        inside = episodes_of(policy, leaps, task.rules, episodes, seed)
     return _Returns(outside, inside, of_family)
 
 
-def _rows(path: Path, task: PolicyTask, returns: _Returns) -> list[tuple[str, object]]:
-    outside = returns.outside
+def _rows(path: Path, task: PolicyTask, returns: _Returns, dt: float) -> list[tuple[str, object]]:
+    outside, inside, bodies = returns
+    earned = outside.returns
+    asked = f"{len(earned):,} in {task.environment or 'the physics'}"
+    mean = f"{earned.mean():.0f}"
+    emulated = f"{inside.returns.mean():.0f}"
+    kept: list[tuple[str, object]] = []
+    if task.motion is not None:
+        asked = f"{len(earned):,} on the physics, of {task.steps * dt:.3g} s at most"
+        mean += f" of {task.steps}"
+        emulated += f", {inside.finished:,} on the motion at its end"
+        kept = [("on the motion", f"{outside.finished:,} of them at its end")]
     rows: list[tuple[str, object]] = [
         ("policy", path),
-        ("episodes", f"{len(outside):,} in {task.environment or 'the physics'}"),
-        ("mean return", f"{outside.mean():.0f}"),
-        ("minimum, maximum", f"{outside.min():.0f}, {outside.max():.0f}"),
-        ("in the emulator", f"{returns.inside.mean():.0f}"),
-        *emulator_rows(outside, returns.inside),
+        ("episodes", asked),
+        *kept,
+        ("mean return", mean),
+        ("minimum, maximum", f"{earned.min():.0f}, {earned.max():.0f}"),
+        ("in the emulator", emulated),
+        *emulator_rows(earned, inside.returns),
     ]
-    bodies = returns.of_family
     if bodies is not None:
         shown = f"{bodies.mean():.0f}, {bodies.min():.0f} to {bodies.max():.0f}"
         rows.append(("random bodies of the family", shown))
@@ -220,64 +235,21 @@ def emulator_rows(
 
 
 def _as_json(task: PolicyTask, returns: _Returns) -> dict[str, object]:
-    found = _figures(task, returns.outside, returns.inside)
-    if returns.of_family is not None:
-        found["mean_return_of_family"] = float(returns.of_family.mean())
-    return found
-
-
-def _figures(
-    task: PolicyTask, outside: Float[np.ndarray, " E"], inside: Float[np.ndarray, " E"]
-) -> dict[str, object]:
-    """Return the figures that every policy has, by their published names."""
-    return {
+    """Return the figures by their published names."""
+    outside, inside, of_family = returns
+    earned = outside.returns
+    figures: dict[str, object] = {
         "environment": task.environment or "the physics",
-        "episodes": len(outside),
-        "mean_return": float(outside.mean()),
-        "least_return": float(outside.min()),
-        "largest_return": float(outside.max()),
-        "mean_return_inside": float(inside.mean()),
+        "episodes": len(earned),
+        "mean_return": float(earned.mean()),
+        "least_return": float(earned.min()),
+        "largest_return": float(earned.max()),
+        "mean_return_inside": float(inside.returns.mean()),
     }
-
-
-def _evaluate_following(
-    policy: StatePolicy,
-    path: Path,
-    system: System,
-    task: PolicyTask,
-    episodes: int,
-    seed: int,
-    *,
-    as_json: bool,
-) -> None:
-    """Print how many of `episodes` starts at random phases are still on the motion at its end, and their returns."""
-    with phase(f"{episodes} episodes on the physics"):
-        stepper = physics_stepper(system, system.scheme, policy.dt)
-        found = episodes_of(policy, stepper, task.rules, episodes, seed)
-    with phase(f"{episodes} episodes in the emulator"):
-        leaps = EmulatorStepper(policy.emulator, np.inf, 0.0)
-        inside = episodes_of(policy, leaps, task.rules, episodes, seed)
-    kept = int(episodes - found.is_fallen.sum())
-    kept_inside = int(episodes - inside.is_fallen.sum())
-    if as_json:
-        numbers = _figures(task, found.returns, inside.returns) | {
-            "environment": "the physics",
-            "largest_possible_return": task.steps,
-            "on_the_motion_at_its_end": kept,
-            "on_the_motion_at_its_end_inside": kept_inside,
-        }
-        print(dumps(numbers, indent=2))
-        return
-    rows: list[tuple[str, object]] = [
-        ("policy", path),
-        ("episodes", f"{episodes:,} on the physics, of {task.steps * policy.dt:.3g} s at most"),
-        ("on the motion", f"{kept:,} of them at its end"),
-        ("mean return", f"{found.returns.mean():.0f} of {task.steps}"),
-        ("minimum, maximum", f"{found.returns.min():.0f}, {found.returns.max():.0f}"),
-        (
-            "in the emulator",
-            f"{inside.returns.mean():.0f}, {kept_inside:,} on the motion at its end",
-        ),
-    ]
-    rows += emulator_rows(found.returns, inside.returns)
-    print_rows(rows)
+    if task.motion is not None:
+        figures["largest_possible_return"] = task.steps
+        figures["on_the_motion_at_its_end"] = outside.finished
+        figures["on_the_motion_at_its_end_inside"] = inside.finished
+    if of_family is not None:
+        figures["mean_return_of_family"] = float(of_family.mean())
+    return figures

@@ -86,6 +86,11 @@ class WholeEpisodes(NamedTuple):
     is_fallen: Bool[np.ndarray, " B"]
     """Whether the rules ended it, instead of its length."""
 
+    @property
+    def finished(self) -> int:
+        """Number of episodes that lasted their whole length."""
+        return int((~self.is_fallen).sum())
+
 
 def returns_of(
     policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, episodes: int, seed: int

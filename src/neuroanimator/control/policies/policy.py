@@ -379,7 +379,7 @@ def blank_policy(metadata: dict[str, Any]) -> Policy:
     for low, high in zip(ranges.low, ranges.high, strict=True):
         if not low < high:
             raise ValueError("ranges: wanted low below high for every command")
-    widths = listed(metadata["widths"], "widths", _checked_width)
+    widths = listed(metadata["widths"], "widths", checked_width)
     observes_parameters = metadata.get("observes_parameters", True)
     if not isinstance(observes_parameters, bool):
         raise ValueError("observes_parameters: wanted true or false")
@@ -387,6 +387,6 @@ def blank_policy(metadata: dict[str, Any]) -> Policy:
     return make_policy(emulator, ranges, widths, None, observes_parameters=observes_parameters)
 
 
-def _checked_width(width: Any, label: str) -> int:
+def checked_width(width: Any, label: str) -> int:
     """Return the size of a hidden layer; ValueError if it is invalid."""
     return whole(width, label, 1, MAX_LAYER)

@@ -18,18 +18,18 @@ from neuroanimator.control.policies.policy import (
     Policy,
     check_controls,
     check_policy_formats,
+    checked_width,
     policy_from,
 )
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.emulator.artifact import FAULTS, check_arrays, first_line
 from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.networks import MAX_LAYER
 from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.tensors import emulator_leaves, to_numpy, with_tensors
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import read_tensors, write_tensors
-from neuroanimator.files.numbers import entries, listed, whole
+from neuroanimator.files.numbers import entries, listed
 
 FORMAT = 1
 """Version of the file format, raised whenever an older reader would misunderstand a file."""
@@ -226,7 +226,7 @@ def _blank(metadata: dict[str, Any]) -> StatePolicy:
     """Return a policy of the described structure with zero weights."""
     emulator = blank(metadata["emulator"], Emulator)
     shown = entries(metadata["entries"], "entries", emulator.state.size)
-    widths = listed(metadata["widths"], "widths", _checked_width)
+    widths = listed(metadata["widths"], "widths", checked_width)
     reference = None
     if "reference" in metadata:
         reference = ReferenceMotion.blank(
@@ -239,8 +239,3 @@ def _blank(metadata: dict[str, Any]) -> StatePolicy:
         tuple(jnp.zeros(pair) for pair in pairs), tuple(jnp.zeros(size) for _, size in pairs)
     )
     return StatePolicy(emulator, view, network)
-
-
-def _checked_width(width: Any, label: str) -> int:
-    """Return the size of a hidden layer; ValueError if it is invalid."""
-    return whole(width, label, 1, MAX_LAYER)
