@@ -14,8 +14,7 @@ from benchmarks.identification.recordings import NOISE, record, write_recording
 from benchmarks.identification.toolbox import OPTIMISERS, WAYS
 from neuroanimator import load_system
 from neuroanimator.physics.loading import trust_files
-from neuroanimator.physics.recorded.csv_file import read_csv
-from neuroanimator.physics.recorded.recording import cut_runs
+from neuroanimator.physics.recorded.recording import cut_runs, read_csv
 from neuroanimator.systems.system import System
 
 DT = 0.02

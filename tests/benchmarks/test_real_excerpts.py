@@ -31,8 +31,7 @@ from neuroanimator.learn.data.store import Transitions
 from neuroanimator.learn.identification.measurements import read_measurements
 from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.physics.loading import resolve, trust_files
-from neuroanimator.physics.recorded.csv_file import read_csv
-from neuroanimator.physics.recorded.recording import Recording, cut_runs
+from neuroanimator.physics.recorded.recording import Recording, cut_runs, read_csv
 from neuroanimator.scaffold.write_toml import write_definition
 
 FOLDER = Path(__file__).parent / "recordings"

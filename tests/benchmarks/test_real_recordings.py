@@ -21,8 +21,7 @@ from benchmarks.real_recordings.physics import simulate
 from benchmarks.real_recordings.runs import DT, Run, half_states, sampled_states, write_recording
 from benchmarks.real_recordings.source_files import REPOSITORIES, check, source_files
 from benchmarks.real_recordings.torch_file import MAGIC, read_tensor
-from neuroanimator.physics.recorded.csv_file import read_csv
-from neuroanimator.physics.recorded.recording import cut_runs
+from neuroanimator.physics.recorded.recording import cut_runs, read_csv
 
 PENDULUMS = [case for case in CASES if not case.is_cube]
 CUBE = next(case for case in CASES if case.is_cube)

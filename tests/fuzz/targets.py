@@ -27,9 +27,8 @@ from neuroanimator.learn.data.config import DatasetConfig
 from neuroanimator.learn.data.store import claim_folder, read_config, read_transitions
 from neuroanimator.physics import load_system
 from neuroanimator.physics.loading import LOADERS, from_text
-from neuroanimator.physics.recorded.csv_file import read_csv
 from neuroanimator.physics.recorded.npz_file import read_npz
-from neuroanimator.physics.recorded.recording import cut_runs
+from neuroanimator.physics.recorded.recording import cut_runs, read_csv
 from neuroanimator.physics.rigid.compiled_model import ModelRequest, compile_here
 from neuroanimator.physics.soft.mesh_file import read_mesh
 from neuroanimator.state.layout import Layout, Slice

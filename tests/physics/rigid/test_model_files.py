@@ -16,8 +16,7 @@ import pytest
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.executor.limited import ProcessLimits, call_limited
 from neuroanimator.physics.rigid import compiled_model
-from neuroanimator.physics.rigid.compiled_model import compile_model
-from neuroanimator.physics.rigid.model_safety import MEMORY_LIMIT
+from neuroanimator.physics.rigid.compiled_model import MEMORY_LIMIT, compile_model
 from neuroanimator.systems.model_files import ModelFiles, read_model_files
 from neuroanimator.systems.model_xml import Documents
 

@@ -21,26 +21,34 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import read_bounded
-from neuroanimator.files.clock import Clock, clock_of
+from neuroanimator.files.atomic import one_line, read_bounded
+from neuroanimator.files.clock import Clock, clock_of, resolution_of
+from neuroanimator.files.number_table import Header, read_header, read_numbers
 from neuroanimator.files.numbers import MIN_STEP
-from neuroanimator.physics.recorded.csv_file import read_csv
 from neuroanimator.physics.recorded.npz_file import read_npz
 from neuroanimator.physics.recorded.rates import refuse_degrees
 from neuroanimator.physics.recorded.resample import on_even_grids
 from neuroanimator.physics.recorded.rotations import rotations_in, with_one_sign
-from neuroanimator.state.columns import Samples, Vocabulary, where_in_file
+from neuroanimator.state.columns import (
+    Samples,
+    Vocabulary,
+    columns_of,
+    samples_of,
+    seconds,
+    time_column,
+    where_in_file,
+)
 from neuroanimator.systems.trusted_files import MAX_FILE, trusted_file
 from neuroanimator.text import printable
 
-READERS: dict[str, Callable[[bytes, str, Vocabulary | None], Samples]] = {
-    ".csv": read_csv,
-    ".npz": read_npz,
-}
-"""Readers of samples from a file's bytes and name, by suffix."""
-
 MAX_SHOWN = 60
 """Maximum number of characters of a file's name shown in an error."""
+
+HEADER = "run,time s,state.angle rad,state.velocity rad/s,control.torque N·m"
+"""Example of a header shown in errors."""
+
+RUN = "run"
+"""Name of the column of runs' labels."""
 
 
 @dataclass(frozen=True)
@@ -190,3 +198,45 @@ def _refuse_clock(
         f"{clock.step:.6g} s ({1 / clock.step:.6g} a second); {share:.3g} % are off, most in "
         f"{samples.where(worst + 1)}. {remedy}."
     )
+
+
+def read_csv(content: bytes, name: str, vocabulary: Vocabulary | None = None) -> Samples:
+    """Return the samples in a CSV file; BadFileError names line, column and fix."""
+    try:
+        header = read_header(content, lambda cells: any(map(time_column, cells)))
+    except ValueError as error:
+        raise BadFileError(f"{name}, {one_line(error)}.") from error
+    time, run = _clocks(header, name)
+    where = f"{name}, line {header.line}"
+    numbers = [number for number in range(len(header.cells)) if number not in (time, run)]
+    cells = {f"{where}, column {number + 1}": header.cells[number] for number in numbers}
+    columns = columns_of(cells, vocabulary, where)
+    table = read_numbers(content, header, [time, *numbers], name, run)
+    clock = time_column(header.cells[time])
+    assert clock is not None
+    times = table.values[:, 0]
+    timing = seconds(times, clock, f"{where}, column {time + 1}")
+    resolution = resolution_of(times, table.places)
+    return samples_of(table.labels, timing, resolution, table.values[:, 1:], columns, table.lines)
+
+
+def _clocks(header: Header, name: str) -> tuple[int, int | None]:
+    """Return the columns of the time, and of the run's label if there is one."""
+    if not header.line:
+        raise BadFileError(f"{name} is empty. It should begin with a header such as '{HEADER}'.")
+    times = [number for number, cell in enumerate(header.cells) if time_column(cell)]
+    runs = [number for number, cell in enumerate(header.cells) if cell.strip() == RUN]
+    where = f"{name}, line {header.line}"
+    if not times:
+        raise BadFileError(f"{where}: no column 'time s'. Wanted a header such as '{HEADER}'.")
+    for label, found in (("time", times), (RUN, runs)):
+        if len(found) > 1:
+            raise BadFileError(f"{where}: two columns are called '{label}'. Remove one of them.")
+    return times[0], (runs or [None])[0]
+
+
+READERS: dict[str, Callable[[bytes, str, Vocabulary | None], Samples]] = {
+    ".csv": read_csv,
+    ".npz": read_npz,
+}
+"""Readers of samples from a file's bytes and name, by suffix."""

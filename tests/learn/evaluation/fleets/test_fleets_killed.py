@@ -20,7 +20,11 @@ from neuroanimator.executor.worker import pack
 from neuroanimator.files.atomic import read_tensors
 from neuroanimator.files.places import Place, UrlPath
 from neuroanimator.learn.evaluation.fleets.fleet_file import Member, read_fleet
-from neuroanimator.learn.evaluation.fleets.member import MemberTask, TrainedMember, run_member_task
+from neuroanimator.learn.evaluation.fleets.train_fleet import (
+    MemberTask,
+    TrainedMember,
+    run_member_task,
+)
 from neuroanimator.learn.training.checkpoint import NAME
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
 from neuroanimator.learn.training.feed import Feed
