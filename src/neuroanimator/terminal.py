@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from threading import Event, Thread, Timer, current_thread, main_thread
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -57,8 +58,7 @@ class Bar:
     def advance_to(self, done: int, note: str = "") -> None:
         """Show `done` of the total, with a short note behind the bar."""
         self._done = done
-        if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, completed=done, note=printable(note))
+        self._update(completed=done, note=printable(note))
 
     def advance(self) -> None:
         """Show that one more is done."""
@@ -66,8 +66,11 @@ class Bar:
 
     def show(self) -> None:
         """Make it visible."""
+        self._update(visible=True)
+
+    def _update(self, **shown: Any) -> None:
         if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, visible=True)
+            self._progress.update(self._task, **shown)
 
     def end(self) -> None:
         """Stop the bar and leave it on the screen."""

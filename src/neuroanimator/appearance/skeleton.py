@@ -5,6 +5,7 @@ Needs no physics engine.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -18,6 +19,7 @@ from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import check_label
 from neuroanimator.files.numbers import number, numbers, whole
+from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.links import JOINT_KINDS, JOINT_SIZES, Joint, Link, Numbers
 from neuroanimator.state.rotation import multiply, rotate
 from neuroanimator.text import did_you_mean, quoted
@@ -184,6 +186,11 @@ class Skeleton:
         except (TypeError, KeyError, AttributeError, OverflowError) as error:
             reason = str(error)[:MAX_REASON]
             raise ValueError(f"skeleton: {type(error).__name__} {reason}") from error
+
+
+def kinematics_of(bones: Sequence[Bone]) -> Kinematics:
+    """Return how joints move the links of these `bones`."""
+    return Kinematics(tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones))
 
 
 def _skeleton_from_json(described: Any, state_size: int | None) -> Skeleton:

@@ -14,7 +14,7 @@ import jax.extend.core as jaxprs
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.codegen.trace import LOOPS_AND_BRANCHES, NESTED, UnsupportedError
+from neuroanimator.codegen.trace import LOOPS_AND_BRANCHES, UnsupportedError, nested_jaxpr
 
 SQUARINGS = 16
 """Number of times a matrix is squared: enough to separate eigenvalues one part in 10,000 apart."""
@@ -104,7 +104,7 @@ def _equation(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
         return [_solution(eqn, inputs)]
     if any(isinstance(value, _Omitted) for value in inputs):
         raise UnsupportedError(f"{name} of factors of a matrix")
-    inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
+    inner = nested_jaxpr(eqn)
     if isinstance(inner, jaxprs.ClosedJaxpr) and name not in LOOPS_AND_BRANCHES:
         return _evaluated(inner.jaxpr, inner.consts, inputs)
     results = eqn.primitive.bind(*inputs, **eqn.params)

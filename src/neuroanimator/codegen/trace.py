@@ -80,6 +80,11 @@ def trace(
     return program
 
 
+def nested_jaxpr(eqn: jaxprs.JaxprEqn) -> Any:
+    """Return the operations nested in an operation; None if there are none."""
+    return next((eqn.params[key] for key in NESTED if key in eqn.params), None)
+
+
 def constant_array(constant: Any) -> np.ndarray:
     """Return a constant of a traced function; UnsupportedError for random keys, which are not numbers."""
     if jnp.issubdtype(constant.dtype, jax.dtypes.extended):
@@ -138,7 +143,7 @@ class _Tracer:
 
     def _equation(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
         name = eqn.primitive.name
-        inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
+        inner = nested_jaxpr(eqn)
         if inner is not None and name not in LOOPS_AND_BRANCHES:
             if isinstance(inner, jaxprs.ClosedJaxpr):
                 constants = [_Known(constant_array(constant), False) for constant in inner.consts]

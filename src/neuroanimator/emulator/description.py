@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from neuroanimator.appearance.skeleton import kinematics_of
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
@@ -26,7 +27,6 @@ from neuroanimator.emulator.verdict import ValidationErrors
 from neuroanimator.files.numbers import flag
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.contacts import Contacts
-from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.segments import Constant, place_segments
 from neuroanimator.state.shape_contacts import ShapeContacts
 
@@ -136,9 +136,7 @@ def _contacts(described: Any, frame: Frame, spec: EmulatorSpec) -> Contacts:
         raise ValueError("contacts: bones that follow mass points")
     return Contacts.from_json(
         described,
-        kinematics=Kinematics(
-            tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
-        ),
+        kinematics=kinematics_of(bones),
         rates=spec.rates,
         orientations=frame.orientations,
         state_size=spec.state.size,
@@ -153,7 +151,7 @@ def _check_parameters(
     constant = []
     for placed in place_segments(frame.segments):
         if isinstance(placed.segment, Constant):
-            constant += range(placed.entries.start, placed.entries.stop)
+            constant += placed.indices
     if constant != list(range(size - len(constant), size)):
         raise ValueError("frame: parameters that are not the last of the state")
     if isinstance(encoding, ShapeModes) and encoding.cloud.parameters != len(constant):

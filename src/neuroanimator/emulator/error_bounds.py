@@ -90,20 +90,23 @@ class ErrorBounds(eqx.Module):
         """Whether there are bounds for motions under controls found by descents."""
         return self.weights.shape[0] > 1
 
+    def _weights_of(self, level: float, kind: str) -> Float[np.ndarray, "H 2"]:
+        return np.asarray(self.weights, float)[KINDS.index(kind), self.levels.index(level)]
+
     def along(
         self, scores: Float[np.ndarray, "*B T"], level: float, kind: str
     ) -> Float[np.ndarray, "*B T"]:
         """Return the bound after each super step of motions with these scores; infinite after H super steps."""
         bounds = np.full(scores.shape, np.inf)
         known = min(self.steps, scores.shape[-1])
-        weights = np.asarray(self.weights, float)[KINDS.index(kind), self.levels.index(level)]
+        weights = self._weights_of(level, kind)
         size = log_scores(scores[..., :known]) - np.asarray(self.centre, float)[:known]
         bounds[..., :known] = np.exp(weights[:known, 0] + weights[:known, 1] * size)
         return bounds
 
     def usual(self, level: float, kind: str) -> Float[np.ndarray, " H"]:
         """Return the bound after each super step of a motion with the usual scores."""
-        weights = np.asarray(self.weights, float)[KINDS.index(kind), self.levels.index(level)]
+        weights = self._weights_of(level, kind)
         return np.exp(weights[:, 0])
 
     def check(self) -> None:

@@ -23,6 +23,7 @@ from neuroanimator.learn.evaluation.weakness.readings import (
     entry_units,
     state_readings,
 )
+from neuroanimator.state.rotation import wrapped
 
 MAX_CURVES = 6
 """Maximum number of controls of a unit in a plot, and of readings in the table of the emulator's largest errors."""
@@ -119,7 +120,7 @@ def _strayed_rows(synthesis: Synthesis) -> list[dict[str, object]]:
             continue
         apart = emulated[true.name].values - true.values
         if true.unit == "rad":
-            apart = (apart + np.pi) % (2 * np.pi) - np.pi
+            apart = wrapped(apart)
         error = float(np.sqrt(np.mean(apart**2)))
         rows.append(
             {

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from neuroanimator.appearance.skeleton import kinematics_of
 from neuroanimator.control.policies.reference_motion import (
     ORIENTATION,
     POSITION,
@@ -103,9 +104,7 @@ class Following(eqx.Module):
                 if part not in names:
                     valid = ", ".join(names)
                     raise ArgumentError(f"follow.{label}: no part called '{part}'. Parts: {valid}.")
-        kinematics = Kinematics(
-            tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
-        )
+        kinematics = kinematics_of(bones)
         return cls(
             motion,
             kinematics,

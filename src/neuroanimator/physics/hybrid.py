@@ -80,7 +80,7 @@ def check_hybrid(
 ) -> None:
     """Raise ArgumentError if `emulator` and `system` cannot take turns in this way."""
     spec = emulator.spec
-    if (system.state, system.control) != (spec.state, spec.control):
+    if not system.fits(spec):
         raise ArgumentError(
             f"system: wanted {spec.system}, which the emulator is of; got {system.name}."
         )

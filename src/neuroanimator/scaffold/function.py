@@ -46,8 +46,8 @@ from neuroanimator.scaffold.structure import (
     States,
     placeless_entries,
     turning_entries,
-    wrapped,
 )
+from neuroanimator.state.rotation import wrapped
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.terminal import progress_bar

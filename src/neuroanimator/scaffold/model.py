@@ -13,7 +13,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.tables import check_table
 from neuroanimator.learn.data.config import RUN_STEPS
-from neuroanimator.physics.rigid.bones import JOINT_NAMES
+from neuroanimator.physics.rigid.bones import joint_kind
 from neuroanimator.physics.rigid.compiled_model import compile_model
 from neuroanimator.physics.rigid.ground import height_entry
 from neuroanimator.physics.rigid.joints import FEATURES, joint_name
@@ -177,7 +177,7 @@ def _read_structure(values: dict[str, Any], model: mujoco.MjModel) -> None:
 
 def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
     """Return the proposed feature of a joint for the network; `planar` are the joints of a planar root."""
-    kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    kind = joint_kind(model, joint)
     if joint_name(model, joint) in planar:
         return "planar"
     if kind == "free" and (joint > 0 or why_root_is_placed(model)):

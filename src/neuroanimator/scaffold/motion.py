@@ -14,7 +14,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.tables import check_table
 from neuroanimator.physics.rigid.actuators import actuators_of_controls
-from neuroanimator.physics.rigid.bones import JOINT_NAMES
+from neuroanimator.physics.rigid.bones import joint_kind
 from neuroanimator.physics.rigid.joints import JointView, joint_name
 from neuroanimator.physics.rigid.model_system import RATE_SIZES, ModelSystem
 from neuroanimator.physics.rigid.mujoco_system import DIVERGED_VELOCITY
@@ -396,7 +396,7 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
 
     Springs, servos and what a joint hits decide its positions; else it is its range, or a whole turn.
     """
-    kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    kind = joint_kind(model, joint)
     if kind in ("hinge", "ball") and turns_freely(model, joint):
         return ANGLE_SPREAD
     # No plane is invariant along all three axes.
@@ -426,7 +426,7 @@ def turns_freely(model: mujoco.MjModel, joint: int) -> bool:
     mujoco.mj_fwdPosition(model, data)
     usual = _depth(data)
     speed = int(model.jnt_dofadr[joint])
-    size = RATE_SIZES.get(JOINT_NAMES[int(model.jnt_type[joint])], 1)
+    size = RATE_SIZES.get(joint_kind(model, joint), 1)
     for axis in range(speed, speed + size):
         for angle in TURNS:
             turn = np.zeros(model.nv)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.files.names import model_name
 from neuroanimator.physics.rigid.actuators import actuators_of_controls, input_of
-from neuroanimator.physics.rigid.bones import JOINT_NAMES
+from neuroanimator.physics.rigid.bones import joint_kind
 from neuroanimator.physics.rigid.joints import joint_name
 from neuroanimator.physics.rigid.touching import is_disabled, is_limited, touching_geoms
 from neuroanimator.physics.rigid.warnings import warnings_counted
@@ -65,7 +65,7 @@ def planar_root(model: mujoco.MjModel) -> tuple[str, ...]:
     """Return the joints x, y, heading of a root that moves freely in a level plane, or nothing."""
     root = model.jnt_bodyid[0]
     joints = np.flatnonzero(model.jnt_bodyid == root)[:3].tolist()
-    kinds = [JOINT_NAMES[int(model.jnt_type[joint])] for joint in joints]
+    kinds = [joint_kind(model, joint) for joint in joints]
     has_free_body = (model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any()
     if kinds != ["slide", "slide", "hinge"] or model.body_parentid[root] != 0 or has_free_body:
         return ()

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
+from neuroanimator.state.rotation import wrapped
+
 States = Float[np.ndarray, "_ S"]
 """States, one in each row."""
 
@@ -21,11 +23,6 @@ SHIFTS = (0.31, -4.7, 53.0)
 
 TOLERANCE = 1e-6
 """Relative difference within which results are equal: sines of large angles are rounded."""
-
-
-def wrapped(angle: Float[np.ndarray, "*N"]) -> Float[np.ndarray, "*N"]:
-    """Return angles [rad] without whole turns, from -pi to pi."""
-    return np.asarray((angle + np.pi) % TURN - np.pi)
 
 
 def turning_entries(step: Step, states: States, units: Sequence[str]) -> Bool[np.ndarray, " S"]:

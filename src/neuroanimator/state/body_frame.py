@@ -218,7 +218,7 @@ class Frame(eqx.Module):
     def _axes_of_segments(self) -> list[tuple[int, ...]]:
         axes: list[tuple[int, ...]] = []
         for placed in place_segments(self.segments):
-            entries = range(placed.entries.start, placed.entries.stop)
+            entries = placed.indices
             if isinstance(placed.segment, Points):
                 axes += [tuple(entries[axis::3]) for axis in range(3)]
             elif isinstance(placed.segment, Position | PlanarPosition):

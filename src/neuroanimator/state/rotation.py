@@ -48,7 +48,7 @@ def quaternions_of(matrices: Float[AnyArray, "... 3 3"]) -> Float[AnyArray, "...
     rows = xp.stack([xp.stack(row, axis=-1) for row in products], axis=-2)
     largest = xp.argmax(xp.stack([products[k][k] for k in range(4)], axis=-1), axis=-1)
     quaternions = xp.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
-    return quaternions / xp.sqrt(xp.sum(quaternions * quaternions, axis=-1, keepdims=True))
+    return of_unit_length(quaternions)
 
 
 def rotate(
@@ -107,7 +107,13 @@ def rotated_by(
     half = rotation / 2
     unscaled = xp.concat([xp.ones_like(half[..., :1]), half], axis=-1)
     following = multiply(quaternion, unscaled)
-    return following / xp.sqrt(xp.sum(following * following, axis=-1, keepdims=True))
+    return of_unit_length(following)
+
+
+def of_unit_length(vectors: Float[AnyArray, "... N"]) -> Float[AnyArray, "... N"]:
+    """Return `vectors` over their lengths."""
+    xp = vectors.__array_namespace__()
+    return vectors / xp.sqrt(xp.sum(vectors * vectors, axis=-1, keepdims=True))
 
 
 def rotation_between(
@@ -121,6 +127,11 @@ def rotation_between(
     xp = relative.__array_namespace__()
     w = relative[..., :1]
     return 2 * relative[..., 1:] / xp.where(xp.abs(w) > MIN_COSINE, w, MIN_COSINE)
+
+
+def wrapped(angle: Float[np.ndarray, "*N"]) -> Float[np.ndarray, "*N"]:
+    """Return angles [rad] without whole turns, from -pi to pi."""
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 def cross(

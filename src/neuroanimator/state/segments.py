@@ -431,6 +431,11 @@ class PlacedSegment(NamedTuple):
     changes: slice
     """Slice of a change of a state."""
 
+    @property
+    def indices(self) -> range:
+        """Entries of a state, one by one."""
+        return range(self.entries.start, self.entries.stop)
+
 
 def place_segments(segments: tuple[Segment, ...]) -> Iterator[PlacedSegment]:
     """Yield every segment of a state, in order, with its slices."""

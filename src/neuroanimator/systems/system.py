@@ -17,7 +17,12 @@ from neuroanimator.emulator.spec import EmulatorSpec, Engine
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
-from neuroanimator.state.parameters import Parameter, fixed_parameters, nominal_values
+from neuroanimator.state.parameters import (
+    Parameter,
+    draw_parameters,
+    fixed_parameters,
+    nominal_values,
+)
 from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
@@ -137,6 +142,10 @@ class System(abc.ABC):
     def can_simulate(self) -> bool:
         """Whether there is physics to simulate: not for a system known from recordings alone, nor for a missing model."""
         return self.recordings is None and not self.missing
+
+    def fits(self, spec: EmulatorSpec) -> bool:
+        """Return whether its state and control are those of an emulator's `spec`, by names and units."""
+        return (self.state, self.control) == (spec.state, spec.control)
 
     @property
     def parameter_entries(self) -> slice:
@@ -290,6 +299,10 @@ class System(abc.ABC):
     def sample_resets(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return states (count, S) at which motions are started on purpose: rest, and others if there are any."""
         return np.repeat(self.rest[None], count, axis=0)
+
+    def draw_bodies(self, rng: np.random.Generator, starts: np.ndarray) -> None:
+        """Give each of `starts` (B, S) the parameters of a random body of the family, in place."""
+        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, len(starts))
 
     def closed(
         self, states: Float[np.ndarray, "N S"]

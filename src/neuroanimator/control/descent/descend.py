@@ -23,7 +23,7 @@ from neuroanimator.control.descent.c_evaluator import (
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
-from neuroanimator.control.descent.methods import METHODS, Method, Progress
+from neuroanimator.control.descent.methods import METHODS, Method, Progress, best_first
 from neuroanimator.control.descent.options import SCREENING, DescentOptions, check_steps
 from neuroanimator.control.descent.parametrisation import NEARLY_ALL, Parametrisation
 from neuroanimator.control.descent.problem import Problem, VariedParameters
@@ -203,7 +203,7 @@ def searched_guesses(problem: Problem, options: DescentOptions) -> Float[np.ndar
         drawn = guesses_around(first, options.searched, options.seed)
     with phase("searching"):
         costs = evaluator_of(problem).costs(drawn)
-    order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+    order = best_first(costs)
     return drawn[order[: options.starts]]
 
 
@@ -240,7 +240,7 @@ def _descend(
             problem.parametrisation, best_zs[:, : problem.parametrisation.size]
         )
     costs = np.array([start.least for start in starts])
-    order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+    order = best_first(costs)
     best = order[0]
     begins = np.repeat(np.asarray(problem.start, float)[None], len(best_zs), axis=0)
     if problem.varied is not None:

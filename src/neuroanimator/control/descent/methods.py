@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import get_lapack_funcs
 
 from neuroanimator.control.descent.evaluator import Evaluator, QuadraticModel
@@ -91,6 +91,11 @@ class Progress:
     def is_first(self) -> bool:
         """Whether there was no iteration yet."""
         return self.sweeps == 0
+
+
+def best_first(costs: Float[np.ndarray, " K"]) -> Int[np.ndarray, " K"]:
+    """Return the order of `costs`, the least first; those that are not finite come last."""
+    return np.argsort(np.where(np.isfinite(costs), costs, np.inf))
 
 
 class Method(abc.ABC):

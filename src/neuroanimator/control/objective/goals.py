@@ -21,6 +21,7 @@ from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.rotation import wrapped
 from neuroanimator.state.segments import Plain, place_segments
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
@@ -161,7 +162,7 @@ def errors_over_tolerances(system: System, goal: Goal, state: ArrayLike) -> Floa
     off = rows @ frame.difference(goal_state(system, goal), np.asarray(state, float))
     if goal.sums:
         is_angle = [row in system.structure.angles for row in goal.sums]
-        nearest = (off + np.pi) % (2 * np.pi) - np.pi
+        nearest = wrapped(off)
         off = np.where(is_angle, nearest, off)
     return off * (1 / tolerances)
 
@@ -205,7 +206,7 @@ def _judged_entries(system: System, goal: Goal) -> list[tuple[int, int, float]]:
         wanted[entry] = tolerance
     judged = []
     for placed in place_segments(frame.segments or (Plain(size=system.state.size),)):
-        own = wanted.keys() & set(range(placed.entries.start, placed.entries.stop))
+        own = wanted.keys() & set(placed.indices)
         if own and not placed.segment.change_size:
             raise ArgumentError(
                 f"goal: '{_part_of(system, min(own))}' follows the controls exactly, so it cannot be a goal. Name a part that "

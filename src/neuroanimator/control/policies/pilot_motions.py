@@ -141,7 +141,7 @@ class CommandedMotion(PilotMotion):
                 "policy: it takes no commands. Learn one whose TOML file has [follow.commands]."
             )
         emulator = policy.emulator
-        if system and (system.state, system.control) != (emulator.state, emulator.control):
+        if system and not system.fits(emulator.spec):
             raise ArgumentError(
                 f"system: wanted the body of the policy, {emulator.system}, got {system.name}."
             )

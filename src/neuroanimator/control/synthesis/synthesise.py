@@ -175,7 +175,7 @@ def check_same_system(emulator: Emulator, system: System) -> None:
     """Refuse a `system` whose states or controls differ from the emulator's by name, and one without controls."""
     check_driven(emulator)
     spec = emulator.spec
-    if (system.state, system.control) != (spec.state, spec.control):
+    if not system.fits(spec):
         raise ArgumentError(
             f"system: {system.name} has another state or control than the emulator's {spec.system}. "
             "Pass the TOML file it was trained from; goals may be added to it, joints and actuators not."

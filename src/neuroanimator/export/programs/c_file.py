@@ -99,7 +99,7 @@ def check_steps(call: Call, vectors: Vectors) -> float:
 
 def check_gradients(call: Call, vectors: Vectors) -> float:
     """Check vector-Jacobian products against JAX; return the largest difference."""
-    computed = {name: _room(*array.shape) for name, array in vectors.expected.items()}
+    computed = _rooms(vectors)
     arrays = [vectors.inputs[name] for name in ("state", "control", "cotangent")]
     arrays += [computed[name] for name in ("by_state", "by_control")]
     for rows in zip(*arrays, strict=True):
@@ -124,7 +124,7 @@ def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
 
 
 def _check_policy(call: Call, definition: ProgramDefinition, vectors: Vectors) -> float:
-    computed = {name: _room(*array.shape) for name, array in vectors.expected.items()}
+    computed = _rooms(vectors)
     for row in range(vectors.count):
         arguments = []
         for port in definition.inputs:
@@ -133,6 +133,11 @@ def _check_policy(call: Call, definition: ProgramDefinition, vectors: Vectors) -
         outputs = [computed[name][row] for name in definition.output_names]
         call("control", *arguments, *outputs)
     return vectors.check(computed, "control in C")
+
+
+def _rooms(vectors: Vectors) -> dict[str, np.ndarray]:
+    """Return an array for each output."""
+    return {name: _room(*array.shape) for name, array in vectors.expected.items()}
 
 
 def _room(*shape: int) -> np.ndarray:

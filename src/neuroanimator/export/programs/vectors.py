@@ -224,7 +224,7 @@ def _steady_vectors(
     others = []
     for draw in range(DRAWS):
         others.append(_as_numpy(run(*(rounded(array, draw) for array in inputs.values()))))
-    is_finite = np.ones(len(next(iter(outputs.values()))), bool)
+    is_finite = _all_rows(outputs)
     for arrays in (outputs, *others):
         for array in arrays.values():
             is_finite &= np.isfinite(array).all(axis=1)
@@ -235,7 +235,7 @@ def _steady_vectors(
             name: np.broadcast_to(unit, outputs[name].shape)
             for name, unit in units(inputs, outputs).items()
         }
-        is_steady = np.ones(len(next(iter(outputs.values()))), bool)
+        is_steady = _all_rows(outputs)
         for changed in others:
             is_steady &= _are_near(outputs, _rows(changed, is_finite), scales)
         chosen = np.flatnonzero(is_steady)[:COUNT]
@@ -249,12 +249,16 @@ def _steady_vectors(
 
 def _are_near(outputs: Arrays, others: Arrays, scales: Arrays) -> Bool[np.ndarray, " N"]:
     """Return the rows in which all outputs are near the others, up to rounding."""
-    are_near = np.ones(len(next(iter(outputs.values()))), bool)
+    are_near = _all_rows(outputs)
     for name, output in outputs.items():
         rounding = ROUNDING * np.abs(output).max(axis=0)
         off = np.abs(output - others[name])
         are_near &= (off <= MAX_DOUBT * scales[name] + rounding).all(axis=1)
     return are_near
+
+
+def _all_rows(arrays: Arrays) -> Bool[np.ndarray, " N"]:
+    return np.ones(len(next(iter(arrays.values()))), bool)
 
 
 def _as_numpy(arrays: dict[str, Array]) -> Arrays:

@@ -92,7 +92,7 @@ def change_names(system: System) -> list[tuple[str, str]]:
     found = []
     for placed in place_segments(system.structure.segments):
         size = placed.segment.change_size
-        entries = range(placed.entries.start, placed.entries.stop)
+        entries = placed.indices
         if size == len(entries):
             found += [(names[entry], units[entry]) for entry in entries]
         elif size:

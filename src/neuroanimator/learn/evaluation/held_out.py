@@ -125,7 +125,7 @@ def system_of(emulator: Emulator) -> System:
     """Return the physics `emulator` stands for; BadFileError if that has another state or control."""
     spec = emulator.spec
     system = carried_system(spec.system, spec.definition)
-    if (system.state, system.control) != (spec.state, spec.control):
+    if not system.fits(spec):
         raise BadFileError(
             f"The emulator names the system {system.name}, whose state or control differs."
         )

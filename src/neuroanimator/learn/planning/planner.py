@@ -17,7 +17,7 @@ from neuroanimator.control.descent.descend import (
     random_guesses,
 )
 from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.descent.methods import METHODS, best_first
 from neuroanimator.control.descent.options import DEFAULT_METHOD, check_method
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
 from neuroanimator.control.objective.objective import Objective
@@ -149,7 +149,7 @@ class Planner:
         starts = [method.begin(guess)]
         if len(self.guesses):
             costs = evaluator.costs(self.guesses)
-            order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+            order = best_first(costs)
             for best_guess in self.guesses[order[: self.starts]]:
                 starts.append(method.begin(best_guess))
         found = advance(method, evaluator, starts, self.iterations)

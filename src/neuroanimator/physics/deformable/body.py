@@ -232,3 +232,11 @@ def _face_shares(faces: Int[np.ndarray, "F 4"], count: int) -> Float[np.ndarray,
         corners = np.unique(face)
         row[corners] = 1 / len(corners)
     return shares
+
+
+def area_vectors(
+    positions: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "F 4"]
+) -> Float[np.ndarray, "F 3"]:
+    """Return the normal of each face times its area [m²], from the positions [m] of its corners."""
+    p = positions[faces]
+    return np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]) / 2

@@ -16,7 +16,7 @@ from neuroanimator.definitions.body import (
     control_names,
 )
 from neuroanimator.errors import ArgumentError
-from neuroanimator.physics.deformable.body import Body, Ground, Water
+from neuroanimator.physics.deformable.body import Body, Ground, Water, area_vectors
 from neuroanimator.physics.deformable.checks import check_muscles, check_nodes, check_springs
 from neuroanimator.physics.groups import check_groups
 from neuroanimator.state.gait import Gait
@@ -182,8 +182,7 @@ def check_faces(
     A two-sided face is a fin's and may face anywhere. `faces` are the corners by name, for the message; `corners` the
     same as numbers of mass points.
     """
-    p = positions[corners]
-    areas = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]) / 2
+    areas = area_vectors(positions, corners)
     for face, area in zip(faces, areas, strict=True):
         if np.linalg.norm(area) < MIN_FACE_AREA:
             raise ArgumentError(
@@ -203,7 +202,7 @@ def check_faces(
                     f"faces: {list(faces[other])} and {list(faces[face])} face opposite sides. "
                     "List their corners counterclockwise from outside."
                 )
-    arms = p[single].mean(axis=1) - positions.mean(axis=0)
+    arms = positions[corners[single]].mean(axis=1) - positions.mean(axis=0)
     if np.sum(areas[single] * arms) < 0:
         raise ArgumentError(
             f"faces: {list(faces[single[0]])} looks inward. List its corners counterclockwise from outside."

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.physics.deformable.body import Body, length_jacobian
+from neuroanimator.physics.deformable.body import Body, area_vectors, length_jacobian
 from neuroanimator.text import listed
 
 if TYPE_CHECKING:
@@ -158,8 +158,7 @@ def _water_damping(body: Body) -> Float[np.ndarray, "X X"]:
     drag = body.water.drag * np.eye(size)
     if not len(body.faces):
         return drag
-    corners = body.positions[body.faces]
-    areas = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2
+    areas = area_vectors(body.positions, body.faces)
     weights = np.sqrt(body.water.face_drag / np.linalg.norm(areas, axis=1))
     flows = weights[:, None, None] * body.face_shares[:, :, None] * areas[:, None]
     scaled = flows.reshape(len(areas), size) / _mass_roots(body)

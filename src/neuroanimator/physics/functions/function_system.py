@@ -25,7 +25,6 @@ from neuroanimator.physics.state_parts import (
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.parameters import (
     Parameter,
-    draw_parameters,
     nominal_values,
 )
 from neuroanimator.state.units import known_unit
@@ -159,12 +158,12 @@ class PythonSystem(System):
         width = np.where(is_near_rest, self.sampling.rest_spread, 1.0)[:, None]
         offsets = rng.uniform(-1, 1, (count, self.state.size))
         starts = self.rest + offsets * self.spread * width
-        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        self.draw_bodies(rng, starts)
         return starts
 
     def sample_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         starts = super().sample_resets(rng, count)
-        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        self.draw_bodies(rng, starts)
         return starts
 
 

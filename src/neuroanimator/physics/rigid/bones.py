@@ -45,6 +45,11 @@ def skeleton_of(model: mujoco.MjModel) -> Skeleton:
     return Skeleton(tuple(bones), skin_of(model, first))
 
 
+def joint_kind(model: mujoco.MjModel, joint: int) -> str:
+    """Return the name of a joint's type: free, ball, slide or hinge."""
+    return JOINT_NAMES[int(model.jnt_type[joint])]
+
+
 def joints_of_body(model: mujoco.MjModel, body: int) -> range:
     """Return the numbers of the joints that connect a body to its parent."""
     first = int(model.body_jntadr[body])
@@ -68,7 +73,7 @@ def _bone(model: mujoco.MjModel, body: int, first: int) -> Bone:
 
 
 def _joint(model: mujoco.MjModel, joint: int) -> Joint:
-    kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    kind = joint_kind(model, joint)
     entry = int(model.jnt_qposadr[joint])
     reference = 0.0
     if kind in ("hinge", "slide"):

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from neuroanimator.appearance.skeleton import Bone
+from neuroanimator.appearance.skeleton import Bone, kinematics_of
 from neuroanimator.physics.rigid.joints import JointView
 from neuroanimator.physics.rigid.touching import is_limited, touching_geoms
 from neuroanimator.state.contacts import (
@@ -21,7 +21,6 @@ from neuroanimator.state.contacts import (
     Plane,
     in_order,
 )
-from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.segments import Segment, orientations_of
 
 MAX_POINTS = 24
@@ -64,9 +63,7 @@ def contacts_of(
     Of points that always move together only one is kept, and points whose height never changes are left out.
     """
     has_world = len(bones) == model.nbody
-    kinematics = Kinematics(
-        tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
-    )
+    kinematics = kinematics_of(bones)
     points = _points(model, first_body=0 if has_world else 1)
     planes = _planes(model)
     contacts = Contacts(

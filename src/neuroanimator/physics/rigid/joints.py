@@ -10,7 +10,7 @@ import numpy as np
 from neuroanimator.definitions.model import FrameTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import model_name
-from neuroanimator.physics.rigid.bones import JOINT_NAMES, joints_of_body
+from neuroanimator.physics.rigid.bones import joint_kind, joints_of_body
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.segments import (
@@ -89,7 +89,7 @@ def joint_views(
     free_joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
     has_one_root = free_joints.tolist() == [0]
     for joint in range(model.njnt):
-        kind = JOINT_NAMES[int(model.jnt_type[joint])]
+        kind = joint_kind(model, joint)
         name = joint_name(model, joint)
         is_planar = name in planar
         feature = features.get(name) or FEATURES[kind][0]

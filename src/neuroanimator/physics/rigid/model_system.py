@@ -32,7 +32,7 @@ from neuroanimator.physics.rigid.symmetries import symmetries_of
 from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.physics.schemes import schemes_of
 from neuroanimator.state.layout import Layout
-from neuroanimator.state.parameters import draw_parameters, nominal_values
+from neuroanimator.state.parameters import nominal_values
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.symmetry import Symmetry
@@ -160,7 +160,7 @@ class ModelSystem(MujocoSystem):
         starts = np.repeat(self.rest[None], count, axis=0)
         for view in self.views:
             self._scatter(view, starts, spread, rng)
-        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        self.draw_bodies(rng, starts)
         if self.is_tied:
             starts = close_states(self.model_of, starts, self.rest).states
         if self.sampling.above_ground:
@@ -177,7 +177,7 @@ class ModelSystem(MujocoSystem):
             mujoco.mj_normalizeQuat(self.model, position)
         velocities = starts[:, self.model.nq : self.model.nq + self.model.nv]
         velocities += noise * rng.normal(size=velocities.shape)
-        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        self.draw_bodies(rng, starts)
         return self.with_sensors(starts)
 
     def _state_of(self, keyframe: str) -> Float[np.ndarray, " S"]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.physics.rigid.actuators import actuators_of_controls, moment_arms
-from neuroanimator.physics.rigid.bones import JOINT_NAMES, joints_of_body
+from neuroanimator.physics.rigid.bones import joint_kind, joints_of_body
 from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.state.symmetry import Symmetry
 
@@ -217,8 +217,8 @@ class _Likeness:
     def _pair_joints(self, state: _Places, joint: int, other: int) -> bool:
         """Let `other` move as the mirror image of `joint`; False if it cannot."""
         model = self.model
-        kind = JOINT_NAMES[int(model.jnt_type[joint])]
-        if JOINT_NAMES[int(model.jnt_type[other])] != kind:
+        kind = joint_kind(model, joint)
+        if joint_kind(model, other) != kind:
             return False
         position = int(model.jnt_qposadr[joint])
         position_other = int(model.jnt_qposadr[other])

@@ -25,7 +25,7 @@ from neuroanimator.physics.soft.soft_scene import WORLD, Motion
 from neuroanimator.physics.soft.throws import random_roots
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
-from neuroanimator.state.parameters import draw_parameters, nominal_values
+from neuroanimator.state.parameters import nominal_values
 from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import continuous
 from neuroanimator.state.segments import (
@@ -297,7 +297,7 @@ class SoftSystem(System):
         Nodes composed of shapes would spring apart at first, and teach that.
         """
         starts = np.repeat(self.rest[None], count, axis=0)
-        starts[:, self.parameter_entries] = draw_parameters(self.parameters, rng, count)
+        self.draw_bodies(rng, starts)
         if not self.is_free:
             return starts
         size = self.scene.movers.size

@@ -19,7 +19,7 @@ from neuroanimator.state.reference_shape import (
     points_of,
     to_body_axes,
 )
-from neuroanimator.state.rotation import rotate
+from neuroanimator.state.rotation import rotate, wrapped
 from neuroanimator.state.segments import (
     Heading,
     Lag,
@@ -101,7 +101,7 @@ def _entries(
         is_plain = entry in structure.plain
         is_angle = any(row[entry] for row in structure.angles)
         if is_angle and not is_plain:
-            values = (values + np.pi) % (2 * np.pi) - np.pi
+            values = wrapped(values)
         may = can_matter or is_plain or is_angle
         readings.append(Reading(names[entry], units[entry], values, may))
     return readings
@@ -112,7 +112,7 @@ def _segment_readings(
 ) -> list[Reading]:
     """Return the readings of one segment of a state with a root that moves freely, or with balls."""
     segment = placed.segment
-    entries = range(placed.entries.start, placed.entries.stop)
+    entries = placed.indices
     values = states[:, placed.entries]
     readings = _entries(system, states, entries, can_matter=isinstance(segment, Lag))
     name = entry_names(system.state)[entries.start].rpartition("[")[0]
