@@ -11,7 +11,7 @@ from neuroanimator.animation.clip import make_clip
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.cli.control_output import start_in_words, time_rows
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.export.csv_file import write_table
+from neuroanimator.export.csv_file import write_controls
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.learn.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
 from neuroanimator.systems.system import System
@@ -43,9 +43,7 @@ def run_closed_loop(
             on_step=bar.advance_to,
         )
     motion = pursuit.motion
-    write_table(
-        out, np.arange(len(motion.controls)) * emulator.dt, motion.controls, emulator.control
-    )
+    write_controls(out, motion.controls, emulator)
     if glb:
         with phase("drawing"):
             source = "physics" if pursuit.is_on_physics else "emulator"

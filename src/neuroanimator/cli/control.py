@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-import numpy as np
 import typer
 
 from neuroanimator.cli.closed_loop import run_closed_loop
@@ -27,7 +26,7 @@ from neuroanimator.control.synthesis.synthesise import Synthesis, check_same_sys
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.comparison import write_comparison
-from neuroanimator.export.csv_file import write_table
+from neuroanimator.export.csv_file import write_controls
 from neuroanimator.learn.data.store import read_transitions
 from neuroanimator.learn.evaluation.held_out import replayable_system
 from neuroanimator.learn.refinement import REFINING_MINUTES, Refinement
@@ -283,9 +282,8 @@ def _checked_system(emulator: Emulator, own: System | None) -> System:
 
 def _write(synthesis: Synthesis, out: Path, glb: Path | None) -> None:
 
-    controls = synthesis.controls
     emulator = synthesis.emulator
-    write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.control)
+    write_controls(out, synthesis.controls, emulator)
     if glb:
         with phase("drawing"):
             write_comparison(emulator, synthesis.outcome, glb)

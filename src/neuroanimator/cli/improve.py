@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from neuroanimator.animation.motion import named_start
+from neuroanimator.cli.motion_sources import start_of
 from neuroanimator.cli.shared_options import START_HELP, OneEmulator, OwnPhysics
 from neuroanimator.cli.usage import refuse_given
 from neuroanimator.emulator.emulator import Emulator, load_emulator
@@ -19,9 +19,7 @@ from neuroanimator.learn.evaluation.weakness.config import ImprovementConfig
 from neuroanimator.learn.evaluation.weakness.fine_tune import fine_tune
 from neuroanimator.learn.evaluation.weakness.improve import ErrorChange, improve, read_old_data
 from neuroanimator.learn.training.train import Report
-from neuroanimator.physics import tied_system
 from neuroanimator.physics.loading import trust_files
-from neuroanimator.state.start import read_starts
 from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
 from neuroanimator.text import print_line
 
@@ -121,7 +119,7 @@ def _improve(
     if start and not controls:
         raise ArgumentError("start: applies to --controls only. Give --controls, too.")
     controllers = {str(path): read_controls(path, model) for path in controls}
-    start_state = named_start(model, read_starts(start), tied_system(model.spec)) if start else None
+    start_state = start_of(model, start)
     with (
         progress_bar("rounds", config.rounds) as round_bar,
         progress_bar("updates", config.updates) as update_bar,

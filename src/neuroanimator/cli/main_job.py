@@ -17,7 +17,7 @@ from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.csv_file import write_table
+from neuroanimator.export.csv_file import write_controls
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.files.atomic import canonical_json, write_whole
 from neuroanimator.film.control_report import control_html
@@ -136,9 +136,7 @@ def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path
     report = out / "report.html"
     video = out / "swing-up.mp4"
     write_glb(clip, scene)
-    controls = synthesis.controls
-    times = np.arange(len(controls)) * emulator.dt
-    write_table(table, times, controls, emulator.control)
+    write_controls(table, synthesis.controls, emulator)
     trained = out / f"{SYSTEM}.emulator.safetensors"
     files = [scene, table, report, trained]
     film = Markup("")

@@ -166,21 +166,24 @@ def _along_paths(model: Emulator, options: MotionOptions) -> Drive:
 
 def _under_controls(model: Emulator, options: MotionOptions) -> Drive:
     assert options.controls is not None
-    return controlled_drive(model, read_controls(options.controls, model), _start(model, options))
+    return controlled_drive(
+        model, read_controls(options.controls, model), start_of(model, options.start)
+    )
 
 
 def _at_random(model: Emulator, options: MotionOptions) -> Drive:
     tied = tied_system(model.spec)
-    start = _start(model, options)
+    start = start_of(model, options.start)
     if options.seconds is None and options.seed is None and start is None:
         return default_drive(model, tied)
     return random_drive(model, options.seconds, options.seed or 0, start, tied)
 
 
-def _start(model: Emulator, options: MotionOptions) -> Float[np.ndarray, " S"] | None:
-    if not options.start:
+def start_of(model: Emulator, parts: list[str] | None) -> Float[np.ndarray, " S"] | None:
+    """Return the state that the options `--start` describe; None if there are none."""
+    if not parts:
         return None
-    return named_start(model, read_starts(options.start), tied_system(model.spec))
+    return named_start(model, read_starts(parts), tied_system(model.spec))
 
 
 SOURCES: dict[str, Callable[[MotionOptions], SourcedMotion]] = {

@@ -80,6 +80,11 @@ def read_table(
     return straightened(times, resolution_of(times, table.places)), table.values[:, 1:]
 
 
+def write_controls(path: Path, controls: Float[np.ndarray, "T C"], emulator: Emulator) -> None:
+    """Write the controls of `emulator`'s super steps to `path`."""
+    write_table(path, np.arange(len(controls)) * emulator.dt, controls, emulator.control)
+
+
 def read_controls(path: Path, emulator: Emulator) -> Float[np.ndarray, "T C"]:
     """Return the controls in a table written for `emulator`, one per super step; BadFileError for a table at another rate."""
     times, controls = read_table(path, emulator.control)
