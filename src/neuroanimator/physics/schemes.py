@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from neuroanimator.definitions.body import BodyPhysics
+from neuroanimator.definitions.function import FunctionPhysics
 from neuroanimator.definitions.model import Physics
 from neuroanimator.definitions.soft import SoftPhysics
 from neuroanimator.systems.system import Scheme
@@ -22,16 +23,12 @@ SMALL_STEPS = "small steps"
 """Name of the integrator of a soft body whose definition names none."""
 
 
-def schemes_of(physics: Physics | BodyPhysics | SoftPhysics) -> Schemes:
-    """Return the schemes in the table `physics` of a definition."""
-    if isinstance(physics, SoftPhysics):
-        return Schemes(
-            scheme=Scheme(SMALL_STEPS, physics.step),
-            truth=Scheme(SMALL_STEPS, physics.truth_step),
-            fine=Scheme(SMALL_STEPS, physics.fine_step),
-        )
-    return Schemes(
-        scheme=Scheme(physics.integrator, physics.step),
-        truth=Scheme(physics.truth_integrator, physics.truth_step),
-        fine=Scheme(physics.fine_integrator, physics.fine_step),
-    )
+def schemes_of(
+    physics: Physics | BodyPhysics | SoftPhysics | FunctionPhysics, integrator: str = SMALL_STEPS
+) -> Schemes:
+    """Return the schemes in the table `physics` of a definition; `integrator` is that of tables that name none."""
+    names = (integrator, integrator, integrator)
+    if isinstance(physics, Physics | BodyPhysics):
+        names = (physics.integrator, physics.truth_integrator, physics.fine_integrator)
+    steps = (physics.step, physics.truth_step, physics.fine_step)
+    return Schemes(*map(Scheme, names, steps))

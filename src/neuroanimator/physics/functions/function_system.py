@@ -13,6 +13,7 @@ from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.numbers import MAX_MAGNITUDE
 from neuroanimator.physics.functions.step_file import StepFunction, call_step, run_file
+from neuroanimator.physics.schemes import schemes_of
 from neuroanimator.physics.state_parts import (
     layout_of_control,
     layout_of_state,
@@ -65,10 +66,7 @@ class PythonSystem(System):
         constant = tuple(parameter.slice for parameter in self.parameters)
         self.state = Layout((*moving.slices, *constant))
         self.control, self.bounds = layout_of_control(definition.control)
-        physics = definition.physics
-        self.scheme = Scheme(FUNCTION, physics.step)
-        self.truth = Scheme(FUNCTION, physics.truth_step)
-        self.fine = Scheme(FUNCTION, physics.fine_step)
+        self.scheme, self.truth, self.fine = schemes_of(definition.physics, FUNCTION)
         self.structure = with_parameters(
             structure_of_parts(definition.state), moving.size, len(self.parameters)
         )

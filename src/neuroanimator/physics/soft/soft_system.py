@@ -16,6 +16,7 @@ from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefini
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import refuse_twins
 from neuroanimator.physics.rigid.bones import is_drawn, shape_of_geom
+from neuroanimator.physics.schemes import schemes_of
 from neuroanimator.physics.soft.find_shapes import RestingShapes
 from neuroanimator.physics.soft.flex_model import geoms_below
 from neuroanimator.physics.soft.flex_scene import FlexScene
@@ -95,9 +96,7 @@ class SoftSystem(System):
         if self.is_free:
             self.run_steps = THROW_STEPS
         physics = definition.physics
-        self.scheme = Scheme(scene.integrator, physics.step)
-        self.truth = Scheme(scene.integrator, physics.truth_step)
-        self.fine = Scheme(scene.integrator, physics.fine_step)
+        self.scheme, self.truth, self.fine = schemes_of(physics, scene.integrator)
         movers = self.scene.movers
         count = len(self.shapes.modes)
         self.state = Layout(
