@@ -40,6 +40,13 @@ LOOK_EVERY = 0.1
 """Time between two looks, without a terminal, at whether a line is due [s]."""
 
 
+Rows = list[tuple[str, object]]
+"""Labels and values, as `print_rows` prints them."""
+
+TableRows = list[dict[str, object]]
+"""Rows of a table, as `print_table` prints them: values by the names of columns."""
+
+
 class Bar:
     """A progress bar; does nothing if progress is not shown."""
 

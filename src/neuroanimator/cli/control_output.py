@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator.systems.system import System
-from neuroanimator.terminal import phase_seconds, seconds_in_all
+from neuroanimator.terminal import Rows, phase_seconds, seconds_in_all
 
 MAX_PARTS_TOLD = 6
 """Maximum number of parts of a start that are listed by name: more would be a swimmer's mass points."""
@@ -27,7 +27,7 @@ def start_in_words(system: System, start: np.ndarray) -> str:
     return "; ".join(told) or "at rest"
 
 
-def time_rows() -> list[tuple[str, object]]:
+def time_rows() -> Rows:
     """Return the total time and the longest phases."""
     phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
     told = ", ".join(

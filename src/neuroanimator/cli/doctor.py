@@ -12,7 +12,7 @@ import jax
 from neuroanimator.cli.studio import HOW_TO_GET_STUDIO
 from neuroanimator.codegen.backend import backend_in_words
 from neuroanimator.film.graphics import HOW_TO_GET_GL, graphics_backend
-from neuroanimator.terminal import print_rows
+from neuroanimator.terminal import Rows, print_rows
 
 EXAMPLE = "neuroanimator doctor"
 
@@ -40,7 +40,7 @@ PACKAGES = ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
 
 def run() -> None:
     """Check this machine and say what is missing and how to get it."""
-    rows: list[tuple[str, object]] = [("Python", platform.python_version())]
+    rows: Rows = [("Python", platform.python_version())]
     rows += [(name, version(name)) for name in PACKAGES]
     rows += [
         ("JAX runs on", ", ".join(str(device) for device in jax.devices())),

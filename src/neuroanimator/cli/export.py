@@ -13,7 +13,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.export.programs.formats import POLICY_ENDING, export_programs
 from neuroanimator.film.options import read_film
-from neuroanimator.terminal import phase, print_rows
+from neuroanimator.terminal import Rows, phase, print_rows
 from neuroanimator.text import print_line, quoted
 
 MODELS = ("emulator", "policy")
@@ -82,6 +82,6 @@ def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, c
         motion = read_clip(clip, model)
     with phase("drawing"):
         export_clips([motion], model, out, film)
-    rows: list[tuple[str, object]] = [("frames", len(motion.times))]
+    rows: Rows = [("frames", len(motion.times))]
     rows += [("file", path) for path in out]
     print_rows(rows)

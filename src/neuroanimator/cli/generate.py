@@ -20,7 +20,7 @@ from neuroanimator.learn.data.recorded_segments import limited_to_recordings
 from neuroanimator.learn.data.shortcomings import shortcomings_of
 from neuroanimator.physics import carried_system
 from neuroanimator.physics.loading import resolve, trust_files
-from neuroanimator.terminal import phase, print_rows, progress_bar, warn_once
+from neuroanimator.terminal import Rows, phase, print_rows, progress_bar, warn_once
 
 EXAMPLE = (
     "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
@@ -77,7 +77,7 @@ def run(
     config = _checked_data(config)
     with chosen_executor(executor, workers, threads) as spread:
         diverged = generate_with_bar(config, place, spread)
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("transitions", (config.runs - diverged) * config.samples_per_run),
         ("runs diverged and dropped", diverged),
     ]

@@ -18,7 +18,7 @@ from neuroanimator.learn.identification.report import (
     write_identification_report,
 )
 from neuroanimator.physics.loading import trust_files
-from neuroanimator.terminal import phase, print_rows, print_table
+from neuroanimator.terminal import Rows, phase, print_rows, print_table
 from neuroanimator.text import print_line
 
 EXAMPLE = "neuroanimator identify arm.emulator.safetensors --from recording.csv --report arm.html"
@@ -84,14 +84,12 @@ def run(
         print_line(note)
 
 
-def _rows(
-    model: Emulator, result: Identification, out: Path | None, report: Path | None
-) -> list[tuple[str, object]]:
+def _rows(model: Emulator, result: Identification, out: Path | None, report: Path | None) -> Rows:
     measurements = result.measurements
     proof = "none: no physics is available, so the result rests on the emulator alone"
     if result.proven is not None:
         proof = f"{result.seconds_of_physics:.1f} s, {result.proven.iterations} steps in all"
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("body", model.system),
         ("verdict", model.verdict or UNJUDGED),
         ("recordings", ", ".join(measurements.files)),

@@ -20,7 +20,7 @@ from neuroanimator.learn.evaluation.weakness.fine_tune import fine_tune
 from neuroanimator.learn.evaluation.weakness.improve import ErrorChange, improve, read_old_data
 from neuroanimator.learn.training.train import Report
 from neuroanimator.physics.loading import trust_files
-from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
+from neuroanimator.terminal import TableRows, phase, print_rows, print_table, progress_bar
 from neuroanimator.text import print_line
 
 EXAMPLE = (
@@ -170,7 +170,7 @@ def _learn_from(
 
 def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path) -> None:
     """Print the errors before and after, the cost, and the new file."""
-    rows: list[dict[str, object]] = []
+    rows: TableRows = []
     for error in errors:
         name = error.distribution
         rows.append({"95 % of errors below": name, "before": error.before, "after": error.after})

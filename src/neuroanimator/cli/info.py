@@ -23,15 +23,12 @@ from neuroanimator.learn.data.stored import open_to_measure
 from neuroanimator.learn.evaluation.weakness.inspection import inspect
 from neuroanimator.physics.loading import trust_files
 from neuroanimator.state.layout import Layout
-from neuroanimator.terminal import phase, print_rows
+from neuroanimator.terminal import Rows, phase, print_rows
 
 EXAMPLE = "neuroanimator info pendulum-50"
 
 MAX_PARTS = 6
 """Maximum number of parts of a state or control listed by name; the rest are counted."""
-
-Rows = list[tuple[str, object]]
-"""Rows to print: a label and a value each."""
 
 
 def run(

@@ -17,7 +17,7 @@ from neuroanimator.learn.evaluation.weakness.tables import (
     coverage_facts,
     spread_tables,
 )
-from neuroanimator.terminal import phase, print_rows, print_table, sparkline
+from neuroanimator.terminal import Rows, phase, print_rows, print_table, sparkline
 from neuroanimator.text import print_line, short_number
 
 
@@ -35,7 +35,7 @@ def show_dataset(folder: Place, *, json: bool) -> None:
         print(dumps(everything, indent=2, sort_keys=True))
         return
 
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("dataset", folder),
         ("system", config.system),
         ("super step", f"{config.substeps} physics steps"),

@@ -13,7 +13,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.learn.data.config import SOFT_COUNT, USUAL_COUNT
 from neuroanimator.scaffold.teacher import affordable_count
 from neuroanimator.scaffold.write_toml import checked_base, write_definition
-from neuroanimator.terminal import phase, print_rows
+from neuroanimator.terminal import Rows, phase, print_rows
 from neuroanimator.text import print_line
 
 EXAMPLE = "neuroanimator new my_robot.xml"
@@ -98,7 +98,7 @@ def run(
     following += f"neuroanimator train {data} --out {made}"
     for warning in proposal.warnings:
         print_line(f"warning: {warning}", to_stderr=True)
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("system", definition.name),
         ("super step", f"{definition.substeps} physics steps, {dt:g} s"),
     ]

@@ -25,7 +25,7 @@ from neuroanimator.learn.training.train import METRICS, read_reports, run_folder
 from neuroanimator.physics import load_system
 from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.systems.system import System
-from neuroanimator.terminal import phase, print_rows, progress_bar
+from neuroanimator.terminal import Rows, phase, print_rows, progress_bar
 
 EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 3 --out hopper.policy.safetensors"
 
@@ -128,7 +128,7 @@ def run(
             on_report=on_report,
         )
     policy.save(out, {"seed": seed})
-    rows: list[tuple[str, object]] = [("policy", out), ("metrics", folder / METRICS)]
+    rows: Rows = [("policy", out), ("metrics", folder / METRICS)]
     told = read_reports(folder / METRICS, LearningReport)
     if told:
         best = max(report.mean_return for report in told)

@@ -31,7 +31,7 @@ from neuroanimator.learn.training.train import METRICS, read_reports, run_folder
 from neuroanimator.physics.loading import trust_files
 from neuroanimator.systems.named_files import MissingPhysicsError
 from neuroanimator.systems.system import System
-from neuroanimator.terminal import phase, print_rows
+from neuroanimator.terminal import Rows, phase, print_rows
 from neuroanimator.text import quoted
 
 MAX_EPISODES = 100_000
@@ -193,19 +193,19 @@ def _returns(
     return _Returns(outside, inside, of_family)
 
 
-def _rows(path: Path, task: PolicyTask, returns: _Returns, dt: float) -> list[tuple[str, object]]:
+def _rows(path: Path, task: PolicyTask, returns: _Returns, dt: float) -> Rows:
     outside, inside, bodies = returns
     earned = outside.returns
     asked = f"{len(earned):,} in {task.environment or 'the physics'}"
     mean = f"{earned.mean():.0f}"
     emulated = f"{inside.returns.mean():.0f}"
-    kept: list[tuple[str, object]] = []
+    kept: Rows = []
     if task.motion is not None:
         asked = f"{len(earned):,} on the physics, of {task.steps * dt:.3g} s at most"
         mean += f" of {task.steps}"
         emulated += f", {inside.finished:,} on the motion at its end"
         kept = [("on the motion", f"{outside.finished:,} of them at its end")]
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("policy", path),
         ("episodes", asked),
         *kept,
@@ -220,9 +220,7 @@ def _rows(path: Path, task: PolicyTask, returns: _Returns, dt: float) -> list[tu
     return rows
 
 
-def emulator_rows(
-    outside: Float[np.ndarray, " E"], inside: Float[np.ndarray, " E"]
-) -> list[tuple[str, object]]:
+def emulator_rows(outside: Float[np.ndarray, " E"], inside: Float[np.ndarray, " E"]) -> Rows:
     """Return what to do about an emulator that cannot stand in for the physics, if it cannot."""
     error = inside.mean() - outside.mean()
     if abs(error) <= TRUE_RETURN * abs(outside.mean()):

@@ -29,7 +29,7 @@ from neuroanimator.learn.evaluation.weakness.causes import causes_in_training
 from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.error_fitting import fit_error_bounds
 from neuroanimator.learn.training.train import METRICS, Report, run_folder, train
-from neuroanimator.terminal import phase, print_rows, print_table, progress_bar
+from neuroanimator.terminal import Rows, TableRows, phase, print_rows, print_table, progress_bar
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
@@ -232,11 +232,9 @@ def _judged(emulator: Emulator, data: Dataset, config: TrainingConfig) -> Verdic
         return verdict.because(causes_in_training(emulator, data, config))
 
 
-def _rows(
-    emulator: Emulator, last: Report | None, out: Path, verdict: Verdict
-) -> list[tuple[str, object]]:
+def _rows(emulator: Emulator, last: Report | None, out: Path, verdict: Verdict) -> Rows:
     """Return the rows to print about a training."""
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("emulator", out),
         ("metrics", run_folder(out) / METRICS),
     ]
@@ -284,7 +282,7 @@ def train_fleet_file(
             bar.advance_to(len(fleet.members) - count)
 
         rows = train_fleet(fleet, out, spread, on_start=on_start, on_member=bar.advance)
-    table: list[dict[str, object]] = []
+    table: TableRows = []
     for row in rows:
         figures = asdict(row)
         figures["sha256"] = row.sha256[:SHOWN_DIGITS]

@@ -24,6 +24,7 @@ from neuroanimator.learn.evaluation.weakness.readings import (
     state_readings,
 )
 from neuroanimator.state.rotation import wrapped
+from neuroanimator.terminal import TableRows
 
 MAX_CURVES = 6
 """Maximum number of controls of a unit in a plot, and of readings in the table of the emulator's largest errors."""
@@ -105,14 +106,14 @@ def _draw_controls(axes: Axes, synthesis: Synthesis, among: Sequence[int]) -> No
         axes.set_title(title, fontsize=9, loc="left")
 
 
-def _strayed_rows(synthesis: Synthesis) -> list[dict[str, object]]:
+def _strayed_rows(synthesis: Synthesis) -> TableRows:
     """Return the readings of the state with the emulator's largest errors, the worst first; none without physics."""
     outcome = synthesis.outcome
     if not outcome.is_on_physics:
         return []
     system = replayable_system(synthesis.emulator)
     emulated = {one.name: one for one in state_readings(system, outcome.emulator_states)}
-    rows: list[dict[str, object]] = []
+    rows: TableRows = []
     for true in state_readings(system, outcome.physics_states):
         span = float(np.ptp(np.unwrap(true.values) if true.unit == "rad" else true.values))
         # Contacts are read only where there are any.

@@ -51,6 +51,15 @@ HELD = -2
 ROOT = 13
 """Number of entries of a free body's root: position, quaternion, velocity and angular velocity in its own axes."""
 
+Distances = Float[AnyArray, "... P"]
+"""A distance or a coordinate of each of P points [m]."""
+
+Coordinates = list[Distances]
+"""Three coordinates of points, or of directions."""
+
+Surface = tuple[Distances, Coordinates]
+"""Distances of points from a surface [m], and the directions away from it."""
+
 Point = tuple[float, ...]
 """Three coordinates in a mover's frame [m]."""
 
@@ -334,9 +343,7 @@ class ShapeContacts:
         modes = np.moveaxis(self.modes, 1, 2).reshape(len(self.modes), 3 * len(self.nodes))
         return modes.astype(np.float32), self.mean.T.ravel().astype(np.float32)
 
-    def _nodes_later(
-        self, state: Float[AnyArray, "... S"], dt: float
-    ) -> list[Float[AnyArray, "... P"]]:
+    def _nodes_later(self, state: Float[AnyArray, "... S"], dt: float) -> Coordinates:
         """Return x, y and z of the nodes in the body's frame [m] after `dt` [s] at the current rates."""
         xp = state.__array_namespace__()
         count = len(self.modes)
@@ -349,9 +356,7 @@ class ShapeContacts:
         size = len(self.nodes)
         return [placed[..., axis * size : (axis + 1) * size] for axis in range(3)]
 
-    def _nearness(
-        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment
-    ) -> list[Float[AnyArray, "... P"]]:
+    def _nearness(self, nodes: Coordinates, later: _Moment) -> Coordinates:
         """Return the sum over colliders of the nodes' nearness, and of that times each component of the direction."""
         xp = later.origin.__array_namespace__()
         found = self._surfaces(nodes, later, self._moving(self.capsules), self._moving(self.boxes))
@@ -364,11 +369,11 @@ class ShapeContacts:
 
     def _surfaces(
         self,
-        nodes: list[Float[AnyArray, "... P"]],
+        nodes: Coordinates,
         moment: _Moment,
         capsules: tuple[RoundCollider, ...],
         boxes: tuple[BoxCollider, ...],
-    ) -> list[tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]]:
+    ) -> list[Surface]:
         """Return the distances of nodes from each capsule, each box and the ground [m], and the directions away."""
         found = [self._from_capsule(nodes, moment, capsule) for capsule in capsules]
         found += [self._from_box(nodes, moment, box) for box in boxes]
@@ -376,7 +381,7 @@ class ShapeContacts:
             found.append(self._from_ground(nodes, moment, self.ground))
         return found
 
-    def distances(self, state: Float[AnyArray, "... S"]) -> list[Float[AnyArray, "... P"]]:
+    def distances(self, state: Float[AnyArray, "... S"]) -> Coordinates:
         """Return the distances of the nodes from each capsule, each box and the ground [m]; negative inside."""
         nodes = self._nodes_later(state, 0.0)
         found = self._surfaces(nodes, self._now(state), self.capsules, self.boxes)
@@ -402,9 +407,7 @@ class ShapeContacts:
             nodes = [node + depth * along for node, along in zip(nodes, outward, strict=True)]
         return xp.stack(nodes, axis=-1)
 
-    def _from_capsule(
-        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, capsule: RoundCollider
-    ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
+    def _from_capsule(self, nodes: Coordinates, later: _Moment, capsule: RoundCollider) -> Surface:
         """Return the distances of nodes from the surface [m], and the directions away."""
         xp = later.origin.__array_namespace__()
         start = self._place(later, capsule.mover, capsule.start)
@@ -418,9 +421,7 @@ class ShapeContacts:
         distance = xp.sqrt(_dot(away, away) + TINY)
         return distance - capsule.radius, [gap / distance for gap in away]
 
-    def _from_box(
-        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, box: BoxCollider
-    ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
+    def _from_box(self, nodes: Coordinates, later: _Moment, box: BoxCollider) -> Surface:
         """Return the distances of nodes from the surface [m], negative inside, and the directions away."""
         xp = later.origin.__array_namespace__()
         centre = self._place(later, box.mover, box.centre)
@@ -447,9 +448,7 @@ class ShapeContacts:
         direction = [_dot([axis[k] for axis in axes], outward) for k in range(3)]
         return surface, direction
 
-    def _from_ground(
-        self, nodes: list[Float[AnyArray, "... P"]], later: _Moment, height: float
-    ) -> tuple[Float[AnyArray, "... P"], list[Float[AnyArray, "... P"]]]:
+    def _from_ground(self, nodes: Coordinates, later: _Moment, height: float) -> Surface:
         """Return the heights of nodes over the ground [m], and the directions away."""
         xp = later.origin.__array_namespace__()
         upward = later.to_own(_vector((0.0, 0.0, 1.0), later))

@@ -72,6 +72,9 @@ REFUSED = {
 }
 """Elements that are not supported, and why."""
 
+Files = dict[str, bytes]
+"""Contents of files, by name."""
+
 
 class Element(ET.Element):
     """An XML element with its place in a file."""
@@ -123,7 +126,7 @@ class Source:
     load: Callable[[str], bytes | None]
     """Returns the bytes of a file by its path in the model's folder, or None if there is no such file."""
 
-    taken: dict[str, bytes] = field(default_factory=dict)
+    taken: Files = field(default_factory=dict)
     """Bytes of every file read so far, by path."""
 
     elements: int = 0
@@ -260,9 +263,9 @@ class Documents:
     main: str
     """Text of the model's main file."""
     is_urdf: bool
-    includes: dict[str, bytes]
+    includes: Files
     """The other XML files, by their new names in the XML."""
-    assets: dict[str, bytes]
+    assets: Files
     """The meshes and pictures, by their new names."""
 
 
@@ -276,8 +279,8 @@ def gather(main: str, source: Source) -> Documents:
     if content is None:
         refuse(main, "", "no such file. Check the path")
     root = parse(source, main, content)
-    includes: dict[str, bytes] = {}
-    assets: dict[str, bytes] = {}
+    includes: Files = {}
+    assets: Files = {}
     attached: dict[str, list[str]] = {}
     waiting = [(main, root)]
     while waiting:
@@ -298,8 +301,8 @@ def gather(main: str, source: Source) -> Documents:
 
 
 def _gather_model(
-    source: Source, main: str, root: Element, texts: dict[str, bytes]
-) -> tuple[dict[str, Element], dict[str, bytes]]:
+    source: Source, main: str, root: Element, texts: Files
+) -> tuple[dict[str, Element], Files]:
     """Return the models that the model in `main` attaches, and the meshes and pictures it names.
 
     Its XML files, with these under new names, are put into `texts`.
@@ -316,7 +319,7 @@ def _gather_model(
     if root.tag == "robot":
         _trim_urdf(root, settings)
     attached: dict[str, Element] = {}
-    files: dict[str, bytes] = {}
+    files: Files = {}
     for name, of_file in roots.items():
         models, assets = _attach_files(source, main, of_file, settings)
         for model, text in models.items():
@@ -362,13 +365,13 @@ def _take_settings(roots: list[Element]) -> dict[str, str]:
 
 def _attach_files(
     source: Source, main: str, root: Element, settings: dict[str, str]
-) -> tuple[dict[str, bytes], dict[str, bytes]]:
+) -> tuple[Files, Files]:
     """Return the models, and the meshes and pictures, named in the XML, and point its attributes to their new names.
 
     Models have their paths as names. Paths begin at the folder of the file `main`, or at that of the attribute's file.
     """
-    models: dict[str, bytes] = {}
-    files: dict[str, bytes] = {}
+    models: Files = {}
+    files: Files = {}
     for element in root.descendants():
         if element.tag == "include":
             continue

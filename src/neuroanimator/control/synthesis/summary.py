@@ -8,6 +8,7 @@ from neuroanimator.control.synthesis.attempt import SearchCost
 from neuroanimator.control.synthesis.replay import is_gap_large
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
+from neuroanimator.terminal import Rows
 
 MINUTES_SPARE = 2.0
 """Multiple of the estimated time that is enough: unrolled updates take longer than those timed."""
@@ -19,11 +20,11 @@ UNPROVED = "not verified: this controller was tried on the emulator alone. Use i
 """Text for a controller that was tried on the emulator alone."""
 
 
-def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
+def outcome_rows(synthesis: Synthesis) -> Rows:
     """Return names and values, the physics' verdict last."""
     outcome = synthesis.outcome
     spent = synthesis.spent
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("method", synthesis.descent.method),
         ("iterations", spent.iterations),
         ("descents, compiling not counted", f"{spent.seconds:.2f} s"),
@@ -56,7 +57,7 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     return rows + _goal_rows(synthesis, "goal reached on the true physics")
 
 
-def _goal_rows(synthesis: Synthesis, name: str) -> list[tuple[str, object]]:
+def _goal_rows(synthesis: Synthesis, name: str) -> Rows:
     """Return a row called `name` on whether the goal is reached; none without a goal."""
     if synthesis.is_reached is None:
         return []
@@ -75,9 +76,9 @@ def _enough_minutes(spent: SearchCost) -> int:
     return math.ceil(MINUTES_SPARE * spent.minutes_wanted)
 
 
-def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
+def _unproved_rows(synthesis: Synthesis) -> Rows:
     """Return names and values of results on the emulator alone, the goal last."""
-    rows: list[tuple[str, object]] = [
+    rows: Rows = [
         ("J on emulator", f"{synthesis.outcome.cost_emulator:.3f}"),
         ("trust in the emulator's motion", trust_along(synthesis)),
         ("in words", UNPROVED),

@@ -13,6 +13,7 @@ from neuroanimator.learn.evaluation.evaluate import Evaluation
 from neuroanimator.learn.evaluation.page import render, write_page
 from neuroanimator.learn.evaluation.weakness import tables
 from neuroanimator.learn.training.train import METRICS, read_metrics, run_folder
+from neuroanimator.terminal import TableRows
 
 
 def write_report(
@@ -40,12 +41,12 @@ def training_html(emulator: Path) -> Markup:
     return render("training.html", reports=read_metrics(path), file=file, figures=figures)
 
 
-def noise_rows(evaluation: Evaluation) -> list[dict[str, object]]:
+def noise_rows(evaluation: Evaluation) -> TableRows:
     """Return the recordings' noise and its part of the error, number by number."""
     assert evaluation.noise is not None
     assert evaluation.noise_by_entry is not None
     errors = zip(evaluation.error_by_entry, evaluation.noise_by_entry, strict=True)
-    rows: list[dict[str, object]] = []
+    rows: TableRows = []
     for name, deviation in zip(evaluation.entries, evaluation.noise, strict=True):
         if name in evaluation.still:
             continue

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from neuroanimator.learn.evaluation.page import write_page
 from neuroanimator.learn.evaluation.plots import EMULATOR, PHYSICS, QUIET
 from neuroanimator.learn.identification.identify import Estimate, Identification
+from neuroanimator.terminal import TableRows
 
 MAX_SHOWN = 12
 """Maximum number of measured numbers drawn in a report."""
@@ -53,9 +54,9 @@ def estimate_row(estimate: Estimate) -> dict[str, object]:
     }
 
 
-def fit_rows(result: Identification) -> list[dict[str, object]]:
+def fit_rows(result: Identification) -> TableRows:
     """Return the root mean square residuals of each fit, a row for each number."""
-    rows: list[dict[str, object]] = []
+    rows: TableRows = []
     for name, entry in zip(result.measurements.names, result.measurements.entries, strict=True):
         row: dict[str, object] = {"measured": name}
         row["nominal"] = _off(result.nominal.residuals[..., entry])

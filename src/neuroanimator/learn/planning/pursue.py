@@ -40,7 +40,7 @@ from neuroanimator.learn.planning.plants import (
 from neuroanimator.learn.planning.regulator import Regulator, regulator_of
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import System
-from neuroanimator.terminal import phase
+from neuroanimator.terminal import Rows, phase
 
 HORIZON_STEPS = 20
 """Default horizon of a plan [super steps]: super steps are chosen to suit a system, so this fits slow and quick ones."""
@@ -181,12 +181,10 @@ def pursuit_steps(emulator: Emulator, system: System, name: str, seconds: float 
     return steps_in(seconds, emulator.dt, MAX_PURSUIT_SECONDS * slowness(emulator.dt))
 
 
-def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
+def pursuit_rows(pursuit: Pursuit) -> Rows:
     """Return names and values of the results, the verdict last."""
     motion = pursuit.motion
-    rows: list[tuple[str, object]] = [
-        ("super steps", f"{len(motion.controls)}, {pursuit.dt:g} s each")
-    ]
+    rows: Rows = [("super steps", f"{len(motion.controls)}, {pursuit.dt:g} s each")]
     if len(motion.plan_seconds):
         plan_ms = np.median(motion.plan_seconds) * 1e3
         took = f"{plan_ms:.1f} ms; 99 of 100 at most {motion.p99_ms:.1f} ms"

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from neuroanimator.learn.evaluation.component_errors import by_relative_error
 from neuroanimator.learn.evaluation.weakness.coverage import Coverage
 from neuroanimator.learn.evaluation.weakness.inspection import Inspection
+from neuroanimator.terminal import Rows, TableRows
 from neuroanimator.text import short_number
 
 MAX_COMPONENTS = 16
@@ -31,13 +32,13 @@ COVERAGE_CAPTION = (
 class CellTable(NamedTuple):
     """Rows of cells by column, and remarks on what is left out."""
 
-    rows: list[dict[str, object]]
+    rows: TableRows
     remarks: list[str]
 
 
-def weak_rows(inspection: Inspection) -> list[dict[str, object]]:
+def weak_rows(inspection: Inspection) -> TableRows:
     """Return a row for each condition under which errors are large."""
-    rows: list[dict[str, object]] = []
+    rows: TableRows = []
     for spot in inspection.weak_spots:
         rows.append(
             {
@@ -55,7 +56,7 @@ def weak_rows(inspection: Inspection) -> list[dict[str, object]]:
 def component_table(inspection: Inspection) -> CellTable:
     """Return the one-step error of each number of the state, the worst first."""
     components = by_relative_error(inspection.components)
-    rows: list[dict[str, object]] = []
+    rows: TableRows = []
     for component in components[:MAX_COMPONENTS]:
         rows.append(
             {
@@ -77,12 +78,12 @@ def component_table(inspection: Inspection) -> CellTable:
     return CellTable(rows, remarks)
 
 
-def coverage_facts(found: Coverage) -> list[tuple[str, object]]:
+def coverage_facts(found: Coverage) -> Rows:
     """Return the number of runs, the dropped ones, and advice on them."""
     there = f"{found.transitions:,} transitions of {found.runs:,} runs"
     if found.samples < found.transitions:
         there += f"; {found.samples:,} of them looked at"
-    facts: list[tuple[str, object]] = [("there are", there)]
+    facts: Rows = [("there are", there)]
     diverged = found.diverged
     if diverged.runs:
         facts.append(
@@ -105,7 +106,7 @@ def spread_tables(found: Coverage, draw: Callable[[Sequence[float]], str]) -> li
     """Return a table of states and one of controls: quantiles, the histogram as `draw` draws it, and the share at a bound."""
     tables = []
     for kind, spreads in (("state", found.states), ("control", found.controls)):
-        rows: list[dict[str, object]] = []
+        rows: TableRows = []
         for spread in spreads[:MAX_SPREADS]:
             heads = (kind, "histogram", "least", "5 %", "median", "95 %", "most")
             name = _with_unit(spread.name, spread.unit)
