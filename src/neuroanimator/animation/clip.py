@@ -14,6 +14,7 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import Pairs
 from neuroanimator.state.slowness import slowness
 
 USUAL_RATE = 30.0
@@ -123,7 +124,7 @@ def make_clip(
 
 def clip_of(
     spec: EmulatorSpec,
-    orientations: tuple[tuple[int, int], ...],
+    orientations: Pairs,
     states: ArrayLike,
     rate: float | None = None,
     interpolation: str = "hermite",

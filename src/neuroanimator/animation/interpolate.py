@@ -6,10 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import Pairs
 from neuroanimator.state.rotation import continuous, multiply
-
-Pairs = tuple[tuple[int, int], ...]
-"""Pairs of state entries: a number and its time derivative, or where a quaternion and its angular velocity begin."""
 
 TIME_ROUNDING = 1e-9
 """Maximum time by which a requested time may lie beyond the last state [s]."""

@@ -15,7 +15,7 @@ from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
 from neuroanimator.files.names import check_system_name
 from neuroanimator.files.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.gait import Gait
-from neuroanimator.state.layout import MAX_NUMBERS, Bounds, Layout
+from neuroanimator.state.layout import MAX_NUMBERS, Bounds, Layout, Pairs
 from neuroanimator.state.placement import Placement
 
 MAX_STRIDES = 16
@@ -77,7 +77,7 @@ class EmulatorSpec(eqx.Module):
     """Duration of a super step [s]."""
     skeleton: Skeleton = eqx.field(static=True)
     """Bones that draw a state."""
-    rates: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    rates: Pairs = eqx.field(static=True)
     """(i, j) where state entry j is the time derivative of entry i."""
     rest: tuple[float, ...] = eqx.field(static=True)
     """State of rest, the default start of motions."""

@@ -25,7 +25,7 @@ from neuroanimator.emulator.verdict import ValidationErrors
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
-from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.layout import Bounds, Layout, Pairs
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.segments import Constant, place_segments
 from neuroanimator.state.structure import Structure
@@ -101,7 +101,7 @@ class SuperStep(eqx.Module):
         return self.spec.skeleton
 
     @property
-    def rates(self) -> tuple[tuple[int, int], ...]:
+    def rates(self) -> Pairs:
         """(i, j) where state entry j is the time derivative of entry i."""
         return self.spec.rates
 

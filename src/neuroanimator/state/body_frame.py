@@ -23,6 +23,7 @@ from neuroanimator.state.contacts import (
     depth,
     height_below_ceiling,
 )
+from neuroanimator.state.layout import Pairs
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import cross, rotate_back, rotated_by, upward
 from neuroanimator.state.segments import (
@@ -198,7 +199,7 @@ class Frame(eqx.Module):
         return None
 
     @property
-    def orientations(self) -> tuple[tuple[int, int], ...]:
+    def orientations(self) -> Pairs:
         """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
         return orientations_of(self.segments)
 

@@ -56,6 +56,9 @@ MAX_STEP = 3600.0
 Vocabulary = Mapping[str, Sequence[str]]
 """By vector, the names and units of the numbers of a system, which then need no unit, and no vector, in a recording."""
 
+NamesAndUnits = tuple[tuple[str, str], ...]
+"""The name and the unit of each of several numbers."""
+
 
 class Column(NamedTuple):
     """The meaning of a column."""
@@ -81,9 +84,9 @@ class Samples:
     """State in each row."""
     controls: Float[np.ndarray, "N C"]
     """Control in each row."""
-    state: tuple[tuple[str, str], ...]
+    state: NamesAndUnits
     """(name, unit) of each state entry."""
-    control: tuple[tuple[str, str], ...]
+    control: NamesAndUnits
     """(name, unit) of each control entry."""
     lines: Int[np.ndarray, " N"] | None = None
     """Line number of each row, if the file is text."""

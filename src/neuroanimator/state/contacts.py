@@ -16,6 +16,7 @@ from jaxtyping import Float
 from neuroanimator.files.numbers import entries, listed, numbers
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.kinematics import Kinematics, product
+from neuroanimator.state.layout import Pairs
 from neuroanimator.state.rotation import conjugate, rotated_by, rotation_matrices
 
 CEILING = 1.0
@@ -88,9 +89,9 @@ class Contacts:
     """Axes x, y, z along which the points move at all."""
     placeless: tuple[int, ...]
     """State entries of the body's position where it does not matter: they are replaced by zeros."""
-    rates: tuple[tuple[int, int], ...]
+    rates: Pairs
     """(i, j) where state entry j is the rate of entry i."""
-    orientations: tuple[tuple[int, int], ...]
+    orientations: Pairs
     """(i, j) where a quaternion begins at state entry i and its angular velocity, in its own frame, at j."""
 
     @property
@@ -217,8 +218,8 @@ class Contacts:
         described: Any,
         *,
         kinematics: Kinematics,
-        rates: tuple[tuple[int, int], ...],
-        orientations: tuple[tuple[int, int], ...],
+        rates: Pairs,
+        orientations: Pairs,
         state_size: int,
     ) -> Contacts:
         """Return the contacts `to_json` wrote of a body with these kinematics; ValueError names the fault."""

@@ -26,6 +26,9 @@ REAL_KINDS = "biuf"
 BFLOAT16 = "bfloat16"
 """Name of JAX's bfloat16, which NumPy does not count as real."""
 
+Pairs = tuple[tuple[int, int], ...]
+"""Pairs (i, j) of entries of a vector, such as those of a number and of its time derivative."""
+
 
 @dataclass(frozen=True)
 class Slice:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from neuroanimator.files.numbers import number, whole
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.layout import MAX_NUMBERS
+from neuroanimator.state.layout import MAX_NUMBERS, Pairs
 from neuroanimator.state.reference_shape import (
     Cloud,
     flat_of,
@@ -462,7 +462,7 @@ def moves_freely(segments: tuple[Segment, ...]) -> bool:
     return {Position, Quaternion, Velocity} <= {type(segment) for segment in segments}
 
 
-def orientations_of(segments: tuple[Segment, ...]) -> tuple[tuple[int, int], ...]:
+def orientations_of(segments: tuple[Segment, ...]) -> Pairs:
     """Return (i, j) where a quaternion begins at state entry i and its angular velocity, in its own frame, at j."""
     return tuple(
         (placed.entries.start, placed.segment.rate)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.files.numbers import entries
 from neuroanimator.state.contacts import Contacts
+from neuroanimator.state.layout import Pairs
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Segment, moves_freely, orientations_of
 from neuroanimator.state.shape_contacts import ShapeContacts
@@ -84,13 +85,13 @@ class Structure:
     """
 
     angles: tuple[tuple[int, ...], ...]
-    rates: tuple[tuple[int, int], ...]
+    rates: Pairs
     plain: tuple[int, ...]
     is_odd: bool = False
     segments: tuple[Segment, ...] = ()
     probes: tuple[Probe, ...] = ()
     symmetry_order: int = 1
-    symmetry_controls: tuple[tuple[int, int], ...] = ()
+    symmetry_controls: Pairs = ()
     cloud: Cloud | None = None
     mirror: Mirror | None = None
     has_gravity: bool = True
@@ -130,6 +131,6 @@ class Structure:
         return self.shape_contacts.common_scale(scale)
 
     @property
-    def orientations(self) -> tuple[tuple[int, int], ...]:
+    def orientations(self) -> Pairs:
         """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
         return orientations_of(self.segments)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.physics.recorded.recording import Recording
 from neuroanimator.physics.recorded.velocities import prepared
+from neuroanimator.state.columns import NamesAndUnits
 from neuroanimator.state.layout import Layout
 from neuroanimator.systems.recording_file import RecordingFile
 
@@ -36,7 +37,7 @@ def read_recordings(recordings: RecordingFile) -> Recording:
 
 
 def _check_columns(
-    recording: Recording, vector: str, layout: Layout, columns: tuple[tuple[str, str], ...]
+    recording: Recording, vector: str, layout: Layout, columns: NamesAndUnits
 ) -> None:
     defined = [f"{part.name} {part.unit}" for part in layout.slices if part.size == 1]
     recorded = [f"{name} {unit}" for name, unit in columns]

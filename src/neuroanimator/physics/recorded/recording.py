@@ -30,6 +30,7 @@ from neuroanimator.physics.recorded.rates import refuse_degrees
 from neuroanimator.physics.recorded.resample import on_even_grids
 from neuroanimator.physics.recorded.rotations import rotations_in, with_one_sign
 from neuroanimator.state.columns import (
+    NamesAndUnits,
     Samples,
     Vocabulary,
     columns_of,
@@ -57,9 +58,9 @@ class Recording:
 
     file: str
     """Name of the file."""
-    state: tuple[tuple[str, str], ...]
+    state: NamesAndUnits
     """(name, unit) of each state entry."""
-    control: tuple[tuple[str, str], ...]
+    control: NamesAndUnits
     """(name, unit) of each control entry."""
     step: float
     """Sampling interval [s]."""

@@ -21,6 +21,7 @@ from neuroanimator.state.contacts import (
     Plane,
     in_order,
 )
+from neuroanimator.state.layout import Pairs
 from neuroanimator.state.segments import Segment, orientations_of
 
 MAX_POINTS = 24
@@ -54,7 +55,7 @@ def contacts_of(
     model: mujoco.MjModel,
     bones: tuple[Bone, ...],
     views: list[JointView],
-    rates: tuple[tuple[int, int], ...],
+    rates: Pairs,
     segments: tuple[Segment, ...],
 ) -> Contacts | None:
     """Return the possible contacts of the model, whose skeleton has these `bones`, with fixed planes and stops; None if there

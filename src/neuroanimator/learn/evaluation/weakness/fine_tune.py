@@ -28,7 +28,7 @@ from neuroanimator.learn.evaluation.weakness.sampling import RunBatch, join_runs
 from neuroanimator.learn.training.train import Report
 from neuroanimator.physics.recorded.recording import Recording, open_recording
 from neuroanimator.physics.recorded.rotations import without_jumps
-from neuroanimator.state.columns import Vocabulary, column_names
+from neuroanimator.state.columns import NamesAndUnits, Vocabulary, column_names
 from neuroanimator.terminal import phase
 
 TAIL = 0.2
@@ -197,9 +197,7 @@ def _evenly(runs: RunBatch, count: int) -> RunBatch:
     return runs.rows(np.arange(0, len(runs.states), every))
 
 
-def _order(
-    file: str, vocabulary: Vocabulary, vector: str, columns: tuple[tuple[str, str], ...]
-) -> list[int]:
+def _order(file: str, vocabulary: Vocabulary, vector: str, columns: NamesAndUnits) -> list[int]:
     """Return the column of each number of a state or a control; BadFileError if one has none."""
     present = [" ".join(column) for column in columns]
     wanted = vocabulary[vector]
