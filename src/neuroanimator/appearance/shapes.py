@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.files.atomic import Tensors
 from neuroanimator.state.placement import Placement
 
 MAX_NODES = 100_000
@@ -96,7 +97,7 @@ class Shapes:
         rows = self.modes.reshape(len(self.modes), -1)
         return np.linalg.inv(rows @ rows.T / len(self.mean))
 
-    def tensors(self) -> dict[str, np.ndarray]:
+    def tensors(self) -> Tensors:
         """Return the arrays as files hold them: modes as 16-bit and 8-bit integers, each in units of its own scale."""
         largest = np.full(len(self.modes), LARGEST)
         largest[COARSE_MODES:] = MAX_FINE

@@ -16,7 +16,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.trust_summary import UNJUDGED
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.atomic import read_tensors
+from neuroanimator.files.atomic import Metadata, read_tensors
 from neuroanimator.files.places import is_url, place_of
 from neuroanimator.files.zoo import find_emulator, find_policy
 from neuroanimator.learn.data.stored import open_to_measure
@@ -161,7 +161,7 @@ def _policy(file: str) -> tuple[dict[str, Any], Rows]:
     return metadata, rows
 
 
-def _state_policy_rows(path: Path, policy: StatePolicy, metadata: dict[str, Any]) -> Rows:
+def _state_policy_rows(path: Path, policy: StatePolicy, metadata: Metadata) -> Rows:
     """Return the rows to show for a policy of `neuroanimator policy`."""
     emulator = policy.emulator
     return [

@@ -13,7 +13,7 @@ from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.tensors import emulator_leaves, emulator_tensors, with_tensors
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.atomic import Metadata, Tensors, read_tensors, write_tensors
 from neuroanimator.text import printable, quoted
 
 TRIAL_NAME = "trial.emulator.safetensors"
@@ -59,9 +59,7 @@ def load(path: Path, kind: type[Made]) -> Made:
     return emulator_from(path, *read_tensors(path, "emulator"), kind)
 
 
-def emulator_from(
-    path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any], kind: type[Made]
-) -> Made:
+def emulator_from(path: Path, tensors: Tensors, metadata: Metadata, kind: type[Made]) -> Made:
     """Return the emulator whose file at `path` has these contents, checked as `load` does."""
     keep_programs()
     check_format(path, metadata.get("format"), FORMAT, MAKER)
@@ -82,8 +80,8 @@ def emulator_from(
 
 
 def _parted(
-    tensors: dict[str, np.ndarray],
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    tensors: Tensors,
+) -> tuple[Tensors, Tensors]:
     """Return (the arrays of an emulator, the arrays of a soft body's shapes by their own names)."""
     weights = {}
     shapes = {}

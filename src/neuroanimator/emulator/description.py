@@ -24,6 +24,7 @@ from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.emulator.trust import TrustMeter
 from neuroanimator.emulator.verdict import ValidationErrors
+from neuroanimator.files.atomic import Metadata
 from neuroanimator.files.numbers import flag
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.contacts import Contacts
@@ -67,7 +68,7 @@ def describe(emulator: SuperStep) -> dict[str, Any]:
 
 
 def blank(
-    metadata: dict[str, Any], kind: type[Made], shapes: Mapping[str, np.ndarray] | None = None
+    metadata: Metadata, kind: type[Made], shapes: Mapping[str, np.ndarray] | None = None
 ) -> Made:
     """Return an emulator of the described structure with zero weights; `shapes` are the arrays of a soft body's shapes.
 

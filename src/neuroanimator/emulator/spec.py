@@ -12,6 +12,7 @@ import numpy as np
 
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
+from neuroanimator.files.atomic import Metadata
 from neuroanimator.files.names import check_system_name
 from neuroanimator.files.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.gait import Gait
@@ -119,7 +120,7 @@ class EmulatorSpec(eqx.Module):
         return described
 
     @classmethod
-    def from_json(cls, metadata: dict[str, Any], shapes: Mapping[str, np.ndarray]) -> EmulatorSpec:
+    def from_json(cls, metadata: Metadata, shapes: Mapping[str, np.ndarray]) -> EmulatorSpec:
         """Return the facts that `to_json` wrote, its text checked by the rules of definitions, its numbers finite.
 
         `shapes` are the arrays of a soft body's shapes.

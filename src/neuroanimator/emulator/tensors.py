@@ -13,6 +13,7 @@ import numpy as np
 
 from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.super_step import SuperStep
+from neuroanimator.files.atomic import Tensors
 from neuroanimator.text import quoted
 
 
@@ -43,12 +44,12 @@ def emulator_leaves(emulator: SuperStep) -> dict[str, Any]:
     return leaves
 
 
-def emulator_tensors(emulator: SuperStep) -> dict[str, np.ndarray]:
+def emulator_tensors(emulator: SuperStep) -> Tensors:
     """Return every array of `emulator` by its name in files, as NumPy arrays."""
     return to_numpy(emulator_leaves(emulator))
 
 
-def to_numpy(leaves: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def to_numpy(leaves: Mapping[str, Any]) -> Tensors:
     """Return `leaves` as NumPy arrays."""
     return {name: np.asarray(leaf) for name, leaf in leaves.items()}
 

@@ -62,13 +62,19 @@ DTYPES = {
 FULL = (errno.ENOSPC, errno.EDQUOT)
 """Error codes of a full disk or quota."""
 
+Tensors = dict[str, np.ndarray]
+"""Arrays by their names in a file."""
+
+Metadata = dict[str, Any]
+"""What a file says about its arrays, as JSON values."""
+
 
 def canonical_json(value: Any) -> str:
     """Return the one JSON text of `value`: sorted keys, no spaces, no NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
-def digest(tensors: dict[str, np.ndarray]) -> str:
+def digest(tensors: Tensors) -> str:
     """Return the sha256 over names, types, shapes and bytes of `tensors`, in any order."""
     total = hashlib.sha256()
     for name in sorted(tensors):
@@ -165,23 +171,21 @@ def _take_lock(handle: int, folder: Path) -> None:
         raise ResourceError(f"Could not lock the folder {folder}: {error.strerror}.") from error
 
 
-def _seal(tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:
+def _seal(tensors: Tensors, metadata: Metadata) -> str:
     """Return the sha256 that covers the tensors and all other metadata."""
     others = {key: value for key, value in metadata.items() if key != "sha256"}
     sealed = canonical_json(others) + digest(tensors)
     return hashlib.sha256(sealed.encode()).hexdigest()
 
 
-def write_tensors(path: Place, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> None:
+def write_tensors(path: Place, tensors: Tensors, metadata: Metadata) -> None:
     """Write a safetensors file whose metadata also holds the sha256 of everything in it. Same input, same bytes."""
     ordered = {name: np.asarray(tensors[name], order="C") for name in sorted(tensors)}
     text = canonical_json({**metadata, "sha256": _seal(ordered, metadata)})
     write_whole(path, safetensors.numpy.save(ordered, {METADATA_KEY: text}))
 
 
-def read_tensors(
-    path: Place, *kinds: str, largest: int = SIZE_LIMIT
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def read_tensors(path: Place, *kinds: str, largest: int = SIZE_LIMIT) -> tuple[Tensors, Metadata]:
     """Return (tensors, metadata) of a file written by `write_tensors` whose metadata name one of `kinds`.
 
     The tensors are read-only. Raises BadFileError naming the file and the fault for any other bytes, and for more than
@@ -237,7 +241,7 @@ def _take_metadata(header: dict[str, Any]) -> dict[str, Any]:
     return parse_json_object(text, HEADER_LIMIT)
 
 
-def _parse_tensors(raw: bytes) -> dict[str, np.ndarray]:
+def _parse_tensors(raw: bytes) -> Tensors:
     """Return the tensors of a safetensors file; the library checks their offsets."""
     tensors = {}
     for name, entry in safetensors.deserialize(raw):
@@ -252,9 +256,7 @@ def _parse_tensors(raw: bytes) -> dict[str, np.ndarray]:
     return tensors
 
 
-def _check_payload(
-    tensors: dict[str, np.ndarray], metadata: dict[str, Any], kinds: tuple[str, ...]
-) -> None:
+def _check_payload(tensors: Tensors, metadata: Metadata, kinds: tuple[str, ...]) -> None:
     if metadata.get("kind") not in kinds:
         raise ValueError(f"it says it is a {str(metadata.get('kind'))[:MAX_SHOWN]!r}")
     for name, array in tensors.items():

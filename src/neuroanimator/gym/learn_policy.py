@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy, policy_leaves
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors, to_numpy
-from neuroanimator.files.atomic import append_line, canonical_json, digest, locked
+from neuroanimator.files.atomic import Metadata, append_line, canonical_json, digest, locked
 from neuroanimator.files.numbers import number, whole
 from neuroanimator.gym.bodies import returns_of
 from neuroanimator.gym.learner import Counters, Learner, PolicyLearning
@@ -172,7 +172,7 @@ class _Run:
         return report
 
 
-def _counters(metadata: dict[str, Any]) -> Counters:
+def _counters(metadata: Metadata) -> Counters:
     """Return the counters of a checkpoint; ValueError names the one at fault."""
     return Counters(
         update=whole(metadata.get("update"), "update", 0, MAX_UPDATES),

@@ -37,7 +37,7 @@ from neuroanimator.emulator.tensors import (
     with_tensors,
 )
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files.atomic import digest, read_tensors, write_tensors
+from neuroanimator.files.atomic import Metadata, Tensors, digest, read_tensors, write_tensors
 from neuroanimator.files.numbers import listed, whole
 from neuroanimator.files.zoo import find_policy
 from neuroanimator.state.arrays import AnyArray
@@ -322,7 +322,7 @@ def load_policy(name: str | Path) -> Policy:
     return policy_from(path, *read_tensors(path, KIND))
 
 
-def policy_from(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> Policy:
+def policy_from(path: Path, tensors: Tensors, metadata: Metadata) -> Policy:
     """Return the policy read from the file at `path`; BadFileError states what is wrong with it."""
     check_policy_formats(path, metadata, FORMAT, MAKER)
     try:
@@ -363,7 +363,7 @@ def _controls_near(policy: Policy, states: Float[Array, "N S"]) -> Float[Array, 
     return jax.vmap(policy.control)(policy.emulator.encode(states), phases, commands)
 
 
-def check_policy_formats(path: Path, metadata: dict[str, Any], wanted: int, maker: str) -> None:
+def check_policy_formats(path: Path, metadata: Metadata, wanted: int, maker: str) -> None:
     """Refuse a policy's file of another format than `wanted`, or with an emulator of another format; `maker` makes it again."""
     check_format(path, metadata.get("format"), wanted, maker)
     emulator = metadata.get("emulator")
@@ -371,7 +371,7 @@ def check_policy_formats(path: Path, metadata: dict[str, Any], wanted: int, make
     check_format(path, emulator_format, EMULATOR_FORMAT, maker)
 
 
-def blank_policy(metadata: dict[str, Any]) -> Policy:
+def blank_policy(metadata: Metadata) -> Policy:
     """Return a policy of the described structure with zero weights."""
     if metadata["command"] != COMMAND.to_json():
         raise ValueError("commands with another meaning")

@@ -28,7 +28,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.tensors import emulator_leaves, to_numpy, with_tensors
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.atomic import Metadata, Tensors, read_tensors, write_tensors
 from neuroanimator.files.numbers import entries, listed
 
 FORMAT = 1
@@ -184,9 +184,7 @@ def load_state_policy(path: Path) -> StatePolicy:
     return _policy_from(path, *read_tensors(path, KIND))
 
 
-def _policy_from(
-    path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]
-) -> StatePolicy:
+def _policy_from(path: Path, tensors: Tensors, metadata: Metadata) -> StatePolicy:
     keep_programs()
     check_policy_formats(path, metadata, FORMAT, MAKER)
     try:
@@ -222,7 +220,7 @@ def read_policy(path: Path) -> tuple[Policy | StatePolicy, dict[str, Any]]:
     return policy_from(path, tensors, metadata), metadata
 
 
-def _blank(metadata: dict[str, Any]) -> StatePolicy:
+def _blank(metadata: Metadata) -> StatePolicy:
     """Return a policy of the described structure with zero weights."""
     emulator = blank(metadata["emulator"], Emulator)
     shown = entries(metadata["entries"], "entries", emulator.state.size)

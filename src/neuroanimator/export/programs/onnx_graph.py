@@ -15,6 +15,7 @@ from neuroanimator.codegen.decompositions import without_decompositions
 from neuroanimator.codegen.program import Addresses, Operation, Program
 from neuroanimator.codegen.trace import Input, UnsupportedError, trace
 from neuroanimator.export.programs.definition import ProgramDefinition
+from neuroanimator.files.atomic import Tensors
 
 OPERATORS = {
     "neg": "Neg", "sqrt": "Sqrt", "exp": "Exp", "log": "Log", "tanh": "Tanh", "logistic": "Sigmoid", "sin": "Sin",
@@ -78,7 +79,7 @@ class Graph:
     """Operators in order, and their constants."""
 
     nodes: list[Node] = field(default_factory=list)
-    constants: dict[str, np.ndarray] = field(default_factory=dict)
+    constants: Tensors = field(default_factory=dict)
 
 
 def onnx_graph(definition: ProgramDefinition) -> Graph:

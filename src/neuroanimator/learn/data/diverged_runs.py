@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.atomic import Tensors, read_tensors, write_tensors
 from neuroanimator.files.places import Place, place_of
 from neuroanimator.learn.data.config import DatasetConfig
 from neuroanimator.learn.data.shard_checks import TensorSpec, check_tensors
@@ -115,7 +115,7 @@ def _path(folder: Place, shard: int) -> Place:
 
 
 def _belongs(
-    tensors: dict[str, np.ndarray], metadata: dict[str, object], config: DatasetConfig, shard: int
+    tensors: Tensors, metadata: dict[str, object], config: DatasetConfig, shard: int
 ) -> bool:
     is_of_shard = (metadata.get("config"), metadata.get("shard")) == (config.hash, shard)
     if not is_of_shard or set(tensors) != NAMES:

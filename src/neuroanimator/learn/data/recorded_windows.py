@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.files.atomic import write_tensors
+from neuroanimator.files.atomic import Tensors, write_tensors
 from neuroanimator.files.places import Place
 from neuroanimator.learn.data.config import (
     MAX_UNROLL,
@@ -38,9 +38,7 @@ class RecordedRun(NamedTuple):
     controls: Float[np.ndarray, "K C"]
 
 
-def cut_shard(
-    recordings: RecordingFile, config: DatasetConfig, shard: int
-) -> dict[str, np.ndarray]:
+def cut_shard(recordings: RecordingFile, config: DatasetConfig, shard: int) -> Tensors:
     """Return the tensors of shard number `shard`: a function of its arguments and the recordings alone."""
     length = window_length(config.substeps)
     segments = split_recordings(recordings, length).learning

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.files.atomic import Tensors
 from neuroanimator.learn.data.config import (
     MAX_GAP,
     MAX_UNROLL,
@@ -24,7 +25,7 @@ from neuroanimator.systems.system import System
 class Shard(NamedTuple):
     """A shard, and the runs left out of it."""
 
-    tensors: dict[str, np.ndarray]
+    tensors: Tensors
     starts: Float[np.ndarray, "B S"]
     """Starts of the runs that diverged."""
     controls: Float[np.ndarray, "B T C"]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.atomic import Metadata, Tensors
 from neuroanimator.files.places import Place
 
 MAX_SHOWN = 40
@@ -42,7 +43,7 @@ def largest_size(specs: dict[str, TensorSpec], rows: int) -> int:
     return total
 
 
-def check_tensors(path: Place, tensors: dict[str, np.ndarray], specs: dict[str, TensorSpec]) -> int:
+def check_tensors(path: Place, tensors: Tensors, specs: dict[str, TensorSpec]) -> int:
     """Return the open length; BadFileError unless names, types and shapes are as in `specs`."""
     if set(tensors) != set(specs):
         refuse(path, f"tensors {_listed(tensors)}; wanted {_listed(specs)}")
@@ -70,7 +71,7 @@ def check_range(
         )
 
 
-def whole_number(path: Place, metadata: dict[str, Any], key: str, maximum: int) -> int:
+def whole_number(path: Place, metadata: Metadata, key: str, maximum: int) -> int:
     """Return the value of `key` in `metadata`; BadFileError unless it is a whole number from 0 to `maximum`."""
     value = metadata.get(key)
     if type(value) is not int or not 0 <= value <= maximum:

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,6 +23,8 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import (
     HEADER_LIMIT,
     SIZE_LIMIT,
+    Metadata,
+    Tensors,
     canonical_json,
     digest,
     one_line,
@@ -332,8 +334,8 @@ def read_held_out(
 def shard_transitions(
     config: DatasetConfig,
     system: System,
-    tensors: dict[str, np.ndarray],
-    metadata: dict[str, Any],
+    tensors: Tensors,
+    metadata: Metadata,
     unroll: int | None = None,
 ) -> Transitions:
     """Return the transitions of a shard's (tensors, metadata), in windows of `unroll` super steps; see `Dataset.read_part`.
@@ -361,7 +363,7 @@ def join_transitions(parts: Sequence[Transitions]) -> Transitions:
 
 def read_shard(
     folder: Place, config: DatasetConfig, system: System, shard: int
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+) -> tuple[Tensors, Metadata]:
     """Return one shard's (tensors, metadata), checked to belong to `config` and to match its specs."""
     path = config.shard_path(folder, shard)
     runs = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
@@ -399,7 +401,7 @@ def shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
 
 
 def windows_of(
-    tensors: dict[str, np.ndarray], unroll: int
+    tensors: Tensors, unroll: int
 ) -> tuple[Float[np.ndarray, "N T S"], Float[np.ndarray, "N H C"], Int[np.ndarray, " N"]]:
     """Return the windows of `unroll` super steps that begin at a shard's samples, and the run of each; T = H + 1."""
     states = tensors["states"]

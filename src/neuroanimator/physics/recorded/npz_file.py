@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.atomic import Tensors
 from neuroanimator.files.clock import resolution_of
 from neuroanimator.files.npz_archive import parse_npz
 from neuroanimator.files.numbers import MAX_MAGNITUDE
@@ -84,7 +85,7 @@ def _clock_in(times: np.ndarray, key: str, name: str) -> tuple[np.ndarray, Colum
     return times, column
 
 
-def _arrays(content: bytes, name: str) -> dict[str, np.ndarray]:
+def _arrays(content: bytes, name: str) -> Tensors:
     try:
         arrays = parse_npz(content, (*TIMES, *NEEDED, *OPTIONAL))
     except ValueError as error:

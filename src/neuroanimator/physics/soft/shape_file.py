@@ -14,6 +14,7 @@ from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import (
+    Tensors,
     canonical_json,
     one_line,
     read_bounded,
@@ -127,7 +128,7 @@ def _faults_named(path: Path) -> Iterator[None]:
 
 
 def _checked(
-    tensors: dict[str, np.ndarray], turning: tuple[bool, ...], anchor: int, parameters: int = 0
+    tensors: Tensors, turning: tuple[bool, ...], anchor: int, parameters: int = 0
 ) -> RestingShapes:
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
@@ -140,7 +141,7 @@ def _checked(
     return RestingShapes(shapes, rest.astype(float))
 
 
-def _mesh_of(tensors: dict[str, np.ndarray], shapes: Shapes, corners: int) -> Mesh:
+def _mesh_of(tensors: Tensors, shapes: Shapes, corners: int) -> Mesh:
     positions = tensors["positions"]
     elements = tensors["elements"]
     if elements.ndim != 2 or elements.shape[1] != corners:
