@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from instruction_sets import choose_instruction_set
 
@@ -100,20 +100,6 @@ def pytest_collection() -> None:
     from neuroanimator.codegen.jax_settings import keep_programs
 
     keep_programs()
-    if os.environ["XLA_FLAGS"] == XLA_FLAGS:
-        keep_loops()
-
-
-def keep_loops() -> None:
-    """Compile one turn of every loop, and not four in a row: as fast here, and half of what compiling a gradient takes."""
-    import jax
-
-    scan = jax.lax.scan
-
-    def rolled(*arguments: Any, unroll: int = 1, **named: Any) -> Any:
-        return scan(*arguments, **named)
-
-    jax.lax.scan = rolled
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
