@@ -239,6 +239,6 @@ def test_what_has_no_ground_and_no_stops_shows_nothing(robot):
 
 def test_the_usual_settings_of_a_body_with_contacts_give_way_to_the_users(robot: System):
     usual = TrainingConfig.usual(robot.structure)
-    assert usual.batch > TrainingConfig().batch
-    own = TrainingConfig.usual(robot.structure, batch=usual.batch // 4)
-    assert own == usual.model_copy(update={"batch": own.batch})
+    assert usual.widths != TrainingConfig().widths
+    own = TrainingConfig.usual(robot.structure, updates=250)
+    assert own == usual.model_copy(update={"updates": 250})

@@ -43,7 +43,7 @@ SUBSTEPS = 50
 TRANSITIONS = 100_000
 """Number of super steps the emulator learns from."""
 
-UPDATES = 40_000
+UPDATES = 10_000
 """Number of updates of the emulator's weights."""
 
 SWEEPS = 16

@@ -28,7 +28,7 @@ NEARBY_WINDOWS = 4_000
 FRESH_TRANSITIONS = 24_000
 """Number of transitions simulated to keep the emulator accurate elsewhere while it learns the motion."""
 
-REFINING_UPDATES = 5_000
+REFINING_UPDATES = 1_500
 """Number of weight updates of a refinement: seconds, and enough for the neighbourhood of one motion."""
 
 REFINING_RATE = 1e-3

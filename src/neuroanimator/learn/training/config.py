@@ -25,19 +25,15 @@ UPDATES_PER_CHUNK = 250
 DRAWS = 2
 """Version of how minibatches follow from the seed: a run that another version began is not continued."""
 
-LARGE_BATCH = 2048
-"""Number of super steps in a minibatch for bodies with contacts, and for soft ones, whose rare events matter."""
-
-ON_GROUND: dict[str, Any] = {"batch": LARGE_BATCH, "widths": (256, 192), "updates": 12_000}
+ON_GROUND: dict[str, Any] = {"widths": (256, 192), "updates": 12_000}
 """Settings for bodies that may touch the ground: with half the units, errors of a walking robot are a fifth larger."""
 
-WITH_STOPS: dict[str, Any] = {"batch": LARGE_BATCH, "widths": (128, 96), "updates": 24_000}
+WITH_STOPS: dict[str, Any] = {"widths": (128, 96), "updates": 24_000}
 """Settings for bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
 
 SOFT: dict[str, Any] = {
     "network": "linear-glu",
     "widths": (256, 256),
-    "batch": LARGE_BATCH,
     "updates": 5_000,
     "unroll": LONG_WINDOW,
     "unroll_share": 0.6,
@@ -87,8 +83,9 @@ class TrainingConfig(Settings):
         default=0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True
     )
     """Highest learning rate; the optimiser's default if 0."""
-    updates: int = Field(default=20_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
-    batch: int = Field(default=512, ge=4, le=65_536)
+    updates: int = Field(default=8_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
+    batch: int = Field(default=2048, ge=4, le=65_536)
+    """Number of super steps in a minibatch: with fewer updates of larger ones errors are as small, and both cores are busy."""
     rare_share: float = Field(default=0.0, ge=0, lt=1)
     """Share of each batch drawn from the tenth of windows with the most unusual changes, such as touchdowns."""
     position_modes: int = Field(default=0, ge=0, le=256)

@@ -20,7 +20,7 @@ class ImprovementConfig(Settings):
     samples: int = Field(default=6_000, ge=60 * RUN_LENGTH, le=10_000_000)
     """Number of new super steps simulated in a round, including those of the probe."""
     rounds: int = Field(default=6, ge=1, le=100)
-    updates: int = Field(default=6_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
+    updates: int = Field(default=4_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     """Number of weight updates of a round."""
     windows: int = Field(default=100_000, ge=4_000, le=10_000_000)
     """Number of windows learnt from in a round, nine of ten of them old: trained on few, an emulator forgets the rest."""
