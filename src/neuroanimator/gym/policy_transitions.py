@@ -22,13 +22,12 @@ from neuroanimator.gym.rules import unpaid
 from neuroanimator.gym.state_rows import physics_stepper
 from neuroanimator.learn.data.config import USUAL_SAMPLES_PER_RUN, DatasetConfig
 from neuroanimator.learn.data.store import Transitions
-from neuroanimator.learn.training.config import LARGE_BATCHES
 from neuroanimator.systems.system import System
 
 COUNT = 1_000_000
 """Default number of transitions."""
 
-TRAINING: dict[str, Any] = LARGE_BATCHES | {
+TRAINING: dict[str, Any] = {
     "network": "linear-glu",
     "widths": (128, 112),
     "updates": 30_000,

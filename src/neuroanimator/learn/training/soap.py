@@ -19,7 +19,7 @@ EPSILON = 1e-8
 """Added to root mean square gradients, so that numbers without any are not divided by zero."""
 
 
-class Basis(NamedTuple):
+class Eigenbasis(NamedTuple):
     """A basis for one side of a matrix."""
 
     factor: Float[Array, "K K"]
@@ -28,45 +28,45 @@ class Basis(NamedTuple):
     """Approximate eigenvectors of the factor, in columns."""
 
     @classmethod
-    def fresh(cls, size: int) -> Basis:
+    def fresh(cls, size: int) -> Eigenbasis:
         return cls(jnp.zeros((size, size)), jnp.eye(size))
 
-    def seen(self, product: Float[Array, "K K"]) -> Basis:
+    def seen(self, product: Float[Array, "K K"]) -> Eigenbasis:
         return self._replace(factor=_mean(self.factor, product))
 
-    def refreshed(self) -> Basis:
+    def refreshed(self) -> Eigenbasis:
         """Return the basis after one power iteration."""
         return self._replace(vectors=jnp.linalg.qr(self.factor @ self.vectors)[0])
 
 
-class Moments(NamedTuple):
-    """Moments of the gradient of one array of weights, as seen in the bases."""
+class GradientMoments(NamedTuple):
+    """GradientMoments of the gradient of one array of weights, as seen in the bases."""
 
     mean: Array
     square: Array
-    bases: tuple[Basis, ...]
+    bases: tuple[Eigenbasis, ...]
     """Those of rows and columns. A vector has none, and so Adam's updates."""
 
     @classmethod
-    def fresh(cls, weights: Array) -> Moments:
+    def fresh(cls, weights: Array) -> GradientMoments:
         # Without a mirror a network has no even inputs: a matrix without rows.
         is_matrix = weights.ndim == 2 and weights.size > 0
-        bases = tuple(map(Basis.fresh, weights.shape)) if is_matrix else ()
+        bases = tuple(map(Eigenbasis.fresh, weights.shape)) if is_matrix else ()
         return cls(jnp.zeros_like(weights), jnp.zeros_like(weights), bases)
 
-    def refreshed(self) -> Moments:
+    def refreshed(self) -> GradientMoments:
         """Return the moments in refreshed bases. Mean squares stay as they are, since bases turn slowly."""
         new = self._replace(bases=tuple(basis.refreshed() for basis in self.bases))
         return new._replace(mean=new.within(self.without(self.mean)))
 
-    def seen(self, gradient: Array) -> Moments:
+    def seen(self, gradient: Array) -> GradientMoments:
         """Return the moments with another `gradient`."""
         within = self.within(gradient)
         bases = self.bases
         if bases:
             rows, columns = bases
             bases = rows.seen(gradient @ gradient.T), columns.seen(gradient.T @ gradient)
-        return Moments(_mean(self.mean, within), _mean(self.square, within**2), bases)
+        return GradientMoments(_mean(self.mean, within), _mean(self.square, within**2), bases)
 
     def step(self, correction: Float[Array, ""]) -> Array:
         """Return the update; `correction` is the total weight of the gradients seen."""
@@ -93,7 +93,7 @@ class SoapState(NamedTuple):
 
     seen: Int[Array, ""]
     """Number of gradients seen."""
-    moments: list[Moments]
+    moments: list[GradientMoments]
     """Those of each array of weights."""
 
 
@@ -103,7 +103,9 @@ def scale_by_soap() -> optax.GradientTransformation:
 
 
 def _fresh(params: Any) -> SoapState:
-    return SoapState(jnp.zeros((), jnp.int32), [Moments.fresh(w) for w in jax.tree.leaves(params)])
+    return SoapState(
+        jnp.zeros((), jnp.int32), [GradientMoments.fresh(w) for w in jax.tree.leaves(params)]
+    )
 
 
 def _update(updates: Any, state: Any, params: Any = None) -> tuple[Any, SoapState]:
@@ -117,7 +119,7 @@ def _update(updates: Any, state: Any, params: Any = None) -> tuple[Any, SoapStat
     return tree.unflatten(steps), SoapState(count, moments)
 
 
-def _refreshed(moments: list[Moments]) -> list[Moments]:
+def _refreshed(moments: list[GradientMoments]) -> list[GradientMoments]:
     return [known.refreshed() for known in moments]
 
 

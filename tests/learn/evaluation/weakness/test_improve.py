@@ -72,7 +72,7 @@ class KilledError(Exception):
 def weak(transitions: Transitions, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny emulator, hardly trained."""
     out = tmp_path_factory.mktemp("weak") / "weak.emulator.safetensors"
-    train(transitions, TrainingConfig(widths=(16,), updates=1500, batch=128), out)
+    train(transitions, TrainingConfig(widths=(16,), updates=1000, batch=128), out)
     return out
 
 

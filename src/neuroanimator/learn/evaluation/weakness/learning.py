@@ -49,7 +49,7 @@ NEW_SHARE = 0.1
 """Share of new windows, repeated where they are fewer. Their errors are several times as large, and count squared: at
 one half, errors on usual motions grew by a third."""
 
-WARM_RATE = 0.15
+WARM_RATE = 0.3
 """Highest learning rate, over that of a fresh training: the weights are nearly right."""
 
 UNROLLED_SHARE = 0.2
