@@ -62,7 +62,7 @@ class Case(NamedTuple):
 
 
 CASES = {
-    "demo": Case("pendulum", 100_000, (100_000, 10_000)),
+    "demo": Case("pendulum", 100_000, (100_000, 12_000)),
     "pendulum": Case("pendulum", 100_000),
     "fish": Case("fish", 100_000),
     "truck": Case("truck", 100_000),

@@ -43,7 +43,7 @@ SUBSTEPS = 50
 TRANSITIONS = 100_000
 """Number of super steps the emulator learns from."""
 
-UPDATES = 10_000
+UPDATES = 12_000
 """Number of updates of the emulator's weights."""
 
 SWEEPS = 16

@@ -69,7 +69,7 @@ def run(
     updates: Annotated[
         int | None,
         typer.Option(
-            help="Weight updates (default 8000, half a minute; with contacts 12000, a few minutes)."
+            help="Weight updates (default 8000, half a minute; with contacts 10000, a few minutes)."
         ),
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,

@@ -25,10 +25,10 @@ UPDATES_PER_CHUNK = 250
 DRAWS = 2
 """Version of how minibatches follow from the seed: a run that another version began is not continued."""
 
-ON_GROUND: dict[str, Any] = {"widths": (256, 192), "updates": 12_000}
+ON_GROUND: dict[str, Any] = {"widths": (256, 192), "updates": 10_000}
 """Settings for bodies that may touch the ground: with half the units, errors of a walking robot are a fifth larger."""
 
-WITH_STOPS: dict[str, Any] = {"widths": (128, 96), "updates": 24_000}
+WITH_STOPS: dict[str, Any] = {"widths": (128, 96), "updates": 20_000}
 """Settings for bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
 
 SOFT: dict[str, Any] = {

@@ -40,7 +40,7 @@ class Eigenbasis(NamedTuple):
 
 
 class GradientMoments(NamedTuple):
-    """GradientMoments of the gradient of one array of weights, as seen in the bases."""
+    """Moments of the gradient of one array of weights, as seen in the bases."""
 
     mean: Array
     square: Array
