@@ -149,7 +149,8 @@ def dataset(content: bytes) -> None:
             dtype, shape, number = row
             if np.prod([float(length) for length in shape]) < 100_000:
                 kind = {"F32": "f4", "F64": "f8", "I32": "i4"}[dtype]
-                with np.errstate(over="ignore"):  # what is too large for its kind becomes infinite
+                # What is too large for its kind becomes infinite, and NaN some whole number.
+                with np.errstate(over="ignore", invalid="ignore"):
                     arrays[name] = np.full(shape, number, kind)
         except (ValueError, TypeError, KeyError, OverflowError):
             continue
