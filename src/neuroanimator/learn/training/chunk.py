@@ -44,7 +44,7 @@ class WindowsInMemory(eqx.Module):
     controls: Float[Array, "N H C"]
     """Latent controls between them."""
     rare: Int[Array, " M"]
-    """Rows of the windows with the most unusual changes."""
+    """Rows of the windows with the most unusual changes; empty if no share of a minibatch is drawn from them."""
 
 
 def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:

@@ -115,8 +115,9 @@ class Pools:
             epoch += 1
 
     def _in_memory(self, windows: Transitions) -> WindowsInMemory:
+        rare = rare_rows(self.base, windows) if self.config.rare_share else ()
         return WindowsInMemory(
             states=as_jax(windows.states),
             controls=as_jax(windows.controls),
-            rare=as_jax(rare_rows(self.base, windows), np.int32),
+            rare=as_jax(rare, np.int32),
         )
